@@ -1,12 +1,18 @@
-"""The black and white modules of a tag, from OpenCV's dictionaries."""
+"""The black and white modules of a tag, from OpenCV's dictionaries.
+
+OpenCV is imported where it is needed, so that a command's ``--help`` does not wait for it.
+"""
 
 from functools import cache
+from typing import TYPE_CHECKING
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from target.errors import TargetError
+
+if TYPE_CHECKING:
+    import cv2
 
 _PREFIX = "DICT_"
 BORDER_MODULES = 1
@@ -15,11 +21,13 @@ BORDER_MODULES = 1
 
 def dictionary_names() -> tuple[str, ...]:
     """Return the names of all tag families that can be used, sorted."""
+    import cv2  # noqa: PLC0415
+
     return tuple(sorted(name for name in dir(cv2.aruco) if name.startswith(_PREFIX)))
 
 
 @cache
-def load_dictionary(name: str) -> cv2.aruco.Dictionary:
+def load_dictionary(name: str) -> "cv2.aruco.Dictionary":
     """Return OpenCV's dictionary of that name, such as ``DICT_APRILTAG_36h11``.
 
     Raises
@@ -27,6 +35,8 @@ def load_dictionary(name: str) -> cv2.aruco.Dictionary:
     TargetError
         If no family has that name; the message lists the valid ones.
     """
+    import cv2  # noqa: PLC0415
+
     if name not in dictionary_names():
         valid = ", ".join(dictionary_names())
         raise TargetError(f"dictionary {name!r}: no such tag family; use one of {valid}")
@@ -62,6 +72,8 @@ def tag_modules(name: str, tag_id: int) -> NDArray[np.bool_]:
     TargetError
         If the family has no such id.
     """
+    import cv2  # noqa: PLC0415
+
     if not 0 <= tag_id < family_size(name):
         raise TargetError(f"tag id {tag_id}: {name} has ids 0 to {family_size(name) - 1}; use one of them")
     side = modules_per_side(name)
