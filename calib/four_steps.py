@@ -2,25 +2,37 @@
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from calib.axis import AxisStep, find_axis
 from calib.camera import CameraMode, CameraStep, calibrate_camera
 from calib.errors import CalibError
+from calib.frames import Array
 from calib.heading import HeadingStep, solve_heading
-from calib.mounting import MountingStep, solve_mounting
-from calib.odometry import legs_between
+from calib.mounting import MountingStep, check_agreement, solve_mounting, stand_on_floor, upright_translations
+from calib.odometry import legs_between, pair_displacements, unit_path
 from detect.correspondences import Correspondences
 
 MIN_STOPS = 3
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FourSteps:
-    """The outcome of the four steps, each with what it found."""
+    """The outcome of the four steps.
+
+    Attributes
+    ----------
+    camera, axis, heading, mounting
+        What each step found.
+    T_body_cam : (4, 4), m
+        The mounting put together.
+    """
 
     camera: CameraStep
     axis: AxisStep
     heading: HeadingStep
     mounting: MountingStep
+    T_body_cam: Array
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -55,8 +67,17 @@ def solve_four_steps(drive: Correspondences, mode: CameraMode = CameraMode.JOINT
         )
     legs = legs_between(drive, camera.kept)
     axis = find_axis(camera.T_cam_box)
-    heading = solve_heading(axis.theta, legs.phi_R, legs.phi_L)
+    i, j = np.triu_indices(len(camera.kept), 1)
+    phi = np.stack([legs.phi_R, legs.phi_L], axis=1)
+    heading = solve_heading(-axis.theta[i, j], phi[j] - phi[i], moves=len(phi) - 1)
+    u = upright_translations(camera.T_cam_box, axis.a2, axis.a3)
     mounting = solve_mounting(
-        camera.T_cam_box, legs, theta=axis.theta, a2=axis.a2, a3=axis.a3, aR=heading.aR, aL=heading.aL
+        beta=pair_displacements(*unit_path(legs, heading.aR, heading.aL)),
+        theta=axis.theta[i, j],
+        u=u,
+        aR=heading.aR,
+        aL=heading.aL,
     )
-    return FourSteps(camera=camera, axis=axis, heading=heading, mounting=mounting)
+    check_agreement(mounting, u)
+    T_body_cam = stand_on_floor(mounting, camera.T_cam_box, axis.a2, axis.a3)
+    return FourSteps(camera=camera, axis=axis, heading=heading, mounting=mounting, T_body_cam=T_body_cam)

@@ -27,8 +27,6 @@ class HeadingStep:
     ----------
     aR, aL
         ``rR / b`` and ``-rL / b``: heading change per wheel angle.
-    heading : (P,), rad
-        Heading of every stop since the first, from the wheels, windings included.
     rms : rad
         Root mean square difference between turns seen and turns rolled, over all pairs.
     condition
@@ -37,22 +35,23 @@ class HeadingStep:
 
     aR: float
     aL: float
-    heading: Array
     rms: float
     condition: float
 
 
-def solve_heading(theta: Array, phi_R: Array, phi_L: Array) -> HeadingStep:
-    """Return aR and aL by least squares over all pairs of stops, ``dtheta = aR dphi_R + aL dphi_L`` (eqs. 17-23).
+def solve_heading(turn: Array, phi: Array, moves: int) -> HeadingStep:
+    """Return aR and aL by least squares over pairs of stops, ``dtheta = aR dphi_R + aL dphi_L`` (eqs. 17-23).
 
     The images give turns modulo 2 pi only. Windings are resolved without nominal values: see :func:`unwrap_turns`.
 
     Parameters
     ----------
-    theta : (P, P), rad
-        Signed turns ``theta_i - theta_j``, modulo a full turn.
-    phi_R, phi_L : (P,), rad
-        Wheel angles at the stops.
+    turn : (N,), rad
+        Turns seen, ``theta_j - theta_i``, modulo a full turn.
+    phi : (N, 2), rad
+        Wheel angles travelled, right and left.
+    moves
+        How many of the pairs are independent (stops less one): what the standard error counts.
 
     Raises
     ------
@@ -60,12 +59,9 @@ def solve_heading(theta: Array, phi_R: Array, phi_L: Array) -> HeadingStep:
         If there are fewer than three stops, if the moves are proportional to each other (rank 1), or if the signs of
         aR and aL say that wheels are swapped or reversed.
     """
-    P = len(phi_R)
-    if P < 3:
-        raise CalibError(f"{P} usable stops, at least 3 are needed; add stops")
-    i, j = np.triu_indices(P, 1)
-    turn = wrap(-theta[i, j])
-    phi = np.stack([phi_R[j] - phi_R[i], phi_L[j] - phi_L[i]], axis=1)
+    if moves < 2:
+        raise CalibError(f"{moves + 1} usable stops, at least 3 are needed; add stops")
+    turn = wrap(turn)
     singular = np.linalg.svd(phi, compute_uv=False)
     condition = float(singular[0] / singular[1]) if singular[1] > 0 else np.inf
     if condition > MAX_CONDITION:
@@ -73,8 +69,7 @@ def solve_heading(theta: Array, phi_R: Array, phi_L: Array) -> HeadingStep:
     dtheta = unwrap_turns(turn, phi)
     (aR, aL), *_ = np.linalg.lstsq(phi, dtheta, rcond=None)
     rms = float(np.sqrt(np.mean((dtheta - phi @ (aR, aL)) ** 2)))
-    # Pairs share stops: P - 1 of them are independent, which is what the standard error counts.
-    sigma = rms * np.sqrt(len(phi) / (P - 1)) * np.sqrt(np.diag(np.linalg.inv(phi.T @ phi)))
+    sigma = rms * np.sqrt(len(phi) / moves) * np.sqrt(np.diag(np.linalg.inv(phi.T @ phi)))
     if np.any(sigma > MAX_RELATIVE_SIGMA * max(abs(aR), abs(aL))):
         if condition > PROPORTIONAL:
             raise CalibError(_proportional(phi, condition))
@@ -84,12 +79,11 @@ def solve_heading(theta: Array, phi_R: Array, phi_L: Array) -> HeadingStep:
             "not fit together; drive slower, and add moves with more turning, left and right"
         )
     _check_signs(float(aR), float(aL))
-    heading = aR * (phi_R - phi_R[0]) + aL * (phi_L - phi_L[0])
-    return HeadingStep(aR=float(aR), aL=float(aL), heading=heading, rms=rms, condition=condition)
+    return HeadingStep(aR=float(aR), aL=float(aL), rms=rms, condition=condition)
 
 
 def unwrap_turns(turn: Array, phi: Array) -> Array:
-    """Return turns with their full turns added, (N,) rad, so that some (aR, aL) explains all of them.
+    """Return turns with their full turns added, (N,), rad, so that some (aR, aL) explains all of them.
 
     Hypotheses come from couples among the pairs that moved least, each turn with -1, 0 or 1 full turns added. Every
     hypothesis is scored by the wrapped residuals of all pairs; the best few are then grown from short moves to long

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.frames import Array, rot2
+from calib.frames import Array
 from detect.correspondences import Correspondences
 
 
@@ -74,6 +74,17 @@ def unit_path(legs: Legs, aR: float, aL: float) -> tuple[Array, Array]:
     return xy[ends], th[ends]
 
 
-def displacement(xy: Array, heading: Array, i: int, j: int) -> Array:
-    """Return where stop j lies in the frame of stop i, (2,), from positions (P, 2) and headings (P,)."""
-    return np.asarray(rot2(-float(heading[i])) @ (xy[j] - xy[i]))
+def pair_displacements(xy: Array, heading: Array) -> Array:
+    """Return where stop j lies in the frame of stop i for all pairs i < j, (N, 2).
+
+    Parameters
+    ----------
+    xy : (P, 2)
+        Positions of the stops.
+    heading : (P,), rad
+        Their headings.
+    """
+    i, j = np.triu_indices(len(xy), 1)
+    dx, dy = (xy[j] - xy[i]).T
+    c, s = np.cos(heading[i]), np.sin(heading[i])
+    return np.stack([c * dx + s * dy, -s * dx + c * dy], axis=1)
