@@ -1,0 +1,214 @@
+"""From a log to correspondences: open it, find the stops, look at each, keep what can be used."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from detect.combine import FLOOR_PX, Sighting, combine, covariances
+from detect.correspondences import Correspondences, Source, StopView
+from detect.errors import DetectError
+from detect.messages import Grey
+from detect.names import Topics
+from detect.recording import Recording, file_sha256, open_recording
+from detect.stops import Stop, StopSettings, find_stops
+from detect.tags import Tags, TagSettings, find_tags, other_family
+from detect.text import listed, printable
+from detect.wheels import Array, Ids
+from target.box import Target
+from target.landmarks import target_sha256
+
+MIN_STOPS = 3
+
+Progress = Callable[[str], None]
+"""Takes a line that says how far the work is."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ExtractSettings:
+    """How correspondences are extracted.
+
+    Attributes
+    ----------
+    topics
+        Names where a log is ambiguous.
+    stops, tags
+        How stops and tags are found.
+    settle : s
+        Frames this soon after coming to rest or before leaving are used only if there are no others.
+    max_frames
+        Most frames of one stop that are looked at, spread evenly.
+    min_tags
+        Fewest tags that make a stop usable.
+    floor_px : px
+        Standard deviation per axis below which no corner is believed.
+    """
+
+    topics: Topics = field(default_factory=Topics)
+    stops: StopSettings = field(default_factory=StopSettings)
+    tags: TagSettings = field(default_factory=TagSettings)
+    settle: float = 0.1
+    max_frames: int = 20
+    min_tags: int = 4
+    floor_px: float = FLOOR_PX
+
+    def __post_init__(self) -> None:
+        for name, least in (("settle", 0.0), ("max_frames", 1), ("min_tags", 1), ("floor_px", 1e-6)):
+            value = getattr(self, name)
+            if not (np.isfinite(value) and value >= least):
+                raise DetectError(f"{name} is {value}, a number from {least:g} on is needed")
+
+
+def extract(
+    path: Path, target: Target, settings: ExtractSettings | None = None, progress: Progress | None = None
+) -> Correspondences:
+    """Return what a robot saw at each stop and what its wheels did between.
+
+    Stops without frames or without enough of the target are left out; the wheel samples remain whole.
+
+    Parameters
+    ----------
+    path
+        The log (MCAP, ROS 2).
+    target
+        The box that the robot looked at.
+    settings
+        The defaults if None.
+    progress
+        Told of each stop.
+
+    Raises
+    ------
+    DetectError
+        If the log cannot be read or has fewer than three stops that see the box; the message says what to do.
+    """
+    settings = settings or ExtractSettings()
+    tell = progress or _silent
+    recording = open_recording(path, settings.topics)
+    stops = find_stops(recording.wheels, settings.stops, recording.encoder_steps)
+    look = _Look(recording, target, settings)
+    seen: list[tuple[Stop, Sighting]] = []
+    for number, stop in enumerate(stops, 1):
+        sighting = look.at(stop)
+        usable = sighting.tags >= settings.min_tags
+        tell(
+            f"{path.name}: stop {number} of {len(stops)}: {sighting.frames} frames, {sighting.tags} tags"
+            f"{'' if usable else ', left out'}"
+        )
+        if usable:
+            seen.append((stop, sighting))
+    if len(seen) < MIN_STOPS:
+        raise DetectError(f"{path.name}: {look.why_not(len(stops), len(seen))}")
+    covs = covariances([sighting for _, sighting in seen], settings.floor_px)
+    return Correspondences(
+        robot=path.stem,
+        image_size=look.image_size,
+        wheels=recording.wheels,
+        stops=tuple(_view(stop, sighting, cov, target) for (stop, sighting), cov in zip(seen, covs, strict=True)),
+        source=Source(log=path.name, sha256=file_sha256(path), target_sha256=target_sha256(target)),
+    )
+
+
+def frames_at(recording: Recording, stop: Stop, settle: float, max_frames: int) -> Ids:
+    """Return the frames of a stop to look at: away from its ends if there are such, at most ``max_frames``."""
+    margin = round(settle * 1e9)
+    frames = recording.frames_between(stop.t_start_ns + margin, stop.t_end_ns - margin)
+    if frames.size == 0:
+        frames = recording.frames_between(stop.t_start_ns, stop.t_end_ns)
+    if frames.size > max_frames:
+        frames = frames[np.round(np.linspace(0, frames.size - 1, max_frames)).astype(np.int64)]
+    return frames
+
+
+class _Look:
+    """Looks at stops, and remembers what explains a failure."""
+
+    def __init__(self, recording: Recording, target: Target, settings: ExtractSettings) -> None:
+        self._recording, self._target, self._settings = recording, target, settings
+        self._frames = self._with_frames = self._with_tags = 0
+        self._foreign: set[int] = set()
+        self._example: Grey | None = None
+        self.image_size = (0, 0)
+
+    def at(self, stop: Stop) -> Sighting:
+        tags = list(self._tags(frames_at(self._recording, stop, self._settings.settle, self._settings.max_frames)))
+        sighting = combine(tags)
+        self._with_frames += bool(tags)
+        self._with_tags += sighting.tags > 0
+        return sighting
+
+    def _tags(self, frames: Ids) -> Iterator[Tags]:
+        for t_ns, image in self._recording.read_frames(frames):
+            size = (image.shape[1], image.shape[0])
+            if self.image_size not in {(0, 0), size}:
+                raise DetectError(
+                    f"{self._recording.path.name}: images change from {_size(self.image_size)} to {_size(size)} px at "
+                    f"{t_ns / 1e9:.3f} s, one size is needed; record with one camera mode"
+                )
+            self.image_size = size
+            self._frames += 1
+            self._example = image
+            tags = find_tags(image, self._target, self._settings.tags)
+            self._foreign.update(tags.foreign_ids.tolist())
+            yield tags
+
+    def why_not(self, stops: int, usable: int) -> str:
+        """Return why fewer than three stops are usable, and what to do."""
+        least = self._settings.min_tags
+        if stops >= MIN_STOPS and self._frames == 0:
+            return (
+                f"{stops} stops but no image was taken during any of them, images while the robot stands are needed; "
+                "record the camera all the time, stamped with the wheels' clock"
+            )
+        if self._frames and not self._with_tags:
+            return (
+                f"no tag of the box in the {self._frames} images looked at at {self._with_frames} stops{self._hint()}"
+            )
+        return (
+            f"{stops} stops of {self._settings.stops.min_stand:g} s or longer, {self._with_frames} of them with "
+            f"images, {self._with_tags} with the box, {usable} with {least} tags or more; "
+            f"{MIN_STOPS} such stops are needed; let the robot stand still for two seconds in more places "
+            "where it sees the box"
+        )
+
+    def _hint(self) -> str:
+        box = self._target.box
+        ids = self._target.tag_ids
+        if self._foreign:
+            return (
+                f": tags {listed(map(str, sorted(self._foreign)))} of {box.dictionary} were seen, the target carries "
+                f"{ids[0]} to {ids[-1]}; give the target.json that this box was printed from"
+            )
+        other = None if self._example is None else other_family(self._example, box.dictionary, self._settings.tags)
+        if other is not None:
+            return (
+                f": tags of {other} were seen, the target carries {box.dictionary}; give the target.json that this box "
+                "was printed from"
+            )
+        where = printable(self._recording.camera_topic)
+        return f" of {where}; check that the camera sees the box, in focus and lit, and that this is its target.json"
+
+
+def _view(stop: Stop, sighting: Sighting, cov_px2: Array, target: Target) -> StopView:
+    return StopView(
+        t_start_ns=stop.t_start_ns,
+        t_end_ns=stop.t_end_ns,
+        first_sample=stop.first_sample,
+        last_sample=stop.last_sample,
+        phi_R=stop.phi_R,
+        phi_L=stop.phi_L,
+        landmark_ids=sighting.landmark_ids,
+        p_box=target.p_box(sighting.landmark_ids),
+        uv_px=sighting.uv_px,
+        cov_px2=cov_px2,
+        frames=sighting.frames,
+    )
+
+
+def _size(size: tuple[int, int]) -> str:
+    return f"{size[0]} x {size[1]}"
+
+
+def _silent(_: str) -> None:
+    return

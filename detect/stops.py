@@ -1,0 +1,170 @@
+"""When the robot stands still, from its wheels alone.
+
+A *stand* is a run of samples in which each wheel stays within a band of a little more than one encoder step, for long
+enough. Slow creep seen through a coarse encoder looks like a stand too, until the next step comes; what tells them
+apart needs no speed: a robot that stood leaves the place (several bands away) in less time than it stood there, a
+creeping one never does. Everything is scale-free but the shortest stand and the smallest band.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from detect.encoder import encoder_step
+from detect.errors import DetectError
+from detect.wheels import Array, WheelSamples
+
+_BAND_STEPS = 1.5
+_AWAY_BANDS = 3.0
+_CREEP_RATIO = 1.25
+_BLOCK = 64
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StopSettings:
+    """How stops are found.
+
+    Attributes
+    ----------
+    min_stand : s
+        Shortest stop.
+    max_angle : rad
+        How far a wheel may wander in a stop; with an encoder coarser than this, one and a half of its steps.
+    """
+
+    min_stand: float = 0.4
+    max_angle: float = 0.003
+
+    def __post_init__(self) -> None:
+        for name in ("min_stand", "max_angle"):
+            value = getattr(self, name)
+            if not (np.isfinite(value) and value > 0):
+                raise DetectError(f"{name} is {value}, a positive number is needed")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Stop:
+    """One time that the robot stood still.
+
+    Attributes
+    ----------
+    t_start_ns, t_end_ns : ns
+        Stamps of the first and last sample at rest.
+    first_sample, last_sample
+        Their rows.
+    phi_R, phi_L : rad
+        Median wheel angles.
+    """
+
+    t_start_ns: int
+    t_end_ns: int
+    first_sample: int
+    last_sample: int
+    phi_R: float
+    phi_L: float
+
+
+def find_stops(
+    wheels: WheelSamples, settings: StopSettings | None = None, encoder_steps: tuple[float, float] | None = None
+) -> tuple[Stop, ...]:
+    """Return the stops in order of time.
+
+    Parameters
+    ----------
+    wheels
+        Samples at any rate, with or without gaps.
+    settings
+        The defaults if None.
+    encoder_steps : rad
+        Of the right and left encoder; read off the samples if None.
+    """
+    settings = settings or StopSettings()
+    if len(wheels) < 2:
+        return ()
+    steps = encoder_steps or (encoder_step(wheels.phi_R), encoder_step(wheels.phi_L))
+    band = np.maximum(settings.max_angle, _BAND_STEPS * np.array(steps))
+    t = (wheels.t_ns - wheels.t_ns[0]) / 1e9
+    q = np.stack([wheels.phi_R, wheels.phi_L], axis=1) / band  # in bands: still means a range of at most 1
+    runs = [run for run in _still_runs(t, q, settings.min_stand) if t[run[1]] - t[run[0]] >= settings.min_stand]
+    runs = _merged(t, q, [run for run in runs if _left_faster_than_stood(t, q, run)])
+    return tuple(_stop(wheels, first, last) for first, last in runs)
+
+
+def _stop(wheels: WheelSamples, first: int, last: int) -> Stop:
+    rows = slice(first, last + 1)
+    return Stop(
+        t_start_ns=int(wheels.t_ns[first]),
+        t_end_ns=int(wheels.t_ns[last]),
+        first_sample=first,
+        last_sample=last,
+        phi_R=float(np.median(wheels.phi_R[rows])),
+        phi_L=float(np.median(wheels.phi_L[rows])),
+    )
+
+
+def _still_runs(t: Array, q: Array, min_stand: float) -> list[tuple[int, int]]:
+    """Return runs (first, last) within one band, cut greedily from the stretches that can hold a stand.
+
+    Any sample of a stand of length T keeps within the band for T/2 after it or before it.
+    """
+    later = np.searchsorted(t, t + min_stand / 2, side="right") - 1
+    sooner = np.searchsorted(t, t - min_stand / 2, side="left")
+    near = [np.all(np.abs(q[other] - q) <= 1, axis=1) for other in (later, sooner)]
+    edges = np.diff(np.concatenate([[0], (near[0] | near[1]).astype(np.int8), [0]]))
+    runs = []
+    for begin, end in zip(np.flatnonzero(edges == 1), np.flatnonzero(edges == -1), strict=True):
+        first = int(begin)
+        while first < end:
+            last = _end_of_band(q, first, int(end))
+            runs.append((first, last))
+            first = last + 1
+    return runs
+
+
+def _end_of_band(q: Array, first: int, end: int) -> int:
+    """Return the last sample before ``end`` up to which all samples from ``first`` span at most one band."""
+    size, high, low, at = _BLOCK, q[first], q[first], first
+    while at < end:
+        block = q[at : min(at + size, end)]
+        highs = np.maximum(np.maximum.accumulate(block), high)
+        lows = np.minimum(np.minimum.accumulate(block), low)
+        out = np.flatnonzero(np.any(highs - lows > 1, axis=1))
+        if out.size:
+            return at + int(out[0]) - 1
+        high, low, at, size = highs[-1], lows[-1], at + len(block), size * 2
+    return end - 1
+
+
+def _left_faster_than_stood(t: Array, q: Array, run: tuple[int, int]) -> bool:
+    """Tell a stand from slow creep: coming and going took little longer than the stand (or the log ends there)."""
+    first, last = run
+    centre = np.median(q[first : last + 1], axis=0)
+    limit = _CREEP_RATIO * (t[last] - t[first])
+    stop = int(np.searchsorted(t, t[last] + 2 * limit, side="right"))
+    start = int(np.searchsorted(t, t[first] - 2 * limit, side="left"))
+    after = np.flatnonzero(np.any(np.abs(q[last + 1 : stop] - centre) > _AWAY_BANDS, axis=1))
+    before = np.flatnonzero(np.any(np.abs(q[start:first] - centre) > _AWAY_BANDS, axis=1))
+    leaving = t[last + int(after[0])] - t[last] if after.size else t[stop - 1] - t[last]
+    arriving = t[first] - t[start + int(before[-1]) + 1] if before.size else t[first] - t[start]
+    return bool(leaving <= limit and arriving <= limit)
+
+
+def _merged(t: Array, q: Array, runs: list[tuple[int, int]]) -> list[tuple[int, int]]:
+    """Join runs that no motion parts: in one place, and never away from it in between.
+
+    Where they lie a little apart (the robot was nudged), the longer is kept.
+    """
+    out: list[tuple[int, int]] = []
+    for run in runs:
+        if not out:
+            out.append(run)
+            continue
+        (first, last), (begin, end) = out[-1], run
+        here, there = np.median(q[first : last + 1], axis=0), np.median(q[begin : end + 1], axis=0)
+        if np.any(np.abs(q[last : begin + 1] - here) > _AWAY_BANDS):
+            out.append(run)
+        elif np.all(np.abs(there - here) <= 1):
+            out[-1] = (first, end)
+        elif t[end] - t[begin] > t[last] - t[first]:
+            out[-1] = run
+    return out
