@@ -1,0 +1,242 @@
+"""A simulated drive: stop, drive on, stop again; what the encoders read and where the robot truly was."""
+
+from dataclasses import dataclass
+from math import radians
+
+import numpy as np
+
+from calib.errors import CalibError
+from calib.frames import Array, inverse, planar
+from calib.simulate.motion import arc_path, slipped, wheel_turns, within_arc
+from calib.simulate.robot import Robot
+from calib.simulate.route import KeepOut, route
+from calib.simulate.stops import choose_stops, decodable_tags
+from detect.correspondences import Correspondences, StopView
+from detect.wheels import Ids, WheelSamples
+from target.box import CORNERS, Target
+from target.projection import project
+
+_NS = 1e9
+_EXACT_SIGMA_PX = 1e-6
+"""Sigma that exact pixels are given, since a covariance must not vanish."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DriveOptions:
+    """How a robot is driven, and how well its wheels are measured.
+
+    Attributes
+    ----------
+    stops
+        How many.
+    encoder_step : rad
+        Readings are rounded down to a multiple of it; 0 reads exactly.
+    joint_period_s : s
+        Between two wheel samples.
+    steps_per_sample
+        The wheels' speeds are constant within ``joint_period_s / steps_per_sample``. With 1, arcs over the samples
+        give the true path.
+    slip : m per sqrt(m)
+        Standard deviation of the distance that a wheel moves over the floor, where it rolled 1 m.
+    max_speed : m/s
+        Of a wheel's rim.
+    stand_s : s
+        Shortest and longest time at a stop.
+    clearance : m
+        How far the robot's outermost part stays off the box.
+    t0_ns : ns
+        When the drive begins.
+    """
+
+    stops: int = 10
+    encoder_step: float = radians(0.1302)
+    joint_period_s: float = 0.02
+    steps_per_sample: int = 20
+    slip: float = 0.0002
+    max_speed: float = 0.3
+    stand_s: tuple[float, float] = (1.2, 2.0)
+    clearance: float = 0.15
+    t0_ns: int = 1_700_000_000_000_000_000
+
+
+def exact_options(stops: int = 10) -> DriveOptions:
+    """Return options for a drive that its samples describe exactly: no slip, no rounding, constant speeds between."""
+    return DriveOptions(stops=stops, encoder_step=0.0, slip=0.0, steps_per_sample=1)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Drive:
+    """One drive, as measured and as it was.
+
+    Attributes
+    ----------
+    t_ns : (S,) int64, ns
+        Header stamps of the wheel samples.
+    phi_R, phi_L : (S,), rad
+        What the encoders read.
+    stop_t_ns : (P, 2) int64, ns
+        When each stop began and ended.
+    stop_poses : (P, 3), m and rad
+        True x, y and heading in frame ``box`` at each stop; headings are continuous, not modulo 2 pi.
+    stop_phi : (P, 2), rad
+        True wheel angles at each stop, right and left.
+    T_box_cam : (P, 4, 4), m
+        True camera pose at each stop.
+    path_t_ns : (M,) int64, ns
+        A fine grid of times.
+    path : (M, 3), m and rad
+        True poses at those times; arcs between.
+    """
+
+    t_ns: Ids
+    phi_R: Array
+    phi_L: Array
+    stop_t_ns: Ids
+    stop_poses: Array
+    stop_phi: Array
+    T_box_cam: Array
+    path_t_ns: Ids
+    path: Array
+
+    def pose_at(self, t_ns: Ids) -> Array:
+        """Return the true poses (N, 3), x, y, heading, at times (N,), ns, within the drive."""
+        k = np.clip(np.searchsorted(self.path_t_ns, t_ns, side="right") - 1, 0, len(self.path_t_ns) - 2)
+        share = (t_ns - self.path_t_ns[k]) / (self.path_t_ns[k + 1] - self.path_t_ns[k])
+        return within_arc(self.path[k], self.path[k + 1], np.clip(share, 0, 1))
+
+
+def simulate_drive(
+    robot: Robot, target: Target, options: DriveOptions, rng: np.random.Generator, stops: Array | None = None
+) -> Drive:
+    """Drive a robot from stop to stop around the box.
+
+    Each leg is planned from where the robot truly stands, so that slip shifts a stop but does not add up.
+
+    Parameters
+    ----------
+    robot, target, options
+        Who drives around what, and how.
+    rng
+        Draws the stops, the ways between them, the slip and the wheels' first angles.
+    stops : (P, 3), m and rad, optional
+        Poses (x, y, heading) to stop at, instead of random ones. Ways between them are straights and turns on the
+        spot. Headings hold as numbers: 2 pi more is one more turn on the spot.
+
+    Raises
+    ------
+    CalibError
+        If there is no place to see the box from, or a stop was asked for that is too close to it.
+    """
+    gap = options.clearance + robot.reach
+    keep_out = KeepOut.around(target.box, gap)
+    goals = choose_stops(robot, target, options.stops, gap, rng) if stops is None else np.asarray(stops, dtype=float)
+    _check(goals, keep_out)
+    step_s = options.joint_period_s / options.steps_per_sample
+    phi_R, phi_L = [np.zeros(1)], [np.zeros(1)]
+    phi_R[0][0], phi_L[0][0] = rng.uniform(-15, 15, 2)
+    path, ends = [goals[:1]], [[0, 0]]
+    for j, goal in enumerate(goals):
+        if j > 0:
+            arcs = route(path[-1][-1], goal, keep_out, rng if stops is None else None, exact_heading=stops is not None)
+            turns = wheel_turns(arcs, rR=robot.rR, rL=robot.rL, b=robot.b, max_speed=options.max_speed, step_s=step_s)
+            rolled = []
+            for phi, dphi, r in zip((phi_R, phi_L), turns, (robot.rR, robot.rL), strict=True):
+                angle = np.cumsum(np.concatenate([phi[-1][-1:], dphi]))
+                rolled.append(slipped(r * np.diff(angle), options.slip, rng))
+                phi.append(angle[1:])
+            path.append(arc_path(path[-1][-1], (rolled[0] + rolled[1]) / 2, (rolled[0] - rolled[1]) / robot.b)[1:])
+        stand = max(round(rng.uniform(*options.stand_s) / step_s), 1)
+        begun = ends[-1][1] + len(phi_R[-1]) * (j > 0)
+        for part in (phi_R, phi_L, path):
+            part.append(np.repeat(part[-1][-1:], stand, axis=0))
+        ends.append([begun, begun + stand])
+    return _drive(
+        robot,
+        options,
+        phi_R=np.concatenate(phi_R),
+        phi_L=np.concatenate(phi_L),
+        path=np.concatenate(path),
+        ends=np.array(ends[1:]),
+    )
+
+
+def _check(goals: Array, keep_out: KeepOut) -> None:
+    if goals.ndim != 2 or goals.shape[1] != 3 or not len(goals) or not np.all(np.isfinite(goals)):
+        raise CalibError(f"stops of shape {goals.shape}: (P, 3) finite numbers x, y, heading are needed")
+    off = keep_out.off_box(goals[:, :2])
+    if off.min() < keep_out.gap - 1e-9:
+        raise CalibError(
+            f"stop {int(off.argmin())}: lies {off.min():.3f} m off the box, {keep_out.gap:.3f} m are needed; move it "
+            "away or reduce the clearance"
+        )
+
+
+def _drive(robot: Robot, options: DriveOptions, *, phi_R: Array, phi_L: Array, path: Array, ends: Ids) -> Drive:
+    step_ns = options.joint_period_s / options.steps_per_sample * _NS
+    t_ns = options.t0_ns + np.rint(np.arange(len(path)) * step_ns).astype(np.int64)
+    at = slice(None, None, options.steps_per_sample)
+    poses = path[ends[:, 0]]
+    return Drive(
+        t_ns=t_ns[at],
+        phi_R=_read(phi_R[at], options.encoder_step),
+        phi_L=_read(phi_L[at], options.encoder_step),
+        stop_t_ns=t_ns[ends],
+        stop_poses=poses,
+        stop_phi=np.stack([phi_R[ends[:, 0]], phi_L[ends[:, 0]]], axis=1),
+        T_box_cam=np.stack([planar(*pose) @ robot.T_body_cam for pose in poses]),
+        path_t_ns=t_ns,
+        path=path,
+    )
+
+
+def _read(phi: Array, step: float) -> Array:
+    return phi if step == 0 else np.asarray(np.floor(phi / step) * step)
+
+
+def exact_correspondences(
+    robot: Robot, target: Target, drive: Drive, sigma_px: float = 0.0, rng: np.random.Generator | None = None
+) -> Correspondences:
+    """Return what a perfect detector would extract from the drive's log: no pictures are made.
+
+    Parameters
+    ----------
+    robot, target, drive
+        Who drove around what, and the drive.
+    sigma_px : px
+        Standard deviation of the noise on each pixel coordinate; it also sets ``cov_px2`` (with 0, that of 1e-6 px).
+    rng
+        Source of the noise; needed if there is any.
+    """
+    if sigma_px > 0 and rng is None:
+        raise CalibError(f"noise of {sigma_px:g} px was asked for without a random generator; pass rng")
+    stops = []
+    for (t_start, t_end), T_box_cam in zip(drive.stop_t_ns, drive.T_box_cam, strict=True):
+        first = int(np.searchsorted(drive.t_ns, t_start, side="left"))
+        last = int(np.searchsorted(drive.t_ns, t_end, side="right")) - 1
+        ids = decodable_tags(robot, target, T_box_cam)
+        p_box = target.tag_corners[np.searchsorted(target.tag_ids, ids)].reshape(-1, 3)
+        T_cam_box = inverse(T_box_cam)
+        uv_px = project(robot.camera, p_box @ T_cam_box[:3, :3].T + T_cam_box[:3, 3])
+        if sigma_px > 0 and rng is not None:
+            uv_px = uv_px + sigma_px * rng.standard_normal(uv_px.shape)
+        stops.append(
+            StopView(
+                t_start_ns=int(t_start),
+                t_end_ns=int(t_end),
+                first_sample=first,
+                last_sample=last,
+                phi_R=float(drive.phi_R[first]),
+                phi_L=float(drive.phi_L[first]),
+                landmark_ids=(CORNERS * ids[:, None] + np.arange(CORNERS)).ravel(),
+                p_box=p_box,
+                uv_px=uv_px,
+                cov_px2=np.broadcast_to(np.eye(2) * max(sigma_px, _EXACT_SIGMA_PX) ** 2, (len(p_box), 2, 2)).copy(),
+                frames=1,
+            )
+        )
+    return Correspondences(
+        robot=robot.name,
+        image_size=robot.image_size,
+        wheels=WheelSamples(t_ns=drive.t_ns, phi_R=drive.phi_R, phi_L=drive.phi_L),
+        stops=tuple(stops),
+    )
