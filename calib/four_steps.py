@@ -10,7 +10,7 @@ from calib.errors import CalibError
 from calib.frames import Array
 from calib.heading import HeadingStep, solve_heading
 from calib.mounting import MountingStep, check_agreement, solve_mounting, stand_on_floor, upright_translations
-from calib.odometry import legs_between, pair_displacements, unit_path
+from calib.odometry import Legs, legs_between, pair_displacements, unit_path
 from detect.correspondences import Correspondences
 
 MIN_STOPS = 3
@@ -65,19 +65,31 @@ def solve_four_steps(drive: Correspondences, mode: CameraMode = CameraMode.JOINT
             f"{len(camera.kept)} of {len(drive.stops)} stops can be used, at least {MIN_STOPS} are needed "
             f"({'; '.join(camera.notes)})"
         )
-    legs = legs_between(drive, camera.kept)
+    return solve_motion(camera, legs_between(drive, camera.kept))
+
+
+def solve_motion(camera: CameraStep, legs: Legs) -> FourSteps:
+    """Return the calibration from the camera's poses and the wheels' travel: steps 3, 2 and 4.
+
+    Parameters
+    ----------
+    camera
+        Outcome of step 1.
+    legs
+        Wheel travel between its stops.
+
+    Raises
+    ------
+    CalibError
+        If the moves do not determine the calibration.
+    """
     axis = find_axis(camera.T_cam_box)
-    i, j = np.triu_indices(len(camera.kept), 1)
+    i, j = np.triu_indices(len(camera.T_cam_box), 1)
     phi = np.stack([legs.phi_R, legs.phi_L], axis=1)
     heading = solve_heading(-axis.theta[i, j], phi[j] - phi[i], moves=len(phi) - 1)
     u = upright_translations(camera.T_cam_box, axis.a2, axis.a3)
-    mounting = solve_mounting(
-        beta=pair_displacements(*unit_path(legs, heading.aR, heading.aL)),
-        theta=axis.theta[i, j],
-        u=u,
-        aR=heading.aR,
-        aL=heading.aL,
-    )
+    beta = pair_displacements(*unit_path(legs, heading.aR, heading.aL))
+    mounting = solve_mounting(beta=beta, theta=axis.theta[i, j], u=u, aR=heading.aR, aL=heading.aL)
     check_agreement(mounting, u)
     T_body_cam = stand_on_floor(mounting, camera.T_cam_box, axis.a2, axis.a3)
     return FourSteps(camera=camera, axis=axis, heading=heading, mounting=mounting, T_body_cam=T_body_cam)

@@ -61,6 +61,17 @@ def exp_so3(w: Array) -> Array:
     return np.asarray(np.eye(3) + a * W + b * (W @ W))
 
 
+def right_jacobian(w: Array) -> Array:
+    """Return J, (3, 3), with ``exp_so3(w + dw) = exp_so3(w) @ exp_so3(J @ dw)`` to first order (rad)."""
+    angle = float(np.linalg.norm(w))
+    W = hat(w)
+    if angle < _SMALL:
+        a, b = 0.5 - angle**2 / 24, 1 / 6 - angle**2 / 120
+    else:
+        a, b = (1 - np.cos(angle)) / angle**2, (angle - np.sin(angle)) / angle**3
+    return np.asarray(np.eye(3) - a * W + b * (W @ W))
+
+
 def log_so3(R: Array) -> Array:
     """Return the rotation vector of R, (3,) rad, its length in [0, pi]."""
     v = vee(R)

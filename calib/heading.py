@@ -10,13 +10,15 @@ from calib.frames import Array, wrap
 
 MAX_CONDITION = 3000.0
 """Largest condition number of the regressor; beyond it the moves are proportional to each other for all purposes."""
-PROPORTIONAL = 100.0
+PROPORTIONAL = 1000.0
 """From this condition number on, a large standard error is put down to moves that are too much alike."""
 MAX_RELATIVE_SIGMA = 0.1
 """Largest standard error of aR or aL, relative to its size."""
 _SHORTEST = 12
 _WINDINGS = np.array([(k, m) for k in (-1, 0, 1) for m in (-1, 0, 1)], dtype=np.float64)
-_CANDIDATES = 8
+_CANDIDATES = 12
+_EQUAL_FIT = 1.5
+_ALIKE = 0.2
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -87,7 +89,9 @@ def unwrap_turns(turn: Array, phi: Array) -> Array:
 
     Hypotheses come from couples among the pairs that moved least, each turn with -1, 0 or 1 full turns added. Every
     hypothesis is scored by the wrapped residuals of all pairs; the best few are then grown from short moves to long
-    ones, unwrapping with what the shorter ones gave, and the one with the smallest residual is kept.
+    ones, unwrapping with what the shorter ones gave, and the one with the smallest residual is kept. Three stops
+    determine no winding (any fits exactly): among hypotheses that fit equally well and make the wheels alike, the one
+    that turns least wins.
 
     Parameters
     ----------
@@ -102,17 +106,25 @@ def unwrap_turns(turn: Array, phi: Array) -> Array:
     residual = wrap(turn_by_size - hypotheses @ phi_by_size.T)
     # Short moves count most at first: a slightly wrong hypothesis wraps on long ones.
     weight = 1 / (1 + np.arange(len(turn)))
-    score = (1 - np.cos(residual)) @ weight
-    best, best_cost = turn, np.inf
+    score = (1 - np.cos(residual)) @ weight + 1e-4 * _unlikeness(hypotheses)
+    found = []
     for a in hypotheses[np.argsort(score, kind="stable")[:_CANDIDATES]]:
         grown = _grow(a, turn_by_size, phi_by_size)
-        fit, *_ = np.linalg.lstsq(phi_by_size, grown, rcond=None)
-        cost = float(np.sum((grown - phi_by_size @ fit) ** 2))
-        if cost < best_cost:
-            best_cost = cost
-            best = np.empty_like(turn)
-            best[order] = grown
-    return best
+        fit = np.asarray(np.linalg.lstsq(phi_by_size, grown, rcond=None)[0], dtype=np.float64)
+        rms = float(np.sqrt(np.mean((grown - phi_by_size @ fit) ** 2)))
+        unlike = float(_unlikeness(fit[None])[0])
+        found.append((rms, (unlike > _ALIKE, float(np.sum(np.abs(grown)))), grown))
+    equal = _EQUAL_FIT * min(rms for rms, _, _ in found) + 1e-9
+    _, _, grown = min((f for f in found if f[0] <= equal), key=lambda f: f[1])
+    unwrapped = np.empty_like(turn)
+    unwrapped[order] = grown
+    return unwrapped
+
+
+def _unlikeness(a: Array) -> Array:
+    """Return how unlike the two wheels of hypotheses (H, 2) are, (H,): log of their ratio, more if both turn alike."""
+    size = np.maximum(np.abs(a), 1e-12)
+    return np.asarray(np.abs(np.log(size[:, 0] / size[:, 1])) + (a[:, 0] * a[:, 1] > 0))
 
 
 def _hypotheses(turn: Array, phi: Array) -> Array:
@@ -120,7 +132,7 @@ def _hypotheses(turn: Array, phi: Array) -> Array:
     found = []
     for k, m in combinations(range(len(turn)), 2):
         A = phi[[k, m]]
-        if abs(np.linalg.det(A)) > 0.05 * np.linalg.norm(A[0]) * np.linalg.norm(A[1]):
+        if abs(np.linalg.det(A)) > 1 / MAX_CONDITION * np.linalg.norm(A[0]) * np.linalg.norm(A[1]):
             found.append(np.linalg.solve(A, (turn[[k, m]] + 2 * np.pi * _WINDINGS).T).T)
     if not found:  # all short moves are alike: take the least squares direction of all of them
         fit, *_ = np.linalg.lstsq(phi, turn, rcond=None)
