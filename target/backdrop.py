@@ -90,13 +90,14 @@ def _floor_table() -> Light:
 def _wall_table() -> Light:
     """Return the wall's reflectance, (_SIDE, _SIDE), azimuth by elevation: furniture, pictures, windows."""
     rng = np.random.default_rng(2)
-    table = np.full((_SIDE, _SIDE), WALL) + 0.03 * _cloud(rng, 40)
+    stain = _cloud(rng, 10)
+    table = WALL + 0.03 * stain
     table[:12] = 0.15
     for _ in range(70):
         width, tall = rng.integers(15, 110), rng.integers(40, 330)
         left, low = rng.integers(0, _SIDE - width), rng.choice([12, 12, int(rng.integers(100, 450))])
         inside = (slice(low, low + tall), slice(left, left + width))
-        table[inside] = rng.uniform(0.08, 0.95) + 0.04 * _cloud(rng, 10)[inside]
+        table[inside] = rng.uniform(0.08, 0.95) + 0.04 * stain[inside]
         for shelf in range(low + 20, low + tall, int(rng.integers(25, 90))):
             table[shelf : shelf + 4, left : left + width] = rng.uniform(0.05, 0.6)
     table[-60:] = 0.75

@@ -165,7 +165,9 @@ def _checked_size(image_size: tuple[int, int]) -> tuple[int, int]:
 
 def _checked_pose(T_cam_box: Array, box: Box) -> Array:
     T = np.asarray(T_cam_box, dtype=np.float64)
-    if T.shape != (4, 4) or not np.isfinite(T).all() or np.abs(T[:3, :3] @ T[:3, :3].T - np.eye(3)).max() > 1e-6:
+    rigid = T.shape == (4, 4) and bool(np.isfinite(T).all())
+    rigid = rigid and np.abs(T[:3, :3] @ T[:3, :3].T - np.eye(3)).max() < 1e-6 and np.linalg.det(T[:3, :3]) > 0
+    if not rigid:
         raise TargetError("T_cam_box: not a rigid pose, a finite (4, 4) matrix with a rotation in it is needed")
     if not _facing(box, T):
         x, y, z = -T[:3, :3].T @ T[:3, 3]
