@@ -1,7 +1,7 @@
 """Where things lie on the printed page of a face: the face, its tags, and room for marks that disturb neither."""
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from target.box import Box
 from target.errors import TargetError
@@ -171,7 +171,9 @@ def _strips(box: Box, width: float, height: float, face: Rect, tags: Rect) -> tu
         return Rect(left=left, bottom=bottom, right=right, top=top)
 
     # Above and below the tags marks line up with them, unless the tags are too few across.
-    ends = tags if tags.width >= HEADING_LENGTH else inner
+    ends = inner
+    if tags.width >= HEADING_LENGTH:
+        ends = replace(inner, left=max(inner.left, tags.left), right=min(inner.right, tags.right))
     span = min(max(face.width, HEADING_LENGTH), right_end - low) / 2
     start, end = width / 2 - span, width / 2 + span
     return (
