@@ -1,0 +1,40 @@
+# Everything that sets up and checks the project. Python 3.11 or newer and make are all that is needed:
+# `make demo` and `make test` create .venv and install what they use.
+
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+INSTALLED := $(VENV)/.installed
+
+.PHONY: demo test lint format printables clean
+
+# The main job without hardware: print files, three simulated robots and their logs, three calibrations.
+demo: $(INSTALLED)
+	$(BIN)/make-target demo/box
+	$(BIN)/simulate-fleet demo/robots --robots 3 --stops 12 --seed 1
+	$(BIN)/fleet-calibrate demo/robots/*.mcap --target demo/box/target.json --out demo/calibration --truth
+
+test: lint
+	$(BIN)/python -m pytest -n 2 --dist worksteal
+
+lint: $(INSTALLED)
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+format: $(INSTALLED)
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+
+# The default box's sheets and landmark table, as they are kept in the repository.
+printables: $(INSTALLED)
+	$(BIN)/make-target printables
+
+$(INSTALLED): pyproject.toml constraints.txt
+	$(PYTHON) -c 'import sys; sys.exit("Python 3.11 or newer is needed: make PYTHON=python3.11 ...") if sys.version_info < (3, 11) else None'
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev]'
+	touch $(INSTALLED)
+
+clean:
+	rm -rf demo build dist .mypy_cache .ruff_cache .pytest_cache .hypothesis

@@ -1,0 +1,107 @@
+"""What holds for the project as a whole: how imports run, and that its commands work where only the wheel is."""
+
+import ast
+import os
+import re
+import subprocess
+import sys
+import tomllib
+import venv
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+MAY_IMPORT = {"target": {"target"}, "detect": {"target", "detect"}, "calib": {"target", "detect", "calib"}}
+
+
+def _imported(path: Path) -> set[str]:
+    """First parts of all modules that a file imports, anywhere in it."""
+    found = set()
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            found |= {alias.name.split(".")[0] for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path}: relative import"
+            found.add((node.module or "").split(".")[0])
+    return found
+
+
+@pytest.mark.parametrize("package", MAY_IMPORT)
+def test_imports_run_from_target_to_detect_to_calib_and_never_back(package: str) -> None:
+    files = list((ROOT / package).rglob("*.py"))
+    assert files
+    for path in files:
+        forbidden = _imported(path) & set(MAY_IMPORT) - MAY_IMPORT[package]
+        assert not forbidden, f"{path.relative_to(ROOT)} imports {forbidden}"
+
+
+def test_only_the_edges_of_calib_touch_files() -> None:
+    """Nothing in calib but fleet, results, simulation and the command line opens a file."""
+    edges = {"fleet.py", "result.py", "truth.py", "cli.py"}
+    for path in (ROOT / "calib").rglob("*.py"):
+        inner = path.relative_to(ROOT / "calib")
+        if inner.parts[0] in {"simulate", "exports", "report"} or inner.name in edges:
+            continue
+        calls = re.findall(
+            r"\bopen\(|\.read_(?:text|bytes)\(|\.write_(?:text|bytes)\(|write_atomically\(|\bprint\(", path.read_text()
+        )
+        assert not calls, f"{inner}: {calls}"
+
+
+def _scripts() -> dict[str, str]:
+    scripts: dict[str, str] = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["scripts"]
+    return scripts
+
+
+@pytest.mark.parametrize("script", _scripts())
+def test_help_is_answered_without_heavy_imports(script: str) -> None:
+    """`--help` answers at once: none of the numeric, image or PDF libraries is loaded for it."""
+    module, function = _scripts()[script].split(":")
+    code = (
+        f"import sys\nsys.argv = [{script!r}, '--help']\nfrom {module} import {function}\n"
+        f"try:\n    {function}()\nexcept SystemExit as leave:\n    assert not leave.code\n"
+        "heavy = {'numpy', 'scipy', 'cv2', 'reportlab', 'mcap', 'rosbags'} & set(sys.modules)\n"
+        "assert not heavy, heavy\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT, check=False)
+    assert done.returncode == 0, done.stderr
+    assert "example" in done.stdout
+
+
+@pytest.mark.slow
+def test_the_wheel_alone_installs_and_every_command_answers(tmp_path: Path) -> None:
+    """The built wheel in an empty environment, away from the sources: every command prints its help."""
+    quiet = [sys.executable, "-m", "pip", "--disable-pip-version-check", "--quiet"]
+    subprocess.run(
+        [*quiet, "wheel", "--no-deps", "--no-build-isolation", "--wheel-dir", str(tmp_path), str(ROOT)], check=True
+    )
+    (wheel,) = tmp_path.glob("boxcal-*.whl")
+    home = tmp_path / "empty"
+    venv.create(home, with_pip=True)
+    python = home / ("Scripts" if os.name == "nt" else "bin") / "python"
+    subprocess.run(
+        [str(python), *quiet[1:], "install", "--constraint", str(ROOT / "constraints.txt"), str(wheel)], check=True
+    )
+    clean = {k: v for k, v in os.environ.items() if k not in {"PYTHONPATH", "VIRTUAL_ENV"}}
+    for script, place in _scripts().items():
+        done = subprocess.run(
+            [str(python.parent / script), "--help"],
+            capture_output=True,
+            text=True,
+            cwd=tmp_path,
+            env=clean,
+            check=False,
+        )
+        assert done.returncode == 0, done.stderr
+        assert script in done.stdout
+        # and everything that the command needs to work is there, too
+        module = place.split(":")[0]
+        subprocess.run(
+            [str(python), "-c", f"import {module}, calib.fleet, target.sheets"], cwd=tmp_path, env=clean, check=True
+        )
+
+
+def test_constraints_name_packages_and_versions_only() -> None:
+    for line in (ROOT / "constraints.txt").read_text().splitlines():
+        assert re.fullmatch(r"(#.*|[A-Za-z0-9._-]+==[A-Za-z0-9.+!]+)?", line), line
