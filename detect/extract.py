@@ -31,8 +31,6 @@ class ExtractSettings:
 
     Attributes
     ----------
-    topics
-        Names where a log is ambiguous.
     stops, tags
         How stops and tags are found.
     settle : s
@@ -45,7 +43,6 @@ class ExtractSettings:
         Standard deviation per axis below which no corner is believed.
     """
 
-    topics: Topics = field(default_factory=Topics)
     stops: StopSettings = field(default_factory=StopSettings)
     tags: TagSettings = field(default_factory=TagSettings)
     settle: float = 0.1
@@ -61,7 +58,12 @@ class ExtractSettings:
 
 
 def extract(
-    path: Path, target: Target, settings: ExtractSettings | None = None, progress: Progress | None = None
+    path: Path,
+    target: Target,
+    *,
+    topics: Topics | None = None,
+    settings: ExtractSettings | None = None,
+    progress: Progress | None = None,
 ) -> Correspondences:
     """Return what a robot saw at each stop and what its wheels did between.
 
@@ -73,6 +75,8 @@ def extract(
         The log (MCAP, ROS 2).
     target
         The box that the robot looked at.
+    topics
+        Names where the log is ambiguous.
     settings
         The defaults if None.
     progress
@@ -85,7 +89,7 @@ def extract(
     """
     settings = settings or ExtractSettings()
     tell = progress or _silent
-    recording = open_recording(path, settings.topics)
+    recording = open_recording(path, topics)
     stops = find_stops(recording.wheels, settings.stops, recording.encoder_steps)
     look = _Look(recording, target, settings)
     seen: list[tuple[Stop, Sighting]] = []

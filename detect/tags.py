@@ -60,7 +60,8 @@ class Tags:
 def find_tags(image: NDArray[np.uint8], target: Target, settings: TagSettings | None = None) -> Tags:
     """Return the target's tags in a grey image (H, W).
 
-    A tag that shows up twice is dropped both times: one of them is not on the box.
+    A tag that shows up twice is dropped both times: one of them is not on the box. A tag whose edges do not lie where
+    its square was found is dropped too.
 
     Raises
     ------
@@ -75,8 +76,9 @@ def find_tags(image: NDArray[np.uint8], target: Target, settings: TagSettings | 
     foreign = np.unique(ids[~known])
     ids, corners = ids[known], corners[known]
     unique, first, count = np.unique(ids, return_index=True, return_counts=True)
-    keep = first[count == 1]
-    return Tags(ids=unique[count == 1], corners_px=refine(image, corners[keep], settings.corners), foreign_ids=foreign)
+    ids, corners = unique[count == 1], corners[first[count == 1]]
+    corners, good = refine(image, corners, settings.corners)
+    return Tags(ids=ids[good], corners_px=corners[good], foreign_ids=foreign)
 
 
 def other_family(image: NDArray[np.uint8], dictionary: str, settings: TagSettings | None = None) -> str | None:
