@@ -1,7 +1,7 @@
 """From a log to correspondences: open it, find the stops, look at each, keep what can be used."""
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -15,11 +15,13 @@ from detect.recording import Recording, file_sha256, open_recording
 from detect.stops import Stop, StopSettings, find_stops
 from detect.tags import Tags, TagSettings, find_tags, other_family
 from detect.text import listed, printable
+from detect.tone import choose_tone
 from detect.wheels import Array, Ids
 from target.box import Target
 from target.landmarks import target_sha256
 
 MIN_STOPS = 3
+_TONE_FRAMES = 5
 
 Progress = Callable[[str], None]
 """Takes a line that says how far the work is."""
@@ -33,6 +35,8 @@ class ExtractSettings:
     ----------
     stops, tags
         How stops and tags are found.
+    tone
+        The camera's tone curve (``srgb`` or ``linear``); None tells it from the tags.
     settle : s
         Frames this soon after coming to rest or before leaving are used only if there are no others.
     max_frames
@@ -45,6 +49,7 @@ class ExtractSettings:
 
     stops: StopSettings = field(default_factory=StopSettings)
     tags: TagSettings = field(default_factory=TagSettings)
+    tone: str | None = None
     settle: float = 0.1
     max_frames: int = 20
     min_tags: int = 4
@@ -91,7 +96,7 @@ def extract(
     tell = progress or _silent
     recording = open_recording(path, topics)
     stops = find_stops(recording.wheels, settings.stops, recording.encoder_steps)
-    look = _Look(recording, target, settings)
+    look = _Look(recording, target, replace(settings, tags=_with_tone(recording, stops, target, settings)))
     seen: list[tuple[Stop, Sighting]] = []
     for number, stop in enumerate(stops, 1):
         sighting = look.at(stop)
@@ -123,6 +128,16 @@ def frames_at(recording: Recording, stop: Stop, settle: float, max_frames: int) 
     if frames.size > max_frames:
         frames = frames[np.round(np.linspace(0, frames.size - 1, max_frames)).astype(np.int64)]
     return frames
+
+
+def _with_tone(recording: Recording, stops: tuple[Stop, ...], target: Target, settings: ExtractSettings) -> TagSettings:
+    """Return the tag settings with the camera's tone curve, told from one frame each of a few stops."""
+    tone = settings.tone
+    if tone is None:
+        first = [f for f in (frames_at(recording, s, settings.settle, 1) for s in stops) if f.size]
+        some = np.concatenate(first)[:: -(-len(first) // _TONE_FRAMES)] if first else np.zeros(0, dtype=np.int64)
+        tone = choose_tone([image for _, image in recording.read_frames(some)], target, settings.tags)
+    return replace(settings.tags, corners=replace(settings.tags.corners, tone=tone))
 
 
 class _Look:
