@@ -1,11 +1,14 @@
 """Wheels on the floor: smooth turns of the wheels, what slip makes of them, and the path that comes out."""
 
 from dataclasses import dataclass
-from math import ceil, pi
+from math import ceil, pi, sqrt
 
 import numpy as np
 
 from calib.frames import Array
+
+MAX_ACCELERATION = 1.0
+"""Of a wheel's rim, m/s^2."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -27,11 +30,11 @@ class Arc:
 def arc_progress(arc: Arc, b: float, max_speed: float, step_s: float) -> Array:
     """Return the share of an arc that lies behind at each step's end, (N,), ascending to 1.
 
-    The speed is a raised cosine over time, so it starts and ends smoothly; its peak on the faster wheel's rim is
-    ``max_speed`` (m/s), or less where the arc would then take under half a second. It is constant within a step.
+    The speed is a raised cosine over time, so it starts and ends smoothly. Its peak on the faster wheel's rim is
+    ``max_speed`` (m/s), or what 1 m/s^2 allows on a short arc. It is constant within a step.
     """
     rim = abs(arc.distance) + b / 2 * abs(arc.turn)
-    steps = max(ceil(max(2 * rim / max_speed, 0.5) / step_s), 1)
+    steps = max(ceil(max(2 * rim / max_speed, sqrt(2 * pi * rim / MAX_ACCELERATION)) / step_s), 1)
     share = np.arange(1, steps + 1) / steps
     progress: Array = share - np.sin(2 * pi * share) / (2 * pi)
     progress[-1] = 1.0

@@ -1,0 +1,155 @@
+"""The command ``simulate-fleet``: made-up robots drive around the box; their logs and the truth come out."""
+
+import argparse
+import os
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from math import isfinite, radians
+from pathlib import Path
+
+_DESCRIPTION = """\
+example:
+  simulate-fleet robots --robots 3 --stops 10      robots/r01.mcap, robots/r01.truth.json, robots/r02.mcap, ...
+  fleet-calibrate robots/*.mcap --truth            calibrate them and compare with the truth
+
+Drive made-up robots around the box. Each has its own wheels, camera and mounting. Its log is an ordinary ROS 2 MCAP
+file (sensor_msgs: JointState, and CompressedImage or Image); beside it lies the truth, as JSON. Existing files of
+the same name are replaced. The same options give the same files, to the byte, with the same versions of the libraries.
+"""
+_EPILOG = "exit status: 0 all robots simulated, 1 some robot failed (its reason is printed), 2 wrong usage"
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run ``simulate-fleet``; return 0 if all logs were written, 1 if some could not be (argparse exits with 2)."""
+    args = _parser().parse_args(argv)
+
+    # What is heavy comes after --help has answered.
+    from calib.simulate.drive import DriveOptions
+    from calib.simulate.fleet import Job, simulate_fleet
+    from calib.simulate.record import RecordOptions
+    from target.box import make_target
+    from target.errors import TargetError
+    from target.landmarks import load_target
+
+    try:
+        target = load_target(args.target) if args.target else make_target()
+        args.folder.mkdir(parents=True, exist_ok=True)
+    except TargetError as error:
+        return _failed(str(error))
+    except OSError as error:
+        return _failed(f"{args.folder}: cannot be made ({error.strerror or error}); name another FOLDER")
+    drive = DriveOptions(
+        stops=args.stops,
+        encoder_step=radians(args.encoder_step_deg),
+        joint_period_s=1 / args.joint_rate_hz,
+        slip=args.slip * 1e-3,
+    )
+    record = RecordOptions(
+        frames=args.frames,
+        moving_frames=args.moving_frames,
+        image=args.image,
+        quality=args.quality,
+        compression=args.compression,
+        look=replace(RecordOptions().look, noise=args.noise, blur_px=args.blur),
+    )
+    jobs = [
+        Job(
+            folder=args.folder,
+            number=k + 1,
+            seed=args.seed,
+            target=target,
+            drive=drive,
+            record=record,
+            image_size=args.image_size,
+        )
+        for k in range(args.robots)
+    ]
+    failed = 0
+    for k, done in enumerate(simulate_fleet(jobs, args.jobs)):
+        failed += bool(done.error)
+        if done.error:
+            _failed(done.error)
+        else:
+            print(f"{done.log}: {done.stops} stops, {done.frames} pictures, {done.duration_s:.0f} s", flush=True)
+        print(f"simulate-fleet: {k + 1} of {len(jobs)} robots done", file=sys.stderr)
+    return 1 if failed else 0
+
+
+def _failed(message: str) -> int:
+    print(f"simulate-fleet: {message}", file=sys.stderr)
+    return 1
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="simulate-fleet",
+        usage="simulate-fleet FOLDER [options]",
+        description=_DESCRIPTION,
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+    )
+
+    def add(name: str, kind: Callable[[str], object], default: object, meaning: str, metavar: str = "N") -> None:
+        shown = "x".join(map(str, default)) if isinstance(default, tuple) else default
+        parser.add_argument(name, type=kind, default=default, metavar=metavar, help=f"{meaning} (default: {shown})")
+
+    parser.add_argument("folder", type=Path, metavar="FOLDER", help="where logs and truths go")
+    parser.add_argument("--target", type=Path, metavar="FILE", help="target.json of the box (the default box if none)")
+    add("--robots", _whole(1, 999), 3, "how many")
+    add("--stops", _whole(3, 1000), 10, "stops of each")
+    add("--seed", _whole(0, 2**63 - 1), 0, "settles all that is drawn at random")
+    add("--jobs", _whole(1, 256), min(os.cpu_count() or 1, 8), "robots simulated side by side")
+    add("--encoder-step-deg", _number(0, 30), 0.1302, "encoders round down to a multiple of it; 0 is exact", "DEG")
+    add("--joint-rate-hz", _number(1, 1000), 50.0, "wheel samples a second", "HZ")
+    add("--slip", _number(0, 50), 0.2, "error of each wheel after it rolled 1 m; grows with the root of the way", "MM")
+    add("--frames", _whole(1, 1000), 3, "pictures at each stop")
+    add("--moving-frames", _whole(0, 1000), 2, "pictures between two stops, blurred by the motion")
+    add("--image-size", _size, (640, 480), "of the pictures, px", "WxH")
+    add("--noise", _number(0, 100), 1.5, "standard deviation of the pictures' noise, grey levels", "GREY")
+    add("--blur", _number(0, 50), 0.6, "standard deviation of the lens's blur, px", "PX")
+    parser.add_argument("--image", choices=("jpeg", "png", "raw"), default="jpeg", help="pictures (default: jpeg)")
+    add("--quality", _whole(1, 100), 90, "of JPEG")
+    parser.add_argument(
+        "--compression", choices=("none", "lz4", "zstd"), default="zstd", help="of the log (default: zstd)"
+    )
+    return parser
+
+
+def _whole(low: int, high: int) -> Callable[[str], int]:
+    def parse(text: str) -> int:
+        try:
+            value = int(text)
+        except ValueError:
+            value = low - 1
+        if not low <= value <= high:
+            raise argparse.ArgumentTypeError(f"{text[:40]!r}: a whole number from {low} to {high} is needed")
+        return value
+
+    return parse
+
+
+def _number(low: float, high: float) -> Callable[[str], float]:
+    def parse(text: str) -> float:
+        try:
+            value = float(text)
+        except ValueError:
+            value = float("nan")
+        if not (isfinite(value) and low <= value <= high):
+            raise argparse.ArgumentTypeError(f"{text[:40]!r}: a number from {low:g} to {high:g} is needed")
+        return value
+
+    return parse
+
+
+def _size(text: str) -> tuple[int, int]:
+    side = _whole(64, 8192)
+    width, by, height = text.lower().partition("x")
+    if not by:
+        raise argparse.ArgumentTypeError(f"{text[:40]!r}: width and height are needed, such as 640x480")
+    return side(width), side(height)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,108 @@
+"""Many simulated robots, one after the other or side by side; one that fails does not stop the others."""
+
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from multiprocessing import get_context
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from calib.errors import CalibError
+from calib.simulate.drive import DriveOptions, simulate_drive
+from calib.simulate.record import RecordOptions, write_log
+from calib.simulate.robot import VGA, random_robot
+from calib.simulate.truth import truth_bytes
+from target.box import Target
+from target.errors import TargetError
+from target.files import write_atomically
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Job:
+    """What one robot is to do.
+
+    Attributes
+    ----------
+    folder
+        Where its log and its truth go.
+    number
+        From 1; it names the robot and, with the seed, settles everything that is drawn for it.
+    seed
+        Of the fleet.
+    target, drive, record
+        The box, the drive and the log.
+    image_size
+        Of its camera, px.
+    """
+
+    folder: Path
+    number: int
+    seed: int
+    target: Target
+    drive: DriveOptions
+    record: RecordOptions
+    image_size: tuple[int, int] = VGA
+
+    @property
+    def name(self) -> str:
+        """The robot's name: r01, r02, ..."""
+        return f"r{self.number:02d}"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Done:
+    """What one robot did.
+
+    Attributes
+    ----------
+    log
+        Its file.
+    stops, frames
+        How many.
+    duration_s : s
+        Of the drive.
+    error
+        Why it failed; empty if it did not.
+    """
+
+    log: Path
+    stops: int = 0
+    frames: int = 0
+    duration_s: float = 0.0
+    error: str = ""
+
+
+def simulate_robot(job: Job) -> Done:
+    """Draw a robot, drive it, write ``<name>.mcap`` and ``<name>.truth.json``; a failure comes back as text."""
+    log = job.folder / f"{job.name}.mcap"
+    threads = cv2.getNumThreads()
+    cv2.setNumThreads(1)
+    try:
+        of_robot, of_drive, of_log = np.random.default_rng([job.seed, job.number]).spawn(3)
+        robot = random_robot(job.name, of_robot, job.image_size)
+        drive = simulate_drive(robot, job.target, job.drive, of_drive)
+        names, frames = write_log(log, robot, job.target, drive, job.record, rng=of_log)
+        truth = truth_bytes(robot, drive, job.drive, job.record, names)
+        write_atomically(job.folder / f"{job.name}.truth.json", truth)
+    except (CalibError, TargetError) as error:
+        return Done(log=log, error=str(error))
+    except OSError as error:
+        return Done(
+            log=log, error=f"{log}: cannot be written ({error.strerror or error}); free space or name another FOLDER"
+        )
+    finally:
+        cv2.setNumThreads(threads)
+    return Done(
+        log=log, stops=len(drive.stop_poses), frames=frames, duration_s=float(drive.t_ns[-1] - drive.t_ns[0]) / 1e9
+    )
+
+
+def simulate_fleet(jobs: list[Job], workers: int) -> Iterator[Done]:
+    """Do jobs in so many processes; yield what came of each, in their order, as soon as it is known."""
+    if min(workers, len(jobs)) <= 1:
+        yield from map(simulate_robot, jobs)
+        return
+    with ProcessPoolExecutor(min(workers, len(jobs)), mp_context=get_context("spawn")) as pool:
+        yield from pool.map(simulate_robot, jobs)
