@@ -10,8 +10,8 @@ from calib.frames import Array, wrap
 
 MAX_CONDITION = 3000.0
 """Largest condition number of the regressor; beyond it the moves are proportional to each other for all purposes."""
-PROPORTIONAL = 1000.0
-"""From this condition number on, a large standard error is put down to moves that are too much alike."""
+USUAL_RMS = float(np.radians(0.2))
+"""With turns as good as this, moves that still leave a large standard error are too much alike."""
 MAX_RELATIVE_SIGMA = 0.1
 """Largest standard error of aR or aL, relative to its size."""
 _SHORTEST = 12
@@ -71,9 +71,10 @@ def solve_heading(turn: Array, phi: Array, moves: int) -> HeadingStep:
     dtheta = unwrap_turns(turn, phi)
     (aR, aL), *_ = np.linalg.lstsq(phi, dtheta, rcond=None)
     rms = float(np.sqrt(np.mean((dtheta - phi @ (aR, aL)) ** 2)))
-    sigma = rms * np.sqrt(len(phi) / moves) * np.sqrt(np.diag(np.linalg.inv(phi.T @ phi)))
-    if np.any(sigma > MAX_RELATIVE_SIGMA * max(abs(aR), abs(aL))):
-        if condition > PROPORTIONAL:
+    unit = np.sqrt(len(phi) / moves) * np.sqrt(np.diag(np.linalg.inv(phi.T @ phi)))
+    limit = MAX_RELATIVE_SIGMA * max(abs(aR), abs(aL))
+    if np.any(rms * unit > limit):
+        if np.any(USUAL_RMS * unit > limit):
             raise CalibError(_proportional(phi, condition))
         raise CalibError(
             f"turns seen and turns rolled differ by {np.degrees(rms):.2g} deg (rms), too much to tell the wheels apart "

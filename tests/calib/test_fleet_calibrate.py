@@ -1,0 +1,355 @@
+"""fleet-calibrate: good robots come out right, bad logs get one clear line, and never hide the others."""
+
+import json
+import shutil
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+from rosbags.typesys import Stores, get_typestore
+
+from calib.cli import main
+from calib.result import load_calibration
+from calib.simulate.drive import DriveOptions, simulate_drive
+from calib.simulate.log import LogWriter
+from calib.simulate.record import RecordOptions, write_log
+from calib.simulate.robot import khepera
+from calib.simulate.truth import truth_bytes
+from calib.truth import compare, load_truth
+from target.box import Box, make_target
+from target.landmarks import save_target
+
+STORE = get_typestore(Stores.ROS2_HUMBLE)
+RECORD = RecordOptions(frames=2, moving_frames=1)
+JOINTS, CAMERA = "/joint_states", "/camera/image_raw/compressed"
+Change = Callable[[str, Any], Any]
+
+
+def _simulate(path: Path, *, seed: int = 5, stops: Any = None, target: Any = None, count: int = 7) -> Path:
+    rng = np.random.default_rng(seed)
+    target = target or make_target()
+    robot, options = khepera(path.stem), DriveOptions(stops=count)
+    drive = simulate_drive(robot, target, options, rng, stops)
+    write_log(path, robot, target, drive, RECORD, rng=rng)
+    return path
+
+
+def _rewrite(source: Path, path: Path, change: Change) -> Path:
+    """A copy of a log with each message as ``change(topic, message)`` returns it; None leaves a message out."""
+    with source.open("rb") as file, LogWriter(path) as log:
+        for _, channel, record in make_reader(file).iter_messages():
+            kind = "sensor_msgs/msg/JointState" if channel.topic == JOINTS else "sensor_msgs/msg/CompressedImage"
+            message = change(channel.topic, STORE.deserialize_cdr(record.data, kind))
+            if message is not None:
+                log.message(channel.topic, record.log_time, message)
+    return path
+
+
+@pytest.fixture(scope="session")
+def good(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A log that calibrates well, its truth beside it."""
+    folder = tmp_path_factory.mktemp("robots")
+    rng = np.random.default_rng(5)
+    robot, target, options = khepera("good"), make_target(), DriveOptions(stops=7, slip=5e-5)
+    drive = simulate_drive(robot, target, options, rng)
+    names, pictures = write_log(folder / "good.mcap", robot, target, drive, RECORD, rng=rng)
+    assert pictures == 7 * 2 + 6
+    truth = truth_bytes(robot, drive, options, RECORD, names)
+    (folder / "good.truth.json").write_bytes(truth)
+    return folder / "good.mcap"
+
+
+def _run(capsys: pytest.CaptureFixture[str], *words: object) -> tuple[int, str, str]:
+    status = main([str(word) for word in words])
+    out, err = capsys.readouterr()
+    return status, out, err
+
+
+def test_a_simulated_robot_is_calibrated_and_compared_with_truth(
+    good: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    status, out, err = _run(capsys, good, "--truth", "--out", tmp_path / "out")
+    assert status == 0
+    assert "good" in out
+    assert "error against truth" in out
+    assert "calibrated" in err
+    document = json.loads((tmp_path / "out" / "good" / "calibration.json").read_text())
+    assert document["schema"] == 1
+    assert document["robot"] == "good"
+    assert set(document["camera"]) == {"fu", "fv", "cu", "cv", "kr"}
+    assert {"rR", "rL", "b"} <= set(document["wheels"])
+    assert np.shape(document["T_body_cam"]) == (4, 4)
+    provenance = document["provenance"]
+    assert "--truth" in provenance["command"]
+    assert len(provenance["inputs"]["good.mcap"]) == 64
+    errors = compare(
+        load_calibration(tmp_path / "out" / "good" / "calibration.json"), load_truth(good.with_name("good.truth.json"))
+    )
+    assert max(abs(errors.rR), abs(errors.rL), abs(errors.b)) < 0.01
+    assert errors.rotation < np.radians(0.25)
+    assert max(abs(errors.fu), abs(errors.fv)) < 0.003
+
+
+def test_saved_correspondences_calibrate_without_the_log(
+    good: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([str(good), "--out", str(tmp_path / "a"), "--quiet"]) == 0
+    saved = tmp_path / "a" / "good" / "correspondences.npz"
+    status, _, err = _run(capsys, saved, "--out", tmp_path / "b", "--quiet")
+    assert status == 0, err
+    a, b = (json.loads((tmp_path / k / "good" / "calibration.json").read_text()) for k in "ab")
+    for key in ("camera", "wheels", "T_body_cam", "stops"):
+        assert a[key] == b[key]
+
+
+def test_per_stop_mode_is_taken_and_recorded(good: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    status, _, err = _run(capsys, good, "--per-stop", "--out", tmp_path, "--quiet")
+    assert status == 0, err
+    result = load_calibration(tmp_path / "good" / "calibration.json")
+    assert result.provenance.settings["camera_mode"] == "per-stop"
+
+
+def _cut(source: Path, path: Path) -> Path:
+    path.write_bytes(source.read_bytes()[: source.stat().st_size * 2 // 3])
+    return path
+
+
+def _poses(*rows: Sequence[float]) -> Any:
+    return np.array(rows, dtype=float)
+
+
+def _joints(change: Callable[[Any], Any]) -> Change:
+    return lambda topic, message: change(message) if topic == JOINTS else message
+
+
+def _wheels(left: float, right: float, swap: bool = False) -> Change:
+    """Joint states with each wheel's angle multiplied, and the names exchanged."""
+
+    def change(message: Any) -> Any:
+        signs = np.array([left if "left" in name else right for name in message.name])
+        names = message.name[::-1] if swap else message.name
+        return replace(message, position=message.position * signs, velocity=message.velocity * signs, name=names)
+
+    return _joints(change)
+
+
+def _images(change: Callable[[Any], Any]) -> Change:
+    return lambda topic, message: change(message) if topic == CAMERA else message
+
+
+def _later(seconds: int) -> Callable[[Any], Any]:
+    def change(message: Any) -> Any:
+        stamp = replace(message.header.stamp, sec=message.header.stamp.sec + seconds)
+        return replace(message, header=replace(message.header, stamp=stamp))
+
+    return change
+
+
+def _blank(message: Any) -> Any:
+    content = cv2.imencode(".jpg", np.full((480, 640), 128, np.uint8))[1].ravel()
+    return replace(message, data=content)
+
+
+def _garbage(message: Any) -> Any:
+    return replace(message, data=np.frombuffer(b"\xff\xd8\xff\xe0 this is no picture", np.uint8))
+
+
+def _spin(folder: Path) -> Path:
+    headings = np.pi + np.radians([0, 14, -12, 22, 5, -20])
+    return _simulate(folder / "bad.mcap", stops=np.array([(0.62, 0.0, h) for h in headings]))
+
+
+def _straight(folder: Path) -> Path:
+    rows = [(x, 0.12, np.pi) for x in (0.9, 0.82, 0.75, 0.68, 0.6)]
+    return _simulate(folder / "bad.mcap", stops=_poses(*rows))
+
+
+def _two_stops(folder: Path) -> Path:
+    return _simulate(folder / "bad.mcap", stops=_poses((0.6, 0.1, np.pi), (0.1, 0.65, -np.pi / 2)))
+
+
+def _other_box(folder: Path) -> Path:
+    return _simulate(folder / "bad.mcap", target=make_target(Box(first_id=200)), count=3)
+
+
+def _text_file(folder: Path) -> Path:
+    (folder / "bad.mcap").write_text("time,left,right\n0,0,0\n")
+    return folder / "bad.mcap"
+
+
+BAD: dict[str, tuple[Callable[[Path, Path], Path], list[str]]] = {
+    "no such file": (lambda good, folder: folder / "bad.mcap", ["no such file"]),
+    "not an MCAP": (lambda good, folder: _text_file(folder), ["not an MCAP"]),
+    "truncated": (lambda good, folder: _cut(good, folder / "bad.mcap"), ["truncated", "mcap recover"]),
+    "no camera": (
+        lambda good, folder: _rewrite(good, folder / "bad.mcap", _images(lambda m: None)),
+        ["no camera", JOINTS],
+    ),
+    "no wheel joints": (
+        lambda good, folder: _rewrite(good, folder / "bad.mcap", _joints(lambda m: replace(m, name=["pan", "tilt"]))),
+        ["no wheel joints", "pan", "tilt", "--left-joint", "--right-joint"],
+    ),
+    "fewer than three stops": (lambda good, folder: _two_stops(folder), ["2 stops", "3 such stops are needed"]),
+    "box never seen": (
+        lambda good, folder: _rewrite(good, folder / "bad.mcap", _images(_blank)),
+        ["box"],
+    ),
+    "tags of another target": (lambda good, folder: _other_box(folder), ["200", "0 to 139", "target.json"]),
+    "an image that does not decode": (
+        lambda good, folder: _rewrite(good, folder / "bad.mcap", _images(_garbage)),
+        ["image", "neither JPEG nor PNG"],
+    ),
+    "left and right swapped": (
+        lambda good, folder: _rewrite(good, folder / "bad.mcap", _wheels(1, 1, swap=True)),
+        ["left and right wheel joints are swapped", "--left-joint"],
+    ),
+    "left wheel reversed": (
+        lambda good, folder: _rewrite(good, folder / "bad.mcap", _wheels(-1, 1)),
+        ["the sign of the left wheel is reversed"],
+    ),
+    "right wheel reversed": (
+        lambda good, folder: _rewrite(good, folder / "bad.mcap", _wheels(1, -1)),
+        ["the sign of the right wheel is reversed"],
+    ),
+    "pure rotation": (lambda good, folder: _spin(folder), ["turned on the spot", "drive forward"]),
+    "pure translation": (lambda good, folder: _straight(folder), ["largest turn", "translation"]),
+    "no overlap in time": (
+        lambda good, folder: _rewrite(good, folder / "bad.mcap", _images(_later(1000))),
+        ["overlap", "time"],
+    ),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_a_bad_log_gets_one_clear_line_and_the_others_are_calibrated(
+    good: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], case: str
+) -> None:
+    make, words = BAD[case]
+    bad = make(good, tmp_path)
+    status, out, err = _run(capsys, bad, good, "--out", tmp_path / "out", "--quiet", "--jobs", 1)
+    assert status == 1
+    assert "good" in out
+    assert (tmp_path / "out" / "good" / "calibration.json").exists()
+    assert not (tmp_path / "out" / "bad").exists()
+    lines = [line for line in err.splitlines() if "bad.mcap" in line]
+    assert len(lines) == 1, err
+    assert lines[0].startswith("fleet-calibrate: bad.mcap: ")
+    for word in words:
+        assert word in lines[0], lines[0]
+    assert "Traceback" not in err
+    assert "1 of 2 robots failed" in err
+
+
+def test_ambiguous_topics_are_listed_and_can_be_named(
+    good: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    two = tmp_path / "two.mcap"
+    with good.open("rb") as file, LogWriter(two) as log:
+        for _, channel, record in make_reader(file).iter_messages():
+            kind = "sensor_msgs/msg/JointState" if channel.topic == JOINTS else "sensor_msgs/msg/CompressedImage"
+            message = STORE.deserialize_cdr(record.data, kind)
+            log.message(channel.topic, record.log_time, message)
+            if channel.topic == CAMERA:
+                log.message("/rear/image_raw/compressed", record.log_time, message)
+    status, _, err = _run(capsys, two, "--out", tmp_path / "out", "--quiet")
+    assert status == 1
+    assert CAMERA in err
+    assert "/rear/image_raw/compressed" in err
+    assert "--camera-topic" in err
+    status, _, err = _run(capsys, two, "--out", tmp_path / "out", "--quiet", "--camera-topic", CAMERA)
+    assert status == 0, err
+
+
+def test_a_swapped_log_calibrates_when_the_joints_are_named(
+    good: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bad = _rewrite(good, tmp_path / "swapped.mcap", _wheels(1, 1, swap=True))
+    names = ("--left-joint", "right_wheel_joint", "--right-joint", "left_wheel_joint")
+    status, _, err = _run(capsys, bad, "--out", tmp_path / "out", "--quiet", *names)
+    assert status == 0, err
+
+
+def test_two_workers_give_what_one_gives(good: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    second = tmp_path / "second.mcap"
+    shutil.copy(good, second)
+    for jobs in (1, 2):
+        status, _, err = _run(capsys, good, second, "--jobs", jobs, "--out", tmp_path / str(jobs))
+        assert status == 0, err
+    for robot in ("good", "second"):
+        a, b = (json.loads((tmp_path / k / robot / "calibration.json").read_text()) for k in "12")
+        assert a["T_body_cam"] == b["T_body_cam"]
+
+
+@pytest.mark.parametrize(
+    ("words", "status", "message"),
+    [
+        (["--tagret", "x.json"], 2, "--tagret"),
+        ([], 2, "LOG"),
+        (["x.mcap", "--jobs", "0"], 2, "not a positive number"),
+        (["x.mcap", "--target", "none.json"], 2, "none.json: cannot be read"),
+        (["a/x.mcap", "b/x.mcap"], 2, "several logs are named x"),
+        (["a/...mcap"], 2, "no name for a robot"),
+    ],
+)
+def test_wrong_usage_is_said_with_exit_status_2(
+    words: list[str], status: int, message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    try:
+        found = main(words)
+    except SystemExit as leave:
+        found = int(leave.code or 0)
+    assert found == status
+    assert message in capsys.readouterr().err
+
+
+def test_the_target_file_decides_what_is_looked_for(
+    good: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    save_target(make_target(), tmp_path / "same.json")
+    save_target(make_target(Box(first_id=140)), tmp_path / "other.json")
+    assert _run(capsys, good, "--target", tmp_path / "same.json", "--out", tmp_path, "--quiet")[0] == 0
+    status, _, err = _run(capsys, good, "--target", tmp_path / "other.json", "--out", tmp_path, "--quiet")
+    assert status == 1
+    assert "good.mcap" in err
+
+
+def test_a_missing_truth_file_is_said(good: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    lonely = tmp_path / "lonely.mcap"
+    shutil.copy(good, lonely)
+    status, out, err = _run(capsys, lonely, "--truth", "--out", tmp_path, "--quiet")
+    assert status == 1
+    assert "lonely" in out
+    assert "lonely.truth.json: cannot be read" in err
+
+
+def test_a_folder_that_cannot_be_written_fails_that_robot_only(
+    good: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "out").write_text("a file stands where the folder should be")
+    status, _, err = _run(capsys, good, "--out", tmp_path / "out", "--quiet")
+    assert status == 1
+    assert "good.mcap" in err
+    assert "Traceback" not in err
+
+
+@pytest.mark.slow
+def test_logs_that_nobody_here_wrote_are_calibrated(
+    shared_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Two path-traced robots, with the errors that the closed form may have on drives with slip."""
+    logs = sorted((shared_data / "fleet").glob("*.mcap"))
+    status, _, err = _run(capsys, *logs, "--out", tmp_path)
+    assert status == 0, err
+    for log in logs:
+        result = load_calibration(tmp_path / log.stem / "calibration.json")
+        e = compare(result, load_truth(log.with_name(f"{log.stem}.truth.json")))
+        assert max(abs(e.rL), abs(e.rR), abs(e.b)) < 0.01
+        assert e.rotation < np.radians(0.25)
+        assert max(abs(e.tx), abs(e.ty)) < 0.006
+        assert max(abs(e.fu), abs(e.fv)) < 0.003
+        assert result.quality.stops == 20
