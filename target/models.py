@@ -1,0 +1,92 @@
+"""What ``make-target`` can write beside the paper: pictures, simulator models, CAD and cut files.
+
+Light to import: every product brings in what it needs when it is made.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from importlib.util import find_spec
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from target.box import Target
+
+EXTRAS: Mapping[str, tuple[str, ...]] = {"cad": ("cadquery", "ezdxf", "manifold3d")}
+"""The modules that an extra of the package brings."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Product:
+    """One file or folder that can be made of a target.
+
+    Attributes
+    ----------
+    name
+        Of the file or folder, relative to where the target is written.
+    extra
+        The extra of the package that it needs; empty if none.
+    what
+        One line about it.
+    make
+        Returns relative path -> content; all paths are ``name`` or lie in it. Raises TargetError.
+    """
+
+    name: str
+    extra: str
+    what: str
+    make: "Callable[[Target], Mapping[str, bytes]]"
+
+
+def products(*, dpi: float = 300.0) -> tuple[Product, ...]:
+    """Return all products, ``dpi`` being the resolution of the faces' pictures."""
+    return (
+        Product(
+            name="faces",
+            extra="",
+            what=f"the four faces as PNG pictures at {dpi:g} dpi",
+            make=lambda target: _faces(target, dpi),
+        ),
+        Product(name="box.glb", extra="", what="textured model, binary glTF (Blender, Isaac Sim, web)", make=_glb),
+        Product(name="obj", extra="", what="textured model, Wavefront OBJ with a picture a face", make=_obj),
+        Product(name="landmark_box", extra="", what="model folder for Gazebo (SDF)", make=_sdf),
+        Product(name="mujoco", extra="", what="model for MuJoCo (MJCF)", make=_mjcf),
+    )
+
+
+def missing_modules(product: Product) -> tuple[str, ...]:
+    """Return the modules of the product's extra that are not installed; looks for them without importing them."""
+    return tuple(name for name in EXTRAS.get(product.extra, ()) if find_spec(name) is None)
+
+
+def _faces(target: "Target", dpi: float) -> Mapping[str, bytes]:
+    from target.scene.faces import face_pngs  # noqa: PLC0415 - heavy
+
+    return _within("faces", face_pngs(target, dpi=dpi))
+
+
+def _glb(target: "Target") -> Mapping[str, bytes]:
+    from target.scene.glb import box_glb  # noqa: PLC0415 - heavy
+
+    return {"box.glb": box_glb(target)}
+
+
+def _obj(target: "Target") -> Mapping[str, bytes]:
+    from target.scene.obj import box_obj  # noqa: PLC0415 - heavy
+
+    return _within("obj", box_obj(target))
+
+
+def _sdf(target: "Target") -> Mapping[str, bytes]:
+    from target.scene.sdf import box_sdf  # noqa: PLC0415 - heavy
+
+    return _within("landmark_box", box_sdf(target))
+
+
+def _mjcf(target: "Target") -> Mapping[str, bytes]:
+    from target.scene.mjcf import box_mjcf  # noqa: PLC0415 - heavy
+
+    return _within("mujoco", box_mjcf(target))
+
+
+def _within(folder: str, files: Mapping[str, bytes]) -> Mapping[str, bytes]:
+    return {f"{folder}/{name}": content for name, content in files.items()}
