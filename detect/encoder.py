@@ -13,6 +13,8 @@ _FLOAT_NOISE = 1e-7
 """Readings closer than this are one level, rad."""
 _RESET_SPEED = 20.0
 _RESET_ANGLE = 1.0
+_FEWEST_COUNTS = 256
+"""Smallest range of a counter, steps."""
 
 
 class Encoder(NamedTuple):
@@ -42,12 +44,12 @@ def encoder_step(phi: Array) -> float:
     if gaps.size < 2:
         return 0.0
     step = float(gaps.min())
+    small = gaps[gaps < 4.5 * step]
+    step = float(small.sum() / np.round(small / step).sum())
     multiples = np.round(gaps / step)
-    if np.mean(np.abs(gaps / step - multiples) < 0.1) < 0.95 or np.median(multiples) > 1000:
+    if np.mean(np.abs(gaps / step - multiples) < 0.1) < 0.95:
         return 0.0
     count = np.concatenate([[0.0], np.cumsum(multiples)])
-    if count[-1] > levels.size * 50:
-        return 0.0
     return float(np.polyfit(count, levels - levels[0], 1)[0])
 
 
@@ -125,7 +127,7 @@ def span(t_ns: Ids) -> str:
 def _unwrapped(phi: Array, step: float) -> Array:
     extent = float(np.ptp(phi))
     periods = [2 * float(np.pi)]
-    if step > 0:
+    if step > 0 and extent > 0.75 * _FEWEST_COUNTS * step:
         periods.append(step * 2.0 ** round(float(np.log2(extent / step + 1))))
     delta = np.diff(phi)
     for period in periods:
@@ -134,7 +136,8 @@ def _unwrapped(phi: Array, step: float) -> Array:
             continue
         rest = np.abs(delta[jump]) - period
         usual = float(np.max(np.abs(delta[~jump])))
-        if np.max(np.abs(rest)) <= 3 * usual + 2 * step and extent >= period - 3 * usual - 2 * step:
+        slack = 3 * usual + 2 * step
+        if usual < period / 4 and np.max(np.abs(rest)) <= slack and extent >= period - slack:
             return np.asarray(np.unwrap(phi, period=period))
     return phi
 

@@ -17,6 +17,8 @@ from detect.wheels import Array, WheelSamples
 _BAND_STEPS = 1.5
 _AWAY_BANDS = 3.0
 _CREEP_RATIO = 1.25
+_AT_END_RATIO = 0.5
+_SAME_PLACE_BANDS = 0.8
 _BLOCK = 64
 
 
@@ -86,8 +88,8 @@ def find_stops(
     t = (wheels.t_ns - wheels.t_ns[0]) / 1e9
     q = np.stack([wheels.phi_R, wheels.phi_L], axis=1) / band  # in bands: still means a range of at most 1
     runs = [run for run in _still_runs(t, q, settings.min_stand) if t[run[1]] - t[run[0]] >= settings.min_stand]
-    runs = _merged(t, q, [run for run in runs if _left_faster_than_stood(t, q, run)])
-    return tuple(_stop(wheels, first, last) for first, last in runs)
+    runs = [run for run in _joined(q, runs) if _left_faster_than_stood(t, q, run)]
+    return tuple(_stop(wheels, first, last) for first, last in _longest_of_nudged(t, q, runs))
 
 
 def _stop(wheels: WheelSamples, first: int, last: int) -> Stop:
@@ -136,35 +138,52 @@ def _end_of_band(q: Array, first: int, end: int) -> int:
 
 
 def _left_faster_than_stood(t: Array, q: Array, run: tuple[int, int]) -> bool:
-    """Tell a stand from slow creep: coming and going took little longer than the stand (or the log ends there)."""
+    """Tell a stand from slow creep: coming and going took little longer than the stand.
+
+    Where the log ends before the robot got away, it must have stood for most of what is left of it.
+    """
     first, last = run
     centre = np.median(q[first : last + 1], axis=0)
-    limit = _CREEP_RATIO * (t[last] - t[first])
+    stood = t[last] - t[first]
+    limit = _CREEP_RATIO * stood
     stop = int(np.searchsorted(t, t[last] + 2 * limit, side="right"))
     start = int(np.searchsorted(t, t[first] - 2 * limit, side="left"))
     after = np.flatnonzero(np.any(np.abs(q[last + 1 : stop] - centre) > _AWAY_BANDS, axis=1))
     before = np.flatnonzero(np.any(np.abs(q[start:first] - centre) > _AWAY_BANDS, axis=1))
     leaving = t[last + int(after[0])] - t[last] if after.size else t[stop - 1] - t[last]
     arriving = t[first] - t[start + int(before[-1]) + 1] if before.size else t[first] - t[start]
-    return bool(leaving <= limit and arriving <= limit)
+    leave_limit = limit if after.size or stop < t.size else _AT_END_RATIO * stood
+    arrive_limit = limit if before.size or start > 0 else _AT_END_RATIO * stood
+    return bool(leaving <= leave_limit and arriving <= arrive_limit)
 
 
-def _merged(t: Array, q: Array, runs: list[tuple[int, int]]) -> list[tuple[int, int]]:
-    """Join runs that no motion parts: in one place, and never away from it in between.
-
-    Where they lie a little apart (the robot was nudged), the longer is kept.
-    """
+def _joined(q: Array, runs: list[tuple[int, int]]) -> list[tuple[int, int]]:
+    """Join runs in one place that no motion parts: a flicker or a glitch split them."""
     out: list[tuple[int, int]] = []
     for run in runs:
-        if not out:
+        if out and not _moved_between(q, out[-1], run) and _apart(q, out[-1], run) <= _SAME_PLACE_BANDS:
+            out[-1] = (out[-1][0], run[1])
+        else:
             out.append(run)
-            continue
-        (first, last), (begin, end) = out[-1], run
-        here, there = np.median(q[first : last + 1], axis=0), np.median(q[begin : end + 1], axis=0)
-        if np.any(np.abs(q[last : begin + 1] - here) > _AWAY_BANDS):
+    return out
+
+
+def _longest_of_nudged(t: Array, q: Array, runs: list[tuple[int, int]]) -> list[tuple[int, int]]:
+    """Keep the longest of runs a little apart that no real motion parts: the robot was nudged, or settled late."""
+    out: list[tuple[int, int]] = []
+    for run in runs:
+        if not out or _moved_between(q, out[-1], run):
             out.append(run)
-        elif np.all(np.abs(there - here) <= 1):
-            out[-1] = (first, end)
-        elif t[end] - t[begin] > t[last] - t[first]:
+        elif t[run[1]] - t[run[0]] > t[out[-1][1]] - t[out[-1][0]]:
             out[-1] = run
     return out
+
+
+def _moved_between(q: Array, run: tuple[int, int], later: tuple[int, int]) -> bool:
+    centre = np.median(q[run[0] : run[1] + 1], axis=0)
+    return bool(np.any(np.abs(q[run[1] : later[0] + 1] - centre) > _AWAY_BANDS))
+
+
+def _apart(q: Array, run: tuple[int, int], later: tuple[int, int]) -> float:
+    centres = [q[first : last + 1].mean(axis=0) for first, last in (run, later)]
+    return float(np.max(np.abs(centres[1] - centres[0])))

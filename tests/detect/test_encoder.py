@@ -1,0 +1,72 @@
+"""Encoder readings put right: step, wraps, resets, two wheels on one time base."""
+
+import numpy as np
+import pytest
+from small_logs import STEP, T0_NS, drive
+
+from detect.encoder import Encoder, clean, encoder_step, join
+from detect.errors import DetectError
+from detect.wheels import Array
+
+
+@pytest.mark.parametrize("step", [STEP, 2 * np.pi / 64, 2 * np.pi / 4096])
+@pytest.mark.parametrize("dtype", [np.float64, np.float32])
+def test_an_encoders_step_is_read_off_its_angles(step: float, dtype: type) -> None:
+    phi = drive(step=step)[1].astype(dtype).astype(np.float64)
+    assert encoder_step(phi) == pytest.approx(step, rel=1e-5 if dtype is np.float32 else 1e-9)
+
+
+def test_a_continuous_joint_has_no_step() -> None:
+    rng = np.random.default_rng(0)
+    assert encoder_step(drive(step=0)[1] + 1e-5 * rng.normal(size=drive()[1].size)) < 1e-4
+    assert encoder_step(np.zeros(100)) == 0
+
+
+def _wrapped(phi: Array, period: float, low: float) -> Array:
+    return np.asarray(np.mod(phi - low, period) + low)
+
+
+@pytest.mark.parametrize(
+    ("period", "low"), [(2 * np.pi, 0.0), (2 * np.pi, -np.pi), (STEP * 2**10, 0.0), (STEP * 2**12, -STEP * 2**11)]
+)
+def test_angles_modulo_a_turn_or_a_counters_range_are_unwrapped(period: float, low: float) -> None:
+    t_ns, phi, _, _ = drive(stops=8)
+    step = STEP if period != 2 * np.pi else 0.0
+    phi = phi if step else drive(stops=8, step=0)[1]
+    encoder = clean(t_ns, _wrapped(phi, period, low), "a")
+    np.testing.assert_allclose(encoder.phi - encoder.phi[0], phi - phi[0], atol=1e-6)
+
+
+def test_angles_that_do_not_wrap_are_left_alone() -> None:
+    t_ns, phi, _, _ = drive(stops=8)
+    np.testing.assert_array_equal(clean(t_ns, phi, "a").phi, phi)
+    fast = np.cumsum(np.full(100, 4.0))
+    np.testing.assert_array_equal(clean(np.arange(1, 101) * 10**9, fast, "a").phi, fast)
+
+
+def test_a_reset_is_refused_with_its_time() -> None:
+    t_ns, phi, _, _ = drive()
+    phi = np.where(t_ns > T0_NS + 3.5e9, phi - 10, phi)
+    with pytest.raises(DetectError, match=r"who: jumps from .* at 1700000003.520 s, .*reset are needed; cut the log"):
+        clean(t_ns, phi, "who")
+
+
+def test_an_unreasonable_angle_and_too_few_times_are_refused() -> None:
+    with pytest.raises(DetectError, match=r"who: position 1e\+300, angles in rad are needed"):
+        clean(np.arange(1, 4), np.array([0, 1e300, 0]), "who")
+    with pytest.raises(DetectError, match=r"who: 1 positions with 1 different header stamp"):
+        clean(np.array([5]), np.array([1.0]), "who")
+
+
+def test_of_repeated_stamps_the_last_reading_stays_and_unstamped_readings_go() -> None:
+    encoder = clean(np.array([3, 0, 2, 2, 5]), np.array([0.3, 9.9, 0.1, 0.2, 0.5]), "who")
+    np.testing.assert_array_equal(encoder.t_ns, [2, 3, 5])
+    np.testing.assert_array_equal(encoder.phi, [0.2, 0.3, 0.5])
+
+
+def test_wheels_that_do_not_overlap_in_time_are_refused() -> None:
+    def at(start: int) -> Encoder:
+        return Encoder(t_ns=np.arange(start, start + 10) * 10**9, phi=np.zeros(10), step=0.0)
+
+    with pytest.raises(DetectError, match=r"who: the right wheel was read from 0.000 to 9.000 s and the left from 50"):
+        join(at(0), at(50), "who")

@@ -1,0 +1,169 @@
+"""Decoders: every kind and encoding gives the same grey image, and what cannot be read says why."""
+
+import struct
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from rosbags.typesys import Stores, get_typestore
+
+from detect import messages
+from detect.errors import DetectError
+from detect.messages import decode_compressed_image, decode_image, decode_joints, header_stamp_ns, picture_size
+
+STORE = get_typestore(Stores.ROS2_HUMBLE)
+GREY = np.random.default_rng(0).integers(0, 256, (24, 32), dtype=np.uint8)
+
+
+def _header(sec: int = 12, nanosec: int = 345) -> Any:
+    stamp = STORE.types["builtin_interfaces/msg/Time"](sec=sec, nanosec=nanosec)
+    return STORE.types["std_msgs/msg/Header"](stamp=stamp, frame_id="camera")
+
+
+def _cdr(kind: str, *, little_endian: bool = True, **content: Any) -> bytes:
+    message = STORE.types[kind](**({"header": _header()} | content))
+    return bytes(STORE.serialize_cdr(message, kind, little_endian=little_endian))
+
+
+def _image(encoding: str, height: int, width: int, step: int, data: bytes) -> bytes:
+    return _cdr(
+        messages.RAW_IMAGE,
+        height=height,
+        width=width,
+        encoding=encoding,
+        is_bigendian=0,
+        step=step,
+        data=np.frombuffer(data, dtype=np.uint8),
+    )
+
+
+def _compressed(data: bytes, name: str = "jpeg") -> bytes:
+    return _cdr(messages.COMPRESSED_IMAGE, format=name, data=np.frombuffer(data, dtype=np.uint8))
+
+
+@pytest.mark.parametrize("little_endian", [True, False])
+def test_joints_decode_in_either_byte_order(little_endian: bool) -> None:
+    data = _cdr(
+        messages.JOINTS,
+        little_endian=little_endian,
+        name=["a", "b"],
+        position=np.array([1.5, np.nan]),
+        velocity=np.zeros(0),
+        effort=np.zeros(0),
+    )
+    state = decode_joints(data)
+    assert (state.t_ns, state.names) == (12 * 10**9 + 345, ("a", "b"))
+    np.testing.assert_array_equal(state.positions, [1.5, np.nan])
+    assert header_stamp_ns(data) == state.t_ns
+
+
+def test_stamps_before_1970_are_read() -> None:
+    data = _cdr(messages.COMPRESSED_IMAGE, header=_header(sec=-3), format="", data=np.zeros(1, dtype=np.uint8))
+    assert header_stamp_ns(data) == -3 * 10**9 + 345
+
+
+def test_names_and_positions_of_different_number_are_refused() -> None:
+    data = _cdr(messages.JOINTS, name=["a", "b"], position=np.zeros(3), velocity=np.zeros(0), effort=np.zeros(0))
+    with pytest.raises(DetectError, match=r"2 names and 3 positions, one position a name is needed; check the driver"):
+        decode_joints(data)
+
+
+@pytest.mark.parametrize("encoding", ["mono8", "8UC1", "bgr8", "rgb8", "8UC3", "bgra8", "rgba8"])
+@pytest.mark.parametrize("padding", [0, 5])
+def test_every_encoding_gives_the_grey_image(encoding: str, padding: int) -> None:
+    channels = {"mono8": 1, "8UC1": 1, "bgra8": 4, "rgba8": 4}.get(encoding, 3)
+    pixels = np.repeat(GREY[..., None], channels, axis=2).reshape(24, -1)
+    rows = np.pad(pixels, ((0, 0), (0, padding)), constant_values=77)
+    image = decode_image(_image(encoding, 24, 32, rows.shape[1], rows.tobytes()))
+    assert (image.dtype, image.shape) == (np.uint8, (24, 32))
+    np.testing.assert_allclose(image.astype(int), GREY, atol=1)
+
+
+def test_red_and_blue_are_told_apart() -> None:
+    red = np.zeros((2, 2, 3), dtype=np.uint8)
+    red[..., 0] = 255
+    assert decode_image(_image("rgb8", 2, 2, 6, red.tobytes()))[0, 0] == 76
+    assert decode_image(_image("bgr8", 2, 2, 6, red.tobytes()))[0, 0] == 29
+
+
+@pytest.mark.parametrize("encoding", ["16UC1", "mono16", "bayer_rggb8", "32FC1", "yuv422", "\x1b[31m"])
+def test_an_encoding_that_is_not_read_is_named(encoding: str) -> None:
+    with pytest.raises(DetectError, match=r"image encoding '[^\x1b]+' is not read \(read: 8UC1, .*mono8.*; record"):
+        decode_image(_image(encoding, 2, 2, 4, bytes(8)))
+
+
+@pytest.mark.parametrize(
+    ("height", "width", "step", "size", "message"),
+    [
+        (2, 4, 3, 8, r"rows of 3 bytes and 8 bytes in all, 4 and 8 are needed"),
+        (3, 4, 4, 8, r"rows of 4 bytes and 8 bytes in all, 4 and 12 are needed"),
+        (0, 4, 4, 8, r"an image of 4 x 0 px: between 1 px and 100 Mpx"),
+        (1 << 31, 1 << 31, 1 << 31, 8, r"an image of 2147483648 x 2147483648 px"),
+    ],
+)
+def test_size_step_and_data_must_agree(height: int, width: int, step: int, size: int, message: str) -> None:
+    with pytest.raises(DetectError, match=message):
+        decode_image(_image("mono8", height, width, step, bytes(size)))
+
+
+@pytest.mark.parametrize("kind", [".png", ".jpg"])
+@pytest.mark.parametrize("colour", [True, False])
+def test_jpeg_and_png_decode_whatever_the_format_says(kind: str, colour: bool) -> None:
+    smooth = cv2.GaussianBlur(GREY, (0, 0), 3)
+    source = cv2.cvtColor(smooth, cv2.COLOR_GRAY2BGR) if colour else smooth
+    content = cv2.imencode(kind, source)[1].tobytes()
+    assert picture_size(content) == (32, 24)
+    image = decode_compressed_image(_compressed(content, "anything"))
+    np.testing.assert_allclose(image.astype(int), smooth, atol=4)
+
+
+def test_a_picture_is_not_turned_by_its_exif_data() -> None:
+    content = cv2.imencode(".jpg", GREY)[1].tobytes()
+    tiff = b"MM\x00\x2a\x00\x00\x00\x08\x00\x01" + struct.pack(">HHIHH", 0x0112, 3, 1, 6, 0) + bytes(4)
+    exif = b"Exif\x00\x00" + tiff
+    turned = content[:2] + b"\xff\xe1" + struct.pack(">H", len(exif) + 2) + exif + content[2:]
+    assert decode_compressed_image(_compressed(turned)).shape == GREY.shape
+
+
+def test_a_picture_that_claims_too_many_pixels_is_not_decoded() -> None:
+    png = bytearray(cv2.imencode(".png", GREY)[1].tobytes())
+    struct.pack_into(">II", png, 16, 60_000, 60_000)
+    with pytest.raises(DetectError, match=r"an image of 60000 x 60000 px: between 1 px and 100 Mpx can be read"):
+        decode_compressed_image(_compressed(bytes(png)))
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"", r"0 bytes\) is neither JPEG nor PNG; record"),
+        (b"GIF89a", r"\(format 'jpeg', 6 bytes\) is neither JPEG nor PNG"),
+        (b"\xff\xd8\xff", r"neither JPEG nor PNG"),
+        (b"\x89PNG\r\n\x1a\n\x00\x00\x00\rIHDR\x00\x00\x00\x02\x00\x00\x00\x02", r"does not decode"),
+    ],
+)
+def test_a_picture_that_is_none_is_named(content: bytes, message: str) -> None:
+    with pytest.raises(DetectError, match=message):
+        decode_compressed_image(_compressed(content))
+
+
+@pytest.mark.parametrize("data", [b"", b"\x00\x01\x00\x00", b"\x00\x07" + bytes(30), b"\x09\x01" + bytes(30)])
+def test_bytes_that_are_no_cdr_are_refused(data: bytes) -> None:
+    for decode in (decode_joints, decode_image, decode_compressed_image, header_stamp_ns):
+        with pytest.raises(DetectError, match=r"not plain CDR"):
+            decode(data)
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.binary(max_size=200))
+def test_no_bytes_end_in_anything_but_a_detect_error(tail: bytes) -> None:
+    for decode in (decode_joints, decode_image, decode_compressed_image):
+        for data in (tail, b"\x00\x01\x00\x00" + bytes(8) + tail, b"\x00\x00\x00\x00" + bytes(8) + tail):
+            try:
+                decode(data)
+            except DetectError as error:
+                assert len(str(error)) < 600  # noqa: PT017 - an error is allowed, not required
+    picture_size(b"\xff\xd8\xff\xe0" + tail)
+    picture_size(b"\x89PNG\r\n\x1a\n" + tail)
