@@ -90,7 +90,7 @@ def other_family(image: NDArray[np.uint8], dictionary: str, settings: TagSetting
     seen = [
         (np.unique(_detect(image, name, settings.threshold_windows_px)[0]).size, -family_size(name), name)
         for name in dictionary_names()
-        if name != dictionary
+        if not np.array_equal(load_dictionary(name).bytesList, load_dictionary(dictionary).bytesList)
     ]
     count, _, name = max(seen)
     return name if count >= _MIN_OTHER_TAGS else None

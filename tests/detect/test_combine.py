@@ -1,0 +1,80 @@
+"""Frames of a stop combined: means, outliers, covariances that mean what they say."""
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from detect.combine import FLOOR_PX, combine, covariances
+from detect.tags import Tags
+from detect.wheels import Array
+
+PLACES = np.random.default_rng(0).uniform(0, 600, (12, 4, 2))
+
+
+def _frame(corners_px: Array, ids: Array | None = None) -> Tags:
+    ids = np.arange(len(corners_px)) if ids is None else ids
+    return Tags(ids=ids.astype(np.int64), corners_px=corners_px, foreign_ids=np.zeros(0, dtype=np.int64))
+
+
+def _noisy(rng: np.random.Generator, count: int, sigma: float = 0.1) -> list[Tags]:
+    return [_frame(PLACES + sigma * rng.normal(size=PLACES.shape)) for _ in range(count)]
+
+
+def test_covariance_holds_over_many_noisy_stops() -> None:
+    rng = np.random.default_rng(1)
+    sightings = [combine(_noisy(rng, 6)) for _ in range(60)]
+    total = 0.0
+    for sighting, cov in zip(sightings, covariances(sightings, floor_px=1e-9), strict=True):
+        off = sighting.uv_px - PLACES.reshape(-1, 2)
+        total += float(np.einsum("li,lij,lj->", off, np.linalg.inv(cov), off))
+    freedom = 2 * sum(s.landmark_ids.size for s in sightings)
+    low, high = stats.chi2.ppf([0.0005, 0.9995], freedom)
+    assert low < total < high
+
+
+def test_noise_that_differs_along_the_axes_is_told_apart() -> None:
+    rng = np.random.default_rng(2)
+    frames = [_frame(PLACES + rng.normal(size=PLACES.shape) * (0.3, 0.1)) for _ in range(40)]
+    cov = covariances([combine(frames)], floor_px=1e-9)[0][0] * 40
+    np.testing.assert_allclose(np.sqrt(np.diag(cov)), (0.3, 0.1), rtol=0.1)
+
+
+def test_one_frame_or_equal_frames_have_the_floor_as_their_covariance() -> None:
+    for frames in ([_frame(PLACES)], [_frame(PLACES)] * 5):
+        sighting = combine(frames)
+        np.testing.assert_allclose(sighting.uv_px, PLACES.reshape(-1, 2), rtol=1e-12)
+        np.testing.assert_allclose(covariances([sighting])[0], np.tile(FLOOR_PX**2 * np.eye(2), (48, 1, 1)), atol=1e-18)
+
+
+def test_a_frame_that_is_off_at_one_tag_is_left_out_there() -> None:
+    frames = _noisy(np.random.default_rng(3), 6, 0.02)
+    frames[2].corners_px[4] += 3.0
+    sighting = combine(frames)
+    assert sighting.landmark_ids.size == 48
+    assert set(sighting.counts[16:20].tolist()) == {5}
+    assert set(np.delete(sighting.counts, range(16, 20)).tolist()) == {6}
+    assert np.abs(sighting.uv_px - PLACES.reshape(-1, 2)).max() < 0.1
+
+
+def test_a_landmark_must_be_seen_in_half_of_the_frames() -> None:
+    frames = [_frame(PLACES[:3]), _frame(PLACES[:2]), _frame(PLACES[:2]), _frame(PLACES[:3]), _frame(PLACES[:2])]
+    assert combine(frames).landmark_ids.tolist() == list(range(8))
+    assert combine(frames).tags == 2
+    assert combine(frames[:4]).landmark_ids.tolist() == list(range(12))
+
+
+def test_frames_without_tags_count_as_frames() -> None:
+    empty = _frame(np.zeros((0, 4, 2)))
+    sighting = combine([empty, empty, _frame(PLACES)])
+    assert (sighting.tags, sighting.frames, sighting.uv_px.shape) == (0, 3, (0, 2))
+    assert combine([]).frames == 0
+    assert covariances([sighting])[0].shape == (0, 2, 2)
+    assert covariances([]) == []
+
+
+def test_scatter_is_pooled_over_stops() -> None:
+    rng = np.random.default_rng(4)
+    many, one = combine(_noisy(rng, 30)), combine(_noisy(rng, 1))
+    cov = covariances([many, one], floor_px=1e-9)
+    assert np.sqrt(cov[1][0, 0, 0]) == pytest.approx(0.1, rel=0.1)
+    assert cov[0][0, 0, 0] == pytest.approx(cov[1][0, 0, 0] / 30, rel=1e-6)

@@ -1,0 +1,131 @@
+"""Tags in images: which, where to a fraction of a pixel, and under which tone curve."""
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+from small_views import SIZE, TARGET, T_cam_box, true_corners, view
+
+from detect.corners import CornerSettings, refine
+from detect.errors import DetectError
+from detect.tags import TagSettings, find_tags, other_family
+from detect.tone import choose_tone, tag_growth_px
+from target.box import Box, make_target
+from target.patterns import load_dictionary
+
+
+def _with_tone(tone: str) -> TagSettings:
+    return TagSettings(corners=CornerSettings(tone=tone))
+
+
+@pytest.mark.parametrize("angle_deg", [0.0, 30.0, 45.0, 200.0, 300.0])
+def test_corners_lie_within_hundredths_of_a_pixel_of_the_truth(angle_deg: float) -> None:
+    tags = find_tags(view(angle_deg), TARGET)
+    off = tags.corners_px - true_corners(tags.ids, T_cam_box(angle_deg))
+    assert tags.ids.size >= 25
+    assert np.sqrt(np.mean(off**2)) < 0.12
+    assert np.median(np.abs(off)) < 0.06
+
+
+@pytest.mark.parametrize("srgb", [True, False])
+def test_corners_have_no_common_offset_and_tags_do_not_shrink(srgb: bool) -> None:
+    """Pixel (0, 0) is the centre of the top-left pixel: a detector with another origin is off by half a pixel."""
+    offsets = []
+    for angle_deg in (0.0, 45.0, 90.0, 225.0):
+        tags = find_tags(view(angle_deg, srgb=srgb), TARGET, _with_tone("srgb" if srgb else "linear"))
+        offsets.append(tags.corners_px - true_corners(tags.ids, T_cam_box(angle_deg)))
+    off = np.concatenate(offsets)
+    np.testing.assert_allclose(off.mean(axis=(0, 1)), 0, atol=0.01)
+    np.testing.assert_allclose(off.mean(axis=0), 0, atol=0.06)
+
+
+def test_opencvs_own_corner_search_is_worse() -> None:
+    """Why corners.py exists: on the same picture OpenCV's refinements are off by tenths of a pixel."""
+    image, T = view(30.0), T_cam_box(30.0)
+    for method in (cv2.aruco.CORNER_REFINE_SUBPIX, cv2.aruco.CORNER_REFINE_CONTOUR):
+        parameters = cv2.aruco.DetectorParameters()
+        parameters.cornerRefinementMethod = method
+        detector = cv2.aruco.ArucoDetector(load_dictionary(TARGET.box.dictionary), parameters)
+        corners, ids, _ = detector.detectMarkers(image)
+        off = np.array(corners).reshape(-1, 4, 2) - true_corners(np.ravel(ids), T)
+        assert np.median(np.abs(off)) > 0.2
+
+
+@pytest.mark.parametrize("srgb", [True, False])
+@pytest.mark.parametrize("blur_px", [0.5, 1.0])
+def test_the_tone_curve_is_told_from_the_tags(srgb: bool, blur_px: float) -> None:
+    images = [view(angle, srgb=srgb, blur_px=blur_px) for angle in (10.0, 120.0)]
+    right, wrong = ("srgb", "linear") if srgb else ("linear", "srgb")
+    assert choose_tone(images, TARGET, _with_tone(wrong)) == right
+    growth = {tone: tag_growth_px(find_tags(images[0], TARGET, _with_tone(tone)), TARGET) for tone in (right, wrong)}
+    assert abs(growth[right] or 0) < 0.05
+    assert abs(growth[wrong] or 0) > 0.1
+
+
+def test_the_tone_curve_stays_as_set_where_the_box_is_not_seen() -> None:
+    grey = np.full((100, 100), 128, dtype=np.uint8)
+    for tone in ("srgb", "linear"):
+        assert choose_tone([grey], TARGET, _with_tone(tone)) == tone
+        assert choose_tone([], TARGET, _with_tone(tone)) == tone
+    assert tag_growth_px(find_tags(grey, TARGET), TARGET) is None
+
+
+def test_an_image_without_the_box_has_no_tags() -> None:
+    for image in (np.zeros((1, 1), dtype=np.uint8), np.zeros((100, 100), dtype=np.uint8)):
+        tags = find_tags(image, TARGET)
+        assert (tags.ids.size, tags.corners_px.shape, tags.landmark_ids.size) == (0, (0, 4, 2), 0)
+
+
+def test_a_colour_image_is_refused() -> None:
+    with pytest.raises(DetectError, match=r"shape \(4, 4, 3\): a grey one \(H, W\) is needed"):
+        find_tags(np.zeros((4, 4, 3), dtype=np.uint8), TARGET)
+
+
+def test_a_tag_that_shows_up_twice_is_dropped() -> None:
+    image = view(0.0)
+    plain = find_tags(image, TARGET)
+    twice = find_tags(np.hstack([image, image[:, : SIZE[0] // 2]]), TARGET)
+    double = [i for i, u in zip(plain.ids, plain.corners_px[..., 0].max(axis=1), strict=True) if u < SIZE[0] // 2 - 5]
+    assert double
+    assert not set(double) & set(twice.ids.tolist())
+    assert len(set(plain.ids.tolist()) & set(twice.ids.tolist())) > 5
+
+
+def test_ids_that_the_target_does_not_carry_are_kept_apart() -> None:
+    shifted = make_target(Box(first_id=200))
+    tags = find_tags(view(0.0, target=shifted), TARGET)
+    assert tags.ids.size == 0
+    assert set(tags.foreign_ids.tolist()) <= set(shifted.tag_ids.tolist())
+    assert tags.foreign_ids.size > 20
+
+
+def test_another_family_is_named() -> None:
+    other = make_target(Box(dictionary="DICT_4X4_250"))
+    image = view(0.0, target=other)
+    assert find_tags(image, TARGET).ids.size == 0
+    assert other_family(image, TARGET.box.dictionary) in {"DICT_4X4_50", "DICT_4X4_250", "DICT_4X4_100"}
+    assert other_family(view(0.0), TARGET.box.dictionary) is None
+
+
+def test_a_square_that_is_not_where_it_was_said_is_not_believed() -> None:
+    image, T = view(0.0), T_cam_box(0.0)
+    corners = true_corners(np.array([17, 24]), T)
+    corners[1] += 6.0
+    refined, good = refine(image, corners, CornerSettings())
+    assert good.tolist() == [True, False]
+    np.testing.assert_array_equal(refined[1], corners[1])
+
+
+def test_corners_on_the_rim_of_the_image_do_no_harm() -> None:
+    square = np.array([[[0.0, 0.0], [30.0, 0.0], [30.0, 30.0], [0.0, 30.0]]])
+    corners, good = refine(np.full((31, 31), 90, dtype=np.uint8), square, CornerSettings())
+    assert good.tolist() == [False]
+    assert np.all(np.isfinite(corners))
+
+
+def test_corner_settings_are_checked() -> None:
+    with pytest.raises(DetectError, match=r"tone is 'log', one of srgb, linear is needed"):
+        CornerSettings(tone="log")
+    with pytest.raises(DetectError, match=r"profiles >= 4"):
+        replace(CornerSettings(), profiles=1)
