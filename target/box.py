@@ -1,12 +1,13 @@
 """The landmark box: sizes, tag grids and the landmark table."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import isfinite
 
 import numpy as np
 from numpy.typing import NDArray
 
 from target.errors import TargetError
+from target.measured import Measured, check_credible
 from target.patterns import family_size, modules_per_side
 
 Array = NDArray[np.float64]
@@ -96,15 +97,7 @@ class Box:
 
         Frame ``face``: origin at the face's centre, x to the right and y up as seen from outside, z outward.
         """
-        normals = np.array([[1, 0], [0, 1], [-1, 0], [0, -1]], dtype=float)
-        n = normals[face % FACES]
-        half = (self.width if face % 2 == 0 else self.depth) / 2
-        T = np.eye(4)
-        T[:3, 0] = (-n[1], n[0], 0)
-        T[:3, 1] = (0, 0, 1)
-        T[:3, 2] = (n[0], n[1], 0)
-        T[:3, 3] = (half * n[0], half * n[1], self.height / 2)
-        return T
+        return _face_pose(face, width=self.width, depth=self.depth, centre_height=self.height / 2)
 
     def face_width(self, face: int) -> float:
         """Return the width of a face, m (depth for faces 0 and 2, width for 1 and 3)."""
@@ -141,12 +134,15 @@ class Target:
         Corners in frame ``box``.
     tag_faces : (T,)
         The face that carries each tag.
+    measured
+        What the built box measures; its corners then follow that, not the design.
     """
 
     box: Box
     tag_ids: Ids
     tag_corners: Array
     tag_faces: Ids
+    measured: Measured | None = None
     _rows: dict[int, int] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -159,22 +155,55 @@ class Target:
         """Return the row of a tag in the table (KeyError if the target does not carry it)."""
         return self._rows[int(tag_id)]
 
+    def T_box_face(self, face: int) -> Array:
+        """Return the pose of a face's print as it stands on the box, (4, 4), m: designed, or measured if it was.
+
+        Frame ``face`` as :meth:`Box.T_box_face` has it, at the centre of the print.
+        """
+        if self.measured is None:
+            return self.box.T_box_face(face)
+        size = self.measured
+        return _face_pose(face, width=size.width, depth=size.depth, centre_height=size.sy * self.box.height / 2)
+
     def p_box(self, landmark_ids: Ids) -> Array:
         """Return landmarks' positions, (N, 3) m in frame ``box``, for (N,) landmark ids."""
         rows = np.array([self._rows[int(i) // CORNERS] for i in landmark_ids], dtype=np.int64)
         return np.asarray(self.tag_corners[rows, np.asarray(landmark_ids) % CORNERS])
 
 
-def make_target(box: Box | None = None) -> Target:
-    """Return the landmark table of a box exactly as designed (the default box if none is given)."""
+def make_target(box: Box | None = None, measured: Measured | None = None) -> Target:
+    """Return the landmark table of a box as designed (the default box if none is given), or as measured.
+
+    Raises
+    ------
+    TargetError
+        If a measured figure lies more than 5 % from the design.
+    """
     box = box or Box()
     grid = box.grid_corners()
-    p_face = np.concatenate([grid, np.zeros((*grid.shape[:2], 1))], axis=2)
-    corners = [p_face @ T[:3, :3].T + T[:3, 3] for T in (box.T_box_face(f) for f in range(FACES))]
+    if measured is not None:
+        check_credible(box, measured)
+        grid = grid * (measured.sx, measured.sy)
     count = FACES * box.tags_a_face
-    return Target(
+    target = Target(
         box=box,
         tag_ids=np.arange(box.first_id, box.first_id + count, dtype=np.int64),
-        tag_corners=np.concatenate(corners),
+        tag_corners=np.zeros((count, CORNERS, 3)),
         tag_faces=np.repeat(np.arange(FACES, dtype=np.int64), box.tags_a_face),
+        measured=measured,
     )
+    p_face = np.concatenate([grid, np.zeros((*grid.shape[:2], 1))], axis=2)
+    corners = [p_face @ T[:3, :3].T + T[:3, 3] for T in (target.T_box_face(f) for f in range(FACES))]
+    return replace(target, tag_corners=np.concatenate(corners))
+
+
+def _face_pose(face: int, *, width: float, depth: float, centre_height: float) -> Array:
+    normals = np.array([[1, 0], [0, 1], [-1, 0], [0, -1]], dtype=float)
+    n = normals[face % FACES]
+    half = (width if face % 2 == 0 else depth) / 2
+    T = np.eye(4)
+    T[:3, 0] = (-n[1], n[0], 0)
+    T[:3, 1] = (0, 0, 1)
+    T[:3, 2] = (n[0], n[1], 0)
+    T[:3, 3] = (half * n[0], half * n[1], centre_height)
+    return T

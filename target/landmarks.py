@@ -1,4 +1,4 @@
-"""The file ``target.json``: a target's figures and landmark table, written and read."""
+"""The file ``target.json``: a target's figures, landmark table and, if it was measured, its true size."""
 
 import hashlib
 import json
@@ -11,6 +11,7 @@ import numpy as np
 from target.box import Box, Target, make_target
 from target.errors import TargetError
 from target.files import write_atomically
+from target.measured import SIZES, Measured
 
 SCHEMA = 1
 MAX_FILE_BYTES = 64 << 20
@@ -19,13 +20,15 @@ CONSISTENT_M = 1e-9
 
 
 def target_document(target: Target) -> dict[str, Any]:
-    """Return the content of ``target.json`` for a target."""
+    """Return the content of ``target.json`` for a target; ``measured`` is in it only if the box was measured."""
+    measured = target.measured
     return {
         "schema": SCHEMA,
         "units": "m",
         "frame": "box: origin at the centre of its base on the floor, z up; faces 0, 1, 2, 3 look along +x, +y, -x, -y",
         "corner_order": "top-left, top-right, bottom-right, bottom-left, seen from outside with z up",
         "box": asdict(target.box),
+        **({} if measured is None else {"measured": _measured_document(measured)}),
         "tags": {
             str(tag): [[round(float(c), 12) + 0.0 for c in corner] for corner in corners]
             for tag, corners in zip(target.tag_ids, target.tag_corners, strict=True)
@@ -78,7 +81,11 @@ def load_target(path: Path) -> Target:
         )
     if document.get("units") != "m":
         raise TargetError(f"{name}: units {document.get('units')!r}, metres ('m') are needed; make it again")
-    target = make_target(_box(name, document.get("box")))
+    box, measured = _box(name, document.get("box")), _measured(name, document.get("measured"))
+    try:
+        target = make_target(box, measured)
+    except TargetError as error:
+        raise TargetError(f"{name}: {error}") from error
     _check_tags(name, document["tags"], target)
     return target
 
@@ -96,6 +103,35 @@ def _box(name: str, figures: object) -> Box:
         return Box(**figures)
     except TargetError as error:
         raise TargetError(f"{name}: {error}") from error
+    except OverflowError as error:
+        raise TargetError(f"{name}: a figure of 'box' is too large; make it again with make-target") from error
+
+
+def _measured_document(measured: Measured) -> dict[str, Any]:
+    return {name: getattr(measured, name) for name in SIZES} | {"cov_order": list(SIZES), "cov": measured.cov.tolist()}
+
+
+def _measured(name: str, figures: object) -> Measured | None:
+    if figures is None:
+        return None
+    if not isinstance(figures, dict) or set(figures) != {*SIZES, "cov_order", "cov"}:
+        raise TargetError(
+            f"{name}: 'measured' must hold {', '.join(SIZES)}, cov_order, cov; make it again with measure-target"
+        )
+    if figures["cov_order"] != list(SIZES):
+        raise TargetError(f"{name}: measured.cov_order must be {', '.join(SIZES)}; make it again with measure-target")
+    for key in SIZES:
+        if isinstance(figures[key], bool) or not isinstance(figures[key], (int, float)):
+            raise TargetError(f"{name}: measured.{key} is {figures[key]!r}, a float is needed; make it again")
+    try:
+        cov = np.array(figures["cov"], dtype=np.float64)
+        return Measured(cov=cov, **{key: float(figures[key]) for key in SIZES})
+    except TargetError as error:
+        raise TargetError(f"{name}: {error}") from error
+    except (ValueError, TypeError, OverflowError) as error:
+        raise TargetError(
+            f"{name}: measured figures and cov must be numbers; make it again with measure-target"
+        ) from error
 
 
 def _check_tags(name: str, tags: object, target: Target) -> None:
@@ -107,7 +143,7 @@ def _check_tags(name: str, tags: object, target: Target) -> None:
         )
     try:
         corners = np.array([tags[str(t)] for t in target.tag_ids], dtype=np.float64)
-    except (ValueError, TypeError) as error:
+    except (ValueError, TypeError, OverflowError) as error:
         raise TargetError(f"{name}: a tag's corners are not 4 points of 3 numbers; make it again") from error
     if corners.shape != target.tag_corners.shape:
         raise TargetError(f"{name}: a tag's corners are not 4 points of 3 numbers; make it again")
