@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 
 _SMALL = 1e-4
 """Below this angle (rad) series replace quotients that would cancel; their error is under 1e-16 there."""

@@ -1,0 +1,152 @@
+"""Noise levels from the data: the corners' pixel factor and the wheels' slip, each with its own uncertainty.
+
+Both are variance components, estimated by restricted likelihood: what the parameters and the poses have adapted to the
+noise is taken off. A drive of 5 stops leaves only about 6 degrees of freedom for slip, so a single value would claim
+too much: the restricted likelihood is evaluated over all levels that the data allow, with a prior flat in the logarithm
+of the legs' variance (the quantisation's part included; Jeffreys' prior for a variance), and what is reported is the
+mean over them.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.estimate.model import Problem
+from calib.estimate.normal import Solution, solve
+from calib.estimate.residuals import leg_covariance
+from calib.estimate.solver import Levels, Linearised, Weights, equations
+from calib.frames import Array
+
+LARGEST_SLIP = 0.3
+"""Levels of slip beyond this (m/sqrt(m)) are not considered: a wheel that slips by a third of a metre in one."""
+SMALLEST_SLIP = 1e-7
+"""What counts as no slip at all where the encoder has no step (m/sqrt(m)); exact data end here."""
+SMALLEST_FACTOR = 1e-6
+"""The pixel factor of exact data."""
+_QUIET = 0.02
+"""Slip of nought is taken as this share of what equals the quantisation, so that covariances stay invertible."""
+_POINTS = 17
+_ZOOMS = 4
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SlipProfile:
+    """The restricted likelihood over levels of slip.
+
+    Attributes
+    ----------
+    slip : (K,), m/sqrt(m)
+        Levels, ascending.
+    weight : (K,)
+        Their probability; sums to 1.
+    solution
+        Solutions of the normal equations at those levels, about the same state.
+    information : (K, N, 3, 3)
+        Of the legs.
+    """
+
+    slip: Array
+    weight: Array
+    solution: Solution
+    information: Array
+
+    @property
+    def mean(self) -> float:
+        """Mean level, m/sqrt(m)."""
+        return float(self.weight @ self.slip)
+
+    @property
+    def typical(self) -> float:
+        """Root of the mean variance, m/sqrt(m)."""
+        return float(np.sqrt(self.weight @ self.slip**2))
+
+    @property
+    def sigma(self) -> float:
+        """Standard deviation of the level, m/sqrt(m)."""
+        return float(np.sqrt(self.weight @ (self.slip - self.mean) ** 2))
+
+    @property
+    def mode(self) -> float:
+        """Most probable level, m/sqrt(m)."""
+        return float(self.slip[int(np.argmax(self.weight))])
+
+    def averaged(self) -> tuple[Array, Array, Array]:
+        """Return the steps of shared unknowns (n,) and stops (P, 5), and the covariance (n, n), mean over the levels.
+
+        The covariance holds what the solutions at different levels differ by.
+        """
+        w, s = self.weight, self.solution
+        d_shared = w @ s.d_shared
+        off = s.d_shared - d_shared
+        cov = np.tensordot(w, s.cov, 1) + np.einsum("k,ki,kj->ij", w, off, off)
+        return d_shared, np.tensordot(w, s.d_stops, 1), cov
+
+
+def quiet_slip(problem: Problem, at: Linearised) -> float:
+    """Return the slip that disturbs a leg as much as the quantisation of the readings at its ends does, m/sqrt(m)."""
+    rolled = at.legs.model.rolled
+    if not rolled.size or not np.any(rolled > 0):
+        return SMALLEST_SLIP
+    distance = float(np.median(rolled[rolled > 0]))
+    step = problem.step * float(np.mean(np.abs(at.state.wheels[:2])))
+    return max(float(np.sqrt(step**2 / 6 / distance)), SMALLEST_SLIP)
+
+
+def slip_profile(problem: Problem, at: Linearised, pixel_factor: float, weights: Weights) -> SlipProfile:
+    """Return the restricted likelihood over the levels of slip that the data allow.
+
+    Starts with all levels and closes in on those that are probable.
+    """
+    quiet = quiet_slip(problem, at)
+    low, high = 2 * np.log(quiet), np.log(LARGEST_SLIP**2 + quiet**2)
+    u = np.linspace(low, high, _POINTS + 4)
+    for zoom in range(_ZOOMS + 1):
+        profile = _profile(problem, at, pixel_factor, weights, _slip(u, quiet))
+        mean = profile.weight @ u
+        spread = float(np.sqrt(profile.weight @ (u - mean) ** 2))
+        step = u[1] - u[0]
+        if zoom == _ZOOMS or step < 0.6 * spread:
+            break
+        likely = np.flatnonzero(profile.weight > 1e-5 * profile.weight.max())
+        u = np.linspace(max(low, u[likely[0]] - step), min(high, u[likely[-1]] + step), _POINTS)
+    return profile
+
+
+def fixed_profile(problem: Problem, at: Linearised, levels: Levels, weights: Weights) -> SlipProfile:
+    """Return a profile of one given level."""
+    quiet = _QUIET * quiet_slip(problem, at)
+    return _profile(problem, at, levels.pixel_factor, weights, np.array([max(levels.slip, quiet)]))
+
+
+def _slip(u: Array, quiet: float) -> Array:
+    return np.sqrt(np.maximum(np.exp(u) - quiet**2, (_QUIET * quiet) ** 2))
+
+
+def _profile(problem: Problem, at: Linearised, pixel_factor: float, weights: Weights, slip: Array) -> SlipProfile:
+    cov = leg_covariance(problem, at.legs.model, slip)
+    information = np.linalg.inv(cov) * weights.legs[:, None, None]
+    normal, squares = equations(problem, at, pixel_factor, information)
+    solution = solve(normal)
+    log_noise = np.sum(np.linalg.slogdet(cov)[1] * (weights.legs > 0), axis=-1)
+    twice = log_noise + solution.log_det + squares - solution.decrease
+    weight = np.exp(-0.5 * (twice - twice.min()))
+    return SlipProfile(slip=slip, weight=weight / weight.sum(), solution=solution, information=information)
+
+
+def pixel_factor(at: Linearised, current: float, weights: Weights, profile: SlipProfile) -> tuple[float, float]:
+    """Return the pixel factor and its standard deviation.
+
+    The corners' sum of squares over their number less the degrees of freedom that the solution takes from them.
+    """
+    best = int(np.argmax(profile.weight))
+    s, normal = profile.solution, at.corner_normal
+    own, _ = s.stop_blocks()
+    with_stops = -s.cov[best] @ np.swapaxes(s.Y[best], -1, -2)
+    taken = (
+        np.sum(s.cov[best] * normal.A) + 2 * np.sum(with_stops * normal.B) + np.sum(own[best] * normal.D)
+    ) / current**2
+    freedom = 2 * float(np.count_nonzero(weights.corners)) - float(taken)
+    if freedom <= 0:
+        return current, np.inf
+    factor = max(float(np.sqrt(at.corner_squares.sum() / freedom)), SMALLEST_FACTOR)
+    return factor, factor / float(np.sqrt(2 * freedom))
