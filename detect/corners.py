@@ -22,6 +22,8 @@ _REMAP_ROWS = 16_384
 _FIT_ROUNDS = 3
 _ROBUST_SIGMAS = 3.0
 _LEAST_SIGMA_PX = 1e-3
+_SYSTEMATIC_PX = 0.03
+_SYSTEMATIC_MODULE_PX2 = 0.18
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -93,6 +95,17 @@ def refine(image: NDArray[np.uint8], corners_px: Array, settings: CornerSettings
         good &= near
         corners = np.where(good[:, None, None], found, rough)
     return corners, good
+
+
+def systematic_px(corners_px: Array) -> Array:
+    """Return the standard deviation per axis, (N,) px, of what is the same in every picture of a tag from one place.
+
+    Pixel grid, compression and the tag's own bits shift an edge, the more the fewer pixels a module has: measured on
+    path-traced JPEG pictures against their truth, 0.13 px where modules are 1.6 px wide, 0.09 at 2.2, 0.05 at 3.5,
+    0.04 at 5.
+    """
+    narrowest = np.maximum(module_px(corners_px).min(axis=1), 0.5)
+    return np.asarray(np.hypot(_SYSTEMATIC_PX, _SYSTEMATIC_MODULE_PX2 / narrowest))
 
 
 def linear_light(image: NDArray[np.uint8], tone: str) -> NDArray[np.float32]:

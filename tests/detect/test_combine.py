@@ -11,9 +11,14 @@ from detect.wheels import Array
 PLACES = np.random.default_rng(0).uniform(0, 600, (12, 4, 2))
 
 
-def _frame(corners_px: Array, ids: Array | None = None) -> Tags:
-    ids = np.arange(len(corners_px)) if ids is None else ids
-    return Tags(ids=ids.astype(np.int64), corners_px=corners_px, foreign_ids=np.zeros(0, dtype=np.int64))
+def _frame(corners_px: Array, sigma_px: float = 0.0) -> Tags:
+    n = len(corners_px)
+    return Tags(
+        ids=np.arange(n, dtype=np.int64),
+        corners_px=corners_px.copy(),
+        sigma_px=np.full(n, sigma_px),
+        foreign_ids=np.zeros(0, dtype=np.int64),
+    )
 
 
 def _noisy(rng: np.random.Generator, count: int, sigma: float = 0.1) -> list[Tags]:
@@ -44,6 +49,11 @@ def test_one_frame_or_equal_frames_have_the_floor_as_their_covariance() -> None:
         sighting = combine(frames)
         np.testing.assert_allclose(sighting.uv_px, PLACES.reshape(-1, 2), rtol=1e-12)
         np.testing.assert_allclose(covariances([sighting])[0], np.tile(FLOOR_PX**2 * np.eye(2), (48, 1, 1)), atol=1e-18)
+
+
+def test_what_does_not_average_out_is_added_to_the_noise_of_the_frames() -> None:
+    frames = [_frame(PLACES, sigma_px=0.2)] * 9
+    np.testing.assert_allclose(covariances([combine(frames)])[0], np.tile(0.04 * np.eye(2), (48, 1, 1)), atol=1e-15)
 
 
 def test_a_frame_that_is_off_at_one_tag_is_left_out_there() -> None:

@@ -56,7 +56,7 @@ def test_a_small_drive_gives_what_each_stop_saw_and_what_the_wheels_did(tmp_path
         off = stop.uv_px - seen
         assert len(off) > 80
         assert np.sqrt(np.mean(off**2)) < 0.1
-        assert np.all(np.linalg.eigvalsh(stop.cov_px2) > 0.04**2)
+        assert np.all(np.linalg.eigvalsh(stop.cov_px2) > 0.03**2)
     (leg_R, leg_L) = found.leg(0)
     assert leg_R[-1] - leg_R[0] == pytest.approx(5.1, abs=0.005)
     assert leg_L[-1] - leg_L[0] == pytest.approx(4.3, abs=0.005)

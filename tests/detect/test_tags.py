@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from small_views import SIZE, TARGET, T_cam_box, true_corners, view
 
-from detect.corners import CornerSettings, refine
+from detect.corners import CornerSettings, refine, systematic_px
 from detect.errors import DetectError
 from detect.tags import TagSettings, find_tags, other_family
 from detect.tone import choose_tone, tag_growth_px
@@ -122,6 +122,12 @@ def test_corners_on_the_rim_of_the_image_do_no_harm() -> None:
     corners, good = refine(np.full((31, 31), 90, dtype=np.uint8), square, CornerSettings())
     assert good.tolist() == [False]
     assert np.all(np.isfinite(corners))
+
+
+def test_small_tags_are_believed_less() -> None:
+    square = np.array([[[0.0, 0.0], [16.0, 0.0], [16.0, 16.0], [0.0, 16.0]]])
+    sigma = systematic_px(np.concatenate([square, 2 * square, 4 * square]))
+    np.testing.assert_allclose(sigma, [0.095, 0.054, 0.0375], rtol=0.02)
 
 
 def test_corner_settings_are_checked() -> None:
