@@ -9,6 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from calib.detail import Detail
+from calib.detail_json import detail_document, read_detail
 from calib.errors import CalibError
 from calib.frames import Array
 from target.files import write_atomically
@@ -136,6 +138,10 @@ class Calibration:
         What the user should know.
     provenance
         How the result came about.
+    method
+        ``likelihood``, or ``four-steps`` for the closed form alone.
+    detail
+        What the likelihood adds: covariance, noise, faults, what is not determined. None for the closed form.
     """
 
     robot: str
@@ -147,6 +153,8 @@ class Calibration:
     stops: tuple[StopResult, ...]
     notes: tuple[str, ...]
     provenance: Provenance
+    method: str = "four-steps"
+    detail: Detail | None = None
 
 
 def calibration_document(result: Calibration) -> dict[str, Any]:
@@ -178,6 +186,8 @@ def calibration_document(result: Calibration) -> dict[str, Any]:
             "settings": dict(result.provenance.settings),
         },
         "units": "m, rad, px; T_body_cam maps camera points to body, rows of a 4x4 matrix",
+        "method": result.method,
+        **(detail_document(result.detail) if result.detail else {}),
     }
 
 
@@ -218,6 +228,8 @@ def load_calibration(path: Path) -> Calibration:
             stops=tuple(StopResult(**{**stop, "T_box_cam": _motion(stop["T_box_cam"])}) for stop in document["stops"]),
             notes=tuple(str(note) for note in document["notes"]),
             provenance=Provenance(**document["provenance"]),
+            method=str(document["method"]),
+            detail=read_detail(document),
         )
     except (KeyError, TypeError, ValueError, AttributeError, IndexError) as error:
         raise CalibError(f"{path}: not a calibration ({error!r}); calibrate again") from error

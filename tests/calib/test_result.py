@@ -1,0 +1,180 @@
+"""calibration.json keeps everything, and is read back with suspicion."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from calib.detail import ORDER, Covariance, Detail, Ground, Growth, HeldOut, Leg
+from calib.errors import CalibError
+from calib.estimate.result import Direction, FlaggedCorner, FlaggedLeg, NoiseLevels
+from calib.result import (
+    Calibration,
+    Provenance,
+    Quality,
+    StopResult,
+    Wheels,
+    load_calibration,
+    save_calibration,
+)
+from calib.truth import compare, load_truth
+from target.projection import Intrinsics
+
+
+def _result(T_body_cam: Any, detail: Detail | None = None) -> Calibration:
+    return Calibration(
+        robot="r01",
+        image_size=(640, 480),
+        camera=Intrinsics(fu=561.3, fv=557.8, cu=327.4, cv=231.9, kr=-0.21),
+        wheels=Wheels(rR=0.02113, rL=0.02087, b=0.0893),
+        T_body_cam=T_body_cam,
+        quality=Quality(
+            stops=1,
+            landmarks=8,
+            reprojection_rms_px=0.1,
+            heading_rms_rad=1e-3,
+            sigma5_sigma4=0.01,
+            sigma4_sigma3=0.7,
+            up_error_rad=1e-4,
+        ),
+        stops=(StopResult(t_start_ns=1, t_end_ns=2, landmarks=8, reprojection_rms_px=0.1, T_box_cam=T_body_cam),),
+        notes=("a note",),
+        provenance=Provenance(
+            version="0", command="c", created="now", inputs={"a.mcap": "00"}, settings={"camera_mode": "joint"}
+        ),
+        method="likelihood" if detail else "four-steps",
+        detail=detail,
+    )
+
+
+def _detail() -> Detail:
+    matrix = np.diag(np.arange(1.0, 15.0)) ** 2
+    matrix[13, :], matrix[:, 13] = np.nan, np.nan
+    matrix[13, 13] = np.inf
+    return Detail(
+        covariance=Covariance(matrix=matrix),
+        noise=NoiseLevels(
+            pixel_factor=1.1, pixel_factor_sigma=0.01, pixel_px=0.05, slip=3e-4, slip_sigma=5e-5, encoder_step=0.002
+        ),
+        lens="radial",
+        lens_extra={},
+        extra={"tilt_x": 1e-3},
+        extra_sigma={"tilt_x": np.inf},
+        legs=(
+            Leg(
+                drive=0, start=0, end=1, t_start_ns=1, t_end_ns=2, rolled=0.5, turned=1.0,
+                residual=(0.1, -0.2, 0.3), p_value=0.5, used=True,
+            ),
+        ),
+        flagged_legs=(
+            FlaggedLeg(
+                drive=0, leg=1, next_stop=2, t_start_ns=3, t_end_ns=4, size_mm=30.0, turn_deg=1.0, p_value=1e-9,
+                box_moved_mm=(1.0, 2.0), box_turned_deg=0.1, slip_explains=True, text="words",
+            ),
+        ),
+        flagged_corners=(FlaggedCorner(drive=0, stop=0, landmark_id=17, error_px=(3.0, -4.0)),),
+        directions=(Direction(parameters=(("tz", 1.0),), sigma=np.inf, text="tz is not determined"),),
+        ground=Ground(
+            straight_heading=1e-3, straight_position=0.01, turn_heading=2e-3, distance=2.0,
+            projection_mean_px=0.1, projection_worst_px=0.3,
+        ),
+        held_out=(HeldOut(drive=0, stop=1, error=(1e-3, 2e-3, 3e-3), sigma=(1e-3, 1e-3, 1e-3)),),
+        growth=(Growth(stops=3, values=tuple(range(14)), sigma=(*range(13), np.inf)),),
+    )  # fmt: skip
+
+
+def test_a_calibration_survives_its_file(exact: Any, tmp_path: Path) -> None:
+    result = _result(exact.mounting(3.0, 8.0, 1.0), _detail())
+    save_calibration(result, tmp_path / "r01" / "calibration.json")
+    document = json.loads((tmp_path / "r01" / "calibration.json").read_text(), parse_constant=pytest.fail)
+    assert document["sigma"]["fv"] == 2.0
+    assert document["sigma"]["tz"] is None
+    assert list(document["sigma"]) == list(ORDER)
+    back = load_calibration(tmp_path / "r01" / "calibration.json")
+    assert np.array_equal(back.T_body_cam, result.T_body_cam)
+    assert np.array_equal(back.stops[0].T_box_cam, result.stops[0].T_box_cam)
+    assert back.detail is not None
+    assert result.detail is not None
+    assert np.array_equal(back.detail.covariance.matrix, result.detail.covariance.matrix, equal_nan=True)
+    for name in ("camera", "wheels", "quality", "notes", "provenance", "method", "robot", "image_size"):
+        assert getattr(back, name) == getattr(result, name), name
+    for name in Detail.__slots__:
+        if name != "covariance":
+            assert getattr(back.detail, name) == getattr(result.detail, name), name
+
+
+def test_the_closed_form_alone_has_no_sigma(exact: Any, tmp_path: Path) -> None:
+    save_calibration(_result(exact.mounting(0, 0)), tmp_path / "c.json")
+    assert load_calibration(tmp_path / "c.json").detail is None
+    assert "sigma" not in json.loads((tmp_path / "c.json").read_text())
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda d: {**d, "schema": 99}, "schema 99, this version reads 1"),
+        (lambda d: {k: v for k, v in d.items() if k != "wheels"}, "not a calibration"),
+        (lambda d: {**d, "wheels": {"rR": "0.02", "rL": 0.02, "b": 0.1}}, "not a finite number"),
+        (lambda d: {**d, "T_body_cam": [[1, 0, 0, 0]] * 4}, "not a rigid motion"),
+        (lambda d: {**d, "T_body_cam": "eye"}, "not a calibration"),
+        (lambda d: {**d, "camera": {**d["camera"], "hack": 1.0}}, "not a calibration"),
+        (lambda d: [d], "no calibration in it"),
+    ],
+)
+def test_a_file_that_is_no_calibration_is_refused(exact: Any, tmp_path: Path, change: Any, words: str) -> None:
+    path = tmp_path / "c.json"
+    save_calibration(_result(exact.mounting(0, 0)), path)
+    path.write_text(json.dumps(change(json.loads(path.read_text()))))
+    with pytest.raises(CalibError, match=words):
+        load_calibration(path)
+
+
+def test_half_written_and_missing_files_are_refused(exact: Any, tmp_path: Path) -> None:
+    path = tmp_path / "c.json"
+    save_calibration(_result(exact.mounting(0, 0)), path)
+    path.write_text(path.read_text()[:300])
+    with pytest.raises(CalibError, match="not a whole JSON file"):
+        load_calibration(path)
+    with pytest.raises(CalibError, match="cannot be read"):
+        load_calibration(tmp_path / "none.json")
+
+
+def test_a_result_that_cannot_be_saved_leaves_the_old_one(exact: Any, tmp_path: Path) -> None:
+    path = tmp_path / "c.json"
+    result = _result(exact.mounting(0, 0))
+    save_calibration(result, path)
+    before = path.read_bytes()
+    bad = replace(result, wheels=Wheels(rR=float("nan"), rL=0.02, b=0.1))
+    with pytest.raises(ValueError, match="not JSON compliant"):
+        save_calibration(bad, path)
+    assert path.read_bytes() == before
+    assert [p.name for p in tmp_path.iterdir()] == ["c.json"]
+
+
+def test_errors_against_truth_are_relative_for_lengths(exact: Any, tmp_path: Path) -> None:
+    T = exact.mounting(3.0, 8.0)
+    result = _result(T)
+    truth = {
+        "camera": {"fu": 561.3 / 1.01, "fv": 557.8, "cu": 327.0, "cv": 231.9, "kr": -0.2},
+        "rR": 0.02113 / 1.02, "rL": 0.02087, "b": 0.0893,
+        "T_vehicle_camera": exact.mounting(4.0, 8.0, t=(0.031, -0.005, 0.12)).tolist(),
+    }  # fmt: skip
+    (tmp_path / "t.json").write_text(json.dumps(truth))
+    e = compare(result, load_truth(tmp_path / "t.json"))
+    assert e.rR == pytest.approx(0.02)
+    assert e.fu == pytest.approx(0.01)
+    assert e.rL == e.b == e.fv == 0
+    assert e.cu == pytest.approx(0.4)
+    assert e.kr == pytest.approx(-0.01)
+    assert e.rotation == pytest.approx(np.radians(1.0))
+    assert (e.tx, e.ty, e.tz) == pytest.approx((-0.001, 0, 0))
+
+
+@pytest.mark.parametrize("content", ["{}", "no json", '{"camera": 1}'])
+def test_a_file_that_is_no_truth_is_refused(tmp_path: Path, content: str) -> None:
+    (tmp_path / "t.json").write_text(content)
+    with pytest.raises(CalibError, match="not a truth file"):
+        load_truth(tmp_path / "t.json")
