@@ -1,0 +1,179 @@
+"""From a few tags to all of them: predict where the box's other tags must be, align, accept what is really there."""
+
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from detect.align.homography import least_squares_homography, map_points
+from detect.align.model import Frame
+from detect.align.pattern import Array, Index, Patterns
+from detect.align.rigid import BoxFit, fit_box
+from detect.align.seeds import Seeds
+from detect.align.solve import Aligned, align
+from detect.align.verify import Limits, convex, module_px, verified
+from target.box import Target
+
+SEED_SIGMA_PX = 0.5
+ALIGNED_SIGMA_PX = 0.05
+MIN_MODULE_PX = 0.75
+"""Narrower modules are not searched for."""
+MAX_SPREAD_MODULES = 0.6
+"""Tags whose place is predicted less surely than this are not searched for."""
+SEED_TOLERANCE = 0.35
+"""How far from the face's other tags a seed may lie, tag sides."""
+RIGID_TOLERANCE_MODULES, RIGID_TOLERANCE_PX = 0.5, 0.75
+ROUNDS = 4
+_PAIRS = 24
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Search:
+    """Where tags are looked for, and what says so.
+
+    Attributes
+    ----------
+    rows : (N,)
+        Each once.
+    corners_px : (N, 4, 2), px
+    fit
+        The box that they lie on.
+    """
+
+    rows: Index
+    corners_px: Array
+    fit: BoxFit
+
+
+def consistent_seeds(target: Target, seeds: Seeds) -> Seeds:
+    """Return the seeds that agree on where their face is, each tag once.
+
+    On each face the largest set wins that one homography explains. A tag seen in several places counts only where
+    two other tags at least agree with one of them.
+    """
+    kept: list[int] = []
+    faces = target.tag_faces[seeds.rows]
+    for face in np.unique(faces):
+        at = np.flatnonzero(faces == face)
+        kept += [int(k) for k in at[_largest_agreement(target, int(face), seeds.take(at))]]
+    chosen = np.array(kept, dtype=np.int64)
+    rows, count = np.unique(seeds.rows[chosen], return_counts=True)
+    return seeds.take(chosen[np.isin(seeds.rows[chosen], rows[count == 1])])
+
+
+def _largest_agreement(target: Target, face: int, seeds: Seeds) -> NDArray[np.bool_]:
+    n = len(seeds)
+    if n <= 1:
+        return np.ones(n, dtype=np.bool_)
+    T = target.box.T_box_face(face)
+    p_face = ((target.tag_corners[seeds.rows] - T[:3, 3]) @ T[:3, :3])[..., :2]
+    side = np.linalg.norm(seeds.corners_px - np.roll(seeds.corners_px, -1, axis=1), axis=2).mean(axis=1)
+    best = np.zeros(n, dtype=np.bool_)
+    for i, j in _pairs(seeds):
+        if seeds.rows[i] == seeds.rows[j]:
+            continue
+        H = least_squares_homography(
+            np.concatenate([p_face[i], p_face[j]]), np.concatenate([seeds.corners_px[i], seeds.corners_px[j]])
+        )
+        off = np.linalg.norm(map_points(H, p_face) - seeds.corners_px, axis=2).max(axis=1)
+        agree = np.nan_to_num(off, nan=np.inf) < SEED_TOLERANCE * side
+        if agree.sum() > best.sum():
+            best = agree
+        if best.sum() >= 0.8 * n:
+            break
+    if best.sum() >= 3:
+        return best
+    # too few to judge: keep what is not contradicted by a second sighting
+    _, where, count = np.unique(seeds.rows, return_inverse=True, return_counts=True)
+    return np.asarray(count[where] == 1)
+
+
+def _pairs(seeds: Seeds) -> list[tuple[int, int]]:
+    """Return pairs of seeds to try, spread over the face: the best with those far away first."""
+    order = np.argsort(-seeds.score)[:12]
+    centre = seeds.corners_px.mean(axis=1)
+    pairs = [(int(i), int(j)) for i, j in combinations(order, 2)]
+    pairs.sort(key=lambda p: -float(np.linalg.norm(centre[p[0]] - centre[p[1]])))
+    step = max(1, len(pairs) // _PAIRS)
+    return pairs[::step][:_PAIRS]
+
+
+def plan(target: Target, patterns: Patterns, seeds: Seeds, image_size: tuple[int, int]) -> Search:
+    """Return where to look: at the seeds (one at least) that one rigid box explains, and where it has more tags."""
+    fit, rows, corners = _fitted(
+        target, patterns, seeds.rows, seeds.corners_px, image_size=image_size, sigma_px=SEED_SIGMA_PX
+    )
+    more, more_corners = predicted(target, patterns, fit, rows, image_size)
+    return Search(rows=np.concatenate([rows, more]), corners_px=np.concatenate([corners, more_corners]), fit=fit)
+
+
+def _fitted(
+    target: Target,
+    patterns: Patterns,
+    rows: Index,
+    corners_px: Array,
+    *,
+    image_size: tuple[int, int],
+    sigma_px: float,
+    start: BoxFit | None = None,
+) -> tuple[BoxFit, Index, Array]:
+    """Return the box through tags, and the tags that lie on it."""
+    fit = fit_box(target, rows, corners_px, image_size=image_size, sigma_px=sigma_px, start=start)
+    while True:
+        good = fit.off_px <= _tolerance(patterns, corners_px, sigma_px)
+        if good.all() or not good.any() or len(rows) < 3:
+            return fit, rows, corners_px
+        rows, corners_px = rows[good], corners_px[good]
+        fit = fit_box(target, rows, corners_px, image_size=image_size, sigma_px=sigma_px, start=fit)
+
+
+def _tolerance(patterns: Patterns, corners_px: Array, sigma_px: float) -> Array:
+    module = module_px(patterns, corners_px)
+    return np.asarray(RIGID_TOLERANCE_MODULES * module + RIGID_TOLERANCE_PX + 2 * sigma_px)
+
+
+def predicted(
+    target: Target, patterns: Patterns, fit: BoxFit, known: Index, image_size: tuple[int, int]
+) -> tuple[Index, Array]:
+    """Return the tags that the camera should see beside the known ones, and where: (N,) and (N, 4, 2) px."""
+    uv, spread = fit.predict(target.tag_corners.reshape(-1, 3))
+    uv, spread = uv.reshape(-1, 4, 2), spread.reshape(-1, 4).max(axis=1)
+    with np.errstate(invalid="ignore"):
+        inside = np.all((uv >= -0.5) & (uv <= np.array(image_size) - 0.5), axis=(1, 2))
+    seen = inside & fit.faces_camera(target.tag_corners) & ~np.isin(np.arange(len(uv)), known)
+    rows = np.flatnonzero(seen)
+    module = module_px(patterns, uv[rows])
+    good = (module >= MIN_MODULE_PX) & (spread[rows] <= MAX_SPREAD_MODULES * module) & convex(uv[rows])
+    return rows[good], uv[rows[good]]
+
+
+def follow(frame: Frame, target: Target, patterns: Patterns, search: Search, limits: Limits) -> tuple[Aligned, BoxFit]:
+    """Return the tags of a search that are really there, aligned on few pixels, and the box through them.
+
+    Whatever the box then predicts beside them is tried too, until nothing new turns up.
+    """
+    rough = limits.relaxed()
+    fit = search.fit
+    image_size = (frame.grey.shape[1], frame.grey.shape[0])
+    tags = align(frame, patterns, search.rows, search.corners_px, fine=False)
+    tags = tags.take(verified(patterns, tags, rough))
+    for _ in range(ROUNDS):
+        if len(tags) == 0:
+            break
+        fit, rows, _ = _fitted(
+            target, patterns, tags.rows, tags.corners_px, image_size=image_size, sigma_px=ALIGNED_SIGMA_PX, start=fit
+        )
+        if len(rows) < len(tags):
+            tags = tags.take(np.isin(tags.rows, rows))
+        more, corners = predicted(target, patterns, fit, tags.rows, image_size)
+        if len(more) == 0:
+            break
+        new = align(frame, patterns, more, corners, fine=False)
+        moved = np.linalg.norm(new.corners_px - corners, axis=2).max(axis=1)
+        near = moved <= module_px(patterns, corners) + 0.5
+        new = new.take(near & verified(patterns, new, rough))
+        if len(new) == 0:
+            break
+        tags = tags.joined(new)
+    return tags, fit

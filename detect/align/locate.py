@@ -1,0 +1,219 @@
+"""Find the tags of a target in an image, their corners at the noise limit: the steps in their order."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from detect.align.guided import (
+    RIGID_TOLERANCE_MODULES,
+    RIGID_TOLERANCE_PX,
+    consistent_seeds,
+    follow,
+    plan,
+)
+from detect.align.model import Frame
+from detect.align.pattern import Array, Index, Patterns, target_patterns
+from detect.align.rigid import BoxFit
+from detect.align.seeds import Seeds, find_seeds
+from detect.align.solve import Aligned, align
+from detect.align.tone import TONES, Tone, choose_tone, tone_table
+from detect.align.verify import Limits, module_px, verified
+from detect.errors import DetectError
+from target.box import Target
+
+MODEL_ERROR_PX = 0.004
+"""Deviation per axis of what the model leaves out (lens, print, pixel response); no residual shows it."""
+MAX_SIDE_PX = 16_384
+FEW_TAGS = 4
+_LEAST_SIDE_PX = 8
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LocateSettings:
+    """How tags are located.
+
+    Attributes
+    ----------
+    tone
+        The camera's tone curve: ``linear``, ``srgb``, or ``auto`` to tell it from the tags.
+    limits
+        What an aligned tag must keep to.
+    windows_px
+        Neighbourhoods that tell dark from bright: the first one always, the others where it finds few tags.
+    """
+
+    tone: Tone = "auto"
+    limits: Limits = field(default_factory=Limits)
+    windows_px: tuple[int, ...] = (25, 9)
+
+    def __post_init__(self) -> None:
+        if self.tone not in TONES:
+            raise DetectError(f"tone is {self.tone!r}, one of {', '.join(TONES)} is needed")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Located:
+    """Tags located in one image.
+
+    Attributes
+    ----------
+    ids : (N,)
+        Ascending, each once.
+    corners_px : (N, 4, 2), px
+        Top-left, top-right, bottom-right, bottom-left as the tag is drawn; pixel (0, 0) is the centre of the top-left
+        pixel.
+    cov_px2 : (N, 4, 2, 2), px^2
+        Covariance of each corner: noise as the residuals have it, and the model's own error.
+    correlation : (N,)
+        Of the picture with the aligned pattern.
+    blur_px : (N,), px
+        Deviation of blur and pixel area together.
+    tone
+        The tone curve that was used.
+    """
+
+    ids: Index
+    corners_px: Array
+    cov_px2: Array
+    correlation: Array
+    blur_px: Array
+    tone: str
+
+
+def locate_tags(image: NDArray[np.generic], target: Target, settings: LocateSettings | None = None) -> Located:
+    """Return the target's tags in an image.
+
+    Every tag is used that lies wholly in the image, on a face turned to the camera, wide enough to be read (about six
+    pixels across); tags that are covered, glared, mirrored, out of place on the rigid box, or seen twice are not.
+
+    Parameters
+    ----------
+    image : (H, W) or (H, W, 3)
+        Grey or BGR; uint8, uint16 (full scale 65535; see :func:`to_grey` for 10 and 12 bits) or float (full scale 1).
+    target
+        The box to look for.
+    settings
+        The defaults if None.
+
+    Raises
+    ------
+    DetectError
+        If that is no image.
+    """
+    settings = settings or LocateSettings()
+    grey, grey8 = to_grey(image)
+    patterns = target_patterns(target)
+    size = (grey.shape[1], grey.shape[0])
+    seeds = search_seeds(grey8, patterns, settings, lambda found: len(consistent_seeds(target, found)) >= FEW_TAGS)
+    seeds = consistent_seeds(target, seeds)
+    if len(seeds) == 0:
+        return _located(patterns, _none(patterns), "linear" if settings.tone == "auto" else settings.tone)
+    search = plan(target, patterns, seeds, size)
+    tone: str = "linear" if settings.tone == "auto" else settings.tone
+    frame = Frame(grey=grey, tone=tone_table(tone), lens=search.fit.lens)
+    tags, fit = follow(frame, target, patterns, search, settings.limits)
+    if settings.tone == "auto":
+        tone = choose_tone(frame, patterns, tags)
+    relight = len(tone_table(tone)) != len(frame.tone)
+    frame = Frame(grey=grey, tone=tone_table(tone), lens=fit.lens)
+    tags = align(frame, patterns, tags.rows, tags.corners_px, start=tags, relight=relight)
+    tags = tags.take(verified(patterns, tags, settings.limits))
+    return _located(patterns, _on_the_box(target, patterns, tags, fit), tone)
+
+
+def locate_copies(image: NDArray[np.generic], patterns: Patterns, settings: LocateSettings | None = None) -> Located:
+    """Return every sighting of some tags in an image, whatever they are stuck on; an id may come back several times.
+
+    There is no box to predict from, so only tags are found that stand out by themselves. Arguments and errors as for
+    :func:`locate_tags`.
+    """
+    settings = settings or LocateSettings()
+    grey, grey8 = to_grey(image)
+    seeds = search_seeds(grey8, patterns, settings, lambda _: False)
+    tone: str = "linear" if settings.tone == "auto" else settings.tone
+    frame = Frame(grey=grey, tone=tone_table(tone), lens=_straight_lens(grey))
+    tags = align(frame, patterns, seeds.rows, seeds.corners_px, fine=False)
+    tags = tags.take(verified(patterns, tags, settings.limits.relaxed()))
+    if settings.tone == "auto":
+        tone = choose_tone(frame, patterns, tags)
+    relight = len(tone_table(tone)) != len(frame.tone)
+    frame = Frame(grey=grey, tone=tone_table(tone), lens=frame.lens)
+    tags = align(frame, patterns, tags.rows, tags.corners_px, start=tags, relight=relight)
+    return _located(patterns, tags.take(verified(patterns, tags, settings.limits)), tone)
+
+
+def to_grey(image: NDArray[np.generic], bits: int | None = None) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
+    """Return an image as grey levels 0..1 (H, W) and in 8 bits; ``bits`` is what full scale of uint16 has (16)."""
+    if image.ndim not in {2, 3} or (image.ndim == 3 and image.shape[2] not in {1, 3, 4}):
+        raise DetectError(f"an image of shape {image.shape}: (H, W) or (H, W, 3) is needed; convert it first")
+    if not all(_LEAST_SIDE_PX <= s <= MAX_SIDE_PX for s in image.shape[:2]):
+        raise DetectError(f"an image of {image.shape[1]} x {image.shape[0]} px: 8 to {MAX_SIDE_PX} a side are needed")
+    scale = {"uint8": 255.0, "uint16": 2.0 ** (bits or 16) - 1, "float32": 1.0, "float64": 1.0}.get(image.dtype.name)
+    if scale is None:
+        raise DetectError(f"an image of type {image.dtype}: uint8, uint16 or float is needed; convert it first")
+    if image.ndim == 3:
+        shrunk = image[..., 0] if image.shape[2] == 1 else None
+        plain = image.astype(np.float32) if image.dtype == np.float64 else image
+        image = shrunk if shrunk is not None else _luma(plain)
+    grey = np.multiply(image, np.float32(1 / scale), dtype=np.float32)
+    if image.dtype == np.uint8:
+        return grey, np.ascontiguousarray(image, dtype=np.uint8)
+    if not np.isfinite(grey).all():
+        raise DetectError("an image with values that are not finite: numbers from 0 to 1 are needed; convert it first")
+    low, high = np.quantile(grey[::4, ::4], (0.001, 0.999))
+    stretched = (grey - low) * np.float32(255 / max(float(high - low), 1e-6))
+    return grey, np.asarray(np.clip(stretched, 0, 255), dtype=np.uint8)
+
+
+def _luma(image: Any) -> NDArray[np.generic]:
+    return np.asarray(cv2.cvtColor(np.ascontiguousarray(image[..., :3]), cv2.COLOR_BGR2GRAY))
+
+
+def search_seeds(
+    grey8: NDArray[np.uint8], patterns: Patterns, settings: LocateSettings, enough: Callable[[Seeds], bool]
+) -> Seeds:
+    """Return seeds: from the first window, and, until there are enough, from the others and from twice the size."""
+    first, *others = settings.windows_px
+    seeds = find_seeds(grey8, patterns, (first,))
+    if enough(seeds):
+        return seeds
+    seeds = find_seeds(grey8, patterns, tuple(settings.windows_px))
+    if enough(seeds) or grey8.size > 4_000_000:
+        return seeds
+    large = find_seeds(grey8, patterns, (first, *others), scale=2.0)
+    return seeds.merged(large)
+
+
+def _straight_lens(grey: NDArray[np.float32]) -> Array:
+    height, width = grey.shape
+    return np.array([(width - 1) / 2, (height - 1) / 2, 0.0, 0.0, 2 / max(width, height)])
+
+
+def _on_the_box(target: Target, patterns: Patterns, tags: Aligned, fit: BoxFit) -> Aligned:
+    """Return the tags that lie on the rigid box."""
+    uv, _ = fit.predict(target.tag_corners[tags.rows].reshape(-1, 3))
+    off = np.linalg.norm(uv.reshape(-1, 4, 2) - tags.corners_px, axis=2).max(axis=1)
+    return tags.take(off <= RIGID_TOLERANCE_MODULES * module_px(patterns, tags.corners_px) + RIGID_TOLERANCE_PX)
+
+
+def _none(patterns: Patterns) -> Aligned:
+    rows = np.zeros(0, dtype=np.int64)
+    frame = Frame(grey=np.zeros((8, 8), np.float32), tone=tone_table("linear"), lens=np.array([0, 0, 0, 0, 1.0]))
+    return align(frame, patterns, rows, np.zeros((0, 4, 2)))
+
+
+def _located(patterns: Patterns, tags: Aligned, tone: str) -> Located:
+    order = np.argsort(patterns.tag_ids[tags.rows], kind="stable")
+    tags = tags.take(order)
+    return Located(
+        ids=patterns.tag_ids[tags.rows],
+        corners_px=tags.corners_px,
+        cov_px2=tags.cov_px2 + MODEL_ERROR_PX**2 * np.eye(2),
+        correlation=tags.correlation,
+        blur_px=tags.sigma_px,
+        tone=tone,
+    )

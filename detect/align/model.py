@@ -1,0 +1,282 @@
+"""What one pixel sees of a tag: the pattern under a Gaussian blur, with its derivatives.
+
+A pixel at (x, y) lies at ``(u, v) = H(x, y)`` on the tag. Blur and pixel area together weigh the image plane with an
+isotropic Gaussian of deviation sigma px, that is on the tag a Gaussian with deviations ``s_u = sigma |grad u|``,
+``s_v = sigma |grad v|`` and correlation ``rho = grad u . grad v / (|grad u| |grad v|)``. Modules are rectangles, so
+the pattern under it is a sum over the module edges i, j near the pixel,
+
+    P(u, v) = sum_kl E_kl w_k(u) w_l(v) + rho sum_ij c_ij phi(a_i) phi(b_j) (1 + rho a_i b_j / 2),
+
+with ``a_i = (u - i) / s_u``, ``w_k = Phi(a_k) - Phi(a_k+1)``, ``c_ij`` the second difference of the modules E at the
+vertex: the tetrachoric series of the bivariate normal integral to second order (Pearson 1900,
+DOI 10.1098/rsta.1900.0022).
+A real blur is no Gaussian (a defocused lens spreads less far, a discrete filter further), so Phi carries the next term of
+the Edgeworth series, ``Phi(a) - k (a^3 - 3 a) phi(a) / 24`` with the excess kurtosis k free.
+The light is ``m = o + g P + (s_x x + s_y y)(P + kappa)``, kappa = o / g held fixed, and the grey level T(m).
+
+This module is the reference in numpy; :mod:`detect.align.kernels` computes the same sums compiled.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtr
+
+from detect.align.pattern import Array
+
+PARAMETERS = 14
+"""h (8), offset o, gain g, slopes s_x and s_y, log sigma, excess kurtosis of the blur."""
+OFFSET, GAIN, SLOPE_X, SLOPE_Y, LOG_SIGMA, KURTOSIS = range(8, 14)
+REACH = 3.3
+"""An edge this many sigma away is invisible."""
+STATS = 6
+"""n, sum r^2, sum y, sum y^2, sum p, sum p^2 have columns 0..5; y grey level, p prediction."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Sums:
+    """Normal equations of many tags, and what the verification needs.
+
+    Attributes
+    ----------
+    normal : (N, 14, 14)
+    gradient : (N, 14)
+        J^T r with r = grey level - prediction.
+    stats : (N, 6)
+    blocks : (N, B, B, 2)
+        Sum of residuals and number of pixels in blocks of two by two modules, white ring included.
+    lag : (N, 2)
+        Sums of products of residuals with their right neighbour's, and the number of such pairs.
+    """
+
+    normal: Array
+    gradient: Array
+    stats: Array
+    blocks: Array
+    lag: Array
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Frame:
+    """An image with the way from its pixels to light and to straight lines.
+
+    Attributes
+    ----------
+    grey : (H, W) float32
+        Grey levels, scaled so that 1 is full scale.
+    tone : (K,)
+        Grey level T(m) of light m at ``m = k / (K - 1)``; the identity for a linear camera.
+    lens : (5,)
+        Centre (x, y) px, a1, a2 and 1 / radius px: a pixel at d from the centre lies, without distortion, at
+        ``d (1 + a1 q + a2 q^2)``, ``q = |d|^2 / radius^2``.
+    """
+
+    grey: NDArray[np.float32]
+    tone: Array
+    lens: Array
+
+
+def straighten(lens: Array, uv_px: Array) -> Array:
+    """Return where pixels (..., 2) would lie without distortion."""
+    d = uv_px - lens[:2]
+    q = np.sum(d * d, axis=-1, keepdims=True) * lens[4] ** 2
+    return np.asarray(lens[:2] + d * (1 + q * (lens[2] + q * lens[3])))
+
+
+def bend(lens: Array, xy_px: Array) -> Array:
+    """Return the pixels of undistorted places (..., 2): the inverse of :func:`straighten` (Newton on the radius)."""
+    d = xy_px - lens[:2]
+    r = np.linalg.norm(d, axis=-1, keepdims=True) * lens[4]
+    s = r.copy()
+    for _ in range(12):
+        q = s * s
+        slope = 1 + q * (3 * lens[2] + 5 * q * lens[3])
+        s = s - (s * (1 + q * (lens[2] + q * lens[3])) - r) / np.where(np.abs(slope) < 0.1, 0.1, slope)
+        s = np.clip(s, 0, 4 * r + 1)
+    return np.asarray(lens[:2] + d * np.where(r > 1e-12, s / np.maximum(r, 1e-12), 1.0))
+
+
+def apply_h(h: Array, xy: Array) -> Array:
+    """Return ``H(x, y)`` (N, P, 2) for homographies (N, 8), last entry 1, and places (N, P, 2)."""
+    x, y = xy[..., 0], xy[..., 1]
+    w = h[:, 6, None] * x + h[:, 7, None] * y + 1
+    u = h[:, 0, None] * x + h[:, 1, None] * y + h[:, 2, None]
+    v = h[:, 3, None] * x + h[:, 4, None] * y + h[:, 5, None]
+    return np.stack([u / w, v / w], -1)
+
+
+def accumulate(  # noqa: PLR0917 - a kernel's arguments, by position
+    frame: Frame,
+    cells: Array,
+    rows: NDArray[np.int64],
+    theta: Array,
+    place: Array,
+    boxes: NDArray[np.int64],
+    margin: Array,
+    stride: NDArray[np.int64],
+) -> Sums:
+    """Return the normal equations of tags at their present parameters.
+
+    Parameters
+    ----------
+    frame
+        The image.
+    cells : (T, M + 2, M + 2)
+        Patterns of all tags.
+    rows : (N,)
+        Which of them each tag is.
+    theta : (N, 14)
+        Parameters; h maps normalised places, see ``place``, to modules.
+    place : (N, 3)
+        Centre (x, y) px and 1 / scale px: the normalised place of a pixel is ``(straightened - centre) / scale``.
+    boxes : (N, 4)
+        Pixels to use: first and last column, first and last row (last exclusive), within the image.
+    margin : (N,)
+        How many modules of the white ring count.
+    stride : (N,)
+        Use every so manieth pixel both ways.
+    """
+    n = len(rows)
+    sums = no_sums(n, cells)
+    for k in range(n):
+        _accumulate_one(frame, cells[rows[k]], theta[k], place[k], boxes[k], float(margin[k]), int(stride[k]), k, sums)
+    return sums
+
+
+def no_sums(n: int, cells: Array) -> Sums:
+    """Return sums over nothing, of n tags."""
+    blocks = (cells.shape[1] + 1) // 2
+    return Sums(
+        normal=np.zeros((n, PARAMETERS, PARAMETERS)),
+        gradient=np.zeros((n, PARAMETERS)),
+        stats=np.zeros((n, STATS)),
+        blocks=np.zeros((n, blocks, blocks, 2)),
+        lag=np.zeros((n, 2)),
+    )
+
+
+def _accumulate_one(  # noqa: PLR0917
+    frame: Frame,
+    cells: Array,
+    theta: Array,
+    place: Array,
+    box: NDArray[np.int64],
+    margin: float,
+    stride: int,
+    k: int,
+    sums: Sums,
+) -> None:
+    x0, x1, y0, y1 = (int(b) for b in box)
+    if x1 <= x0 or y1 <= y0:
+        return
+    columns, lines = np.meshgrid(np.arange(x0, x1, stride), np.arange(y0, y1, stride))
+    xy = (straighten(frame.lens, np.stack([columns, lines], -1).astype(float)) - place[:2]) * place[2]
+    modules = cells.shape[0] - 2
+    uv = apply_h(theta[None, :8], xy.reshape(1, -1, 2))[0]
+    used = np.all((uv > -margin) & (uv < modules + margin), axis=1)
+    if not used.any():
+        return
+    p, p_u, p_v, p_s, p_k = pattern_value(cells, theta, xy.reshape(-1, 2)[used], uv[used], place[2])
+    x, y = xy.reshape(-1, 2)[used].T
+    u, v = uv[used].T
+    w = 1 / (theta[6] * x + theta[7] * y + 1)
+    kappa = theta[OFFSET] / theta[GAIN] if abs(theta[GAIN]) > 1e-9 else 0.0
+    slope = theta[SLOPE_X] * x + theta[SLOPE_Y] * y
+    light = theta[OFFSET] + theta[GAIN] * p + slope * (p + kappa)
+    factor = theta[GAIN] + slope
+    du, dv = factor * p_u * w, factor * p_v * w
+    both = -(du * u + dv * v)
+    jacobian = np.stack(
+        [
+            du * x,
+            du * y,
+            du,
+            dv * x,
+            dv * y,
+            dv,
+            both * x,
+            both * y,
+            np.ones_like(p),
+            p,
+            x * (p + kappa),
+            y * (p + kappa),
+            factor * p_s,
+            factor * p_k,
+        ],
+        axis=1,
+    )
+    predicted, slope_t = tone_value(frame.tone, light)
+    jacobian *= slope_t[:, None]
+    grey = frame.grey[y0:y1:stride, x0:x1:stride].reshape(-1)[used].astype(float)
+    r = grey - predicted
+    sums.normal[k] = jacobian.T @ jacobian
+    sums.gradient[k] = jacobian.T @ r
+    sums.stats[k] = (len(r), r @ r, grey.sum(), grey @ grey, predicted.sum(), predicted @ predicted)
+    at = np.clip(((uv[used] + 1) / 2).astype(int), 0, sums.blocks.shape[1] - 1)
+    np.add.at(sums.blocks[k, :, :, 0], (at[:, 1], at[:, 0]), r)
+    np.add.at(sums.blocks[k, :, :, 1], (at[:, 1], at[:, 0]), 1)
+    full = np.full(used.shape, np.nan)
+    full[used] = r
+    pairs = full.reshape(columns.shape)
+    pairs = pairs[:, 1:] * pairs[:, :-1]
+    sums.lag[k] = (np.nansum(pairs), np.isfinite(pairs).sum())
+
+
+def tone_value(tone: Array, light: Array) -> tuple[Array, Array]:
+    """Return the grey levels of light and their derivative; both ends saturate."""
+    last = len(tone) - 1
+    at = np.clip(light * last, 0, last - 1e-9)
+    i = at.astype(np.int64)
+    step = tone[i + 1] - tone[i]
+    inside = (light >= 0) & (light < 1)
+    return np.asarray(tone[i] + (at - i) * step), np.asarray(np.where(inside, step * last, 0.0))
+
+
+def pattern_value(
+    cells: Array, theta: Array, xy: Array, uv: Array, scale: float
+) -> tuple[Array, Array, Array, Array, Array]:
+    """Return P at places of one tag and its derivatives by u, v, log sigma and kurtosis, each (P,)."""
+    modules = cells.shape[0] - 2
+    sigma = np.exp(theta[LOG_SIGMA])
+    w = 1 / (theta[6] * xy[:, 0] + theta[7] * xy[:, 1] + 1)
+    u, v = uv[:, 0], uv[:, 1]
+    ux, uy = (theta[0] - u * theta[6]) * w, (theta[1] - u * theta[7]) * w
+    vx, vy = (theta[3] - v * theta[6]) * w, (theta[4] - v * theta[7]) * w
+    s_u, s_v = np.hypot(ux, uy) * sigma * scale, np.hypot(vx, vy) * sigma * scale
+    rho = np.clip((ux * vx + uy * vy) * (sigma * scale) ** 2 / (s_u * s_v), -0.9, 0.9)
+    edges = np.arange(modules + 1)
+    a, b = (u[:, None] - edges) / s_u[:, None], (v[:, None] - edges) / s_v[:, None]
+    k = theta[KURTOSIS] / 24
+    phi_a, phi_b = _density(a), _density(b)
+    tail_a, tail_b = -(a * a - 3) * a * phi_a, -(b * b - 3) * b * phi_b
+    big_a, big_b = ndtr(a) + k * tail_a, ndtr(b) + k * tail_b
+    full_a = phi_a * (1 + k * (a * a * (a * a - 6) + 3))
+    full_b = phi_b * (1 + k * (b * b * (b * b - 6) + 3))
+    ones, zeros = np.ones((len(u), 1)), np.zeros((len(u), 1))
+    weight_u = -np.diff(np.hstack([ones, big_a, zeros]), axis=1)
+    weight_v = -np.diff(np.hstack([ones, big_b, zeros]), axis=1)
+    slope_u = -np.diff(np.hstack([zeros, full_a, zeros]), axis=1)
+    slope_v = -np.diff(np.hstack([zeros, full_b, zeros]), axis=1)
+    wide_u = -np.diff(np.hstack([zeros, -a * full_a, zeros]), axis=1)
+    wide_v = -np.diff(np.hstack([zeros, -b * full_b, zeros]), axis=1)
+    more_u = -np.diff(np.hstack([zeros, tail_a, zeros]), axis=1) / 24
+    more_v = -np.diff(np.hstack([zeros, tail_b, zeros]), axis=1) / 24
+    vertex = cells[1:, 1:] - cells[1:, :-1] - cells[:-1, 1:] + cells[:-1, :-1]
+
+    def both(left: Array, right: Array, kernel: Array) -> Array:
+        return np.asarray(np.einsum("pj,jk,pk->p", left, kernel, right))
+
+    first = both(phi_b, phi_a, vertex)
+    second = both(b * phi_b, a * phi_a, vertex)
+    p = both(weight_v, weight_u, cells) + rho * first + 0.5 * rho**2 * second
+    p_u = both(weight_v, slope_u, cells) - rho * both(phi_b, a * phi_a, vertex)
+    p_v = both(slope_v, weight_u, cells) - rho * both(b * phi_b, phi_a, vertex)
+    p_s = both(weight_v, wide_u, cells) + both(wide_v, weight_u, cells)
+    p_s = p_s + rho * both(phi_b, (a * a) * phi_a, vertex) + rho * both((b * b) * phi_b, phi_a, vertex)
+    p_k = both(weight_v, more_u, cells) + both(more_v, weight_u, cells)
+    return p, p_u / s_u, p_v / s_v, p_s, p_k
+
+
+def _density(a: Array) -> Array:
+    return np.asarray(np.exp(-0.5 * a * a) / np.sqrt(2 * np.pi))

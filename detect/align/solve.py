@@ -1,0 +1,356 @@
+"""Align tags with an image: batched Gauss-Newton on homography, light and blur of every tag at once."""
+
+from dataclasses import dataclass
+from functools import cache
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from detect.align import model
+from detect.align.homography import fit_homographies
+from detect.align.model import GAIN, KURTOSIS, LOG_SIGMA, OFFSET, PARAMETERS, Frame, Sums
+from detect.align.pattern import Array, Index, Patterns
+
+MIN_SIGMA_PX, MAX_SIGMA_PX = 0.27, 12.0
+START_SIGMA_PX = 0.8
+KURTOSIS_PRIOR, KURTOSIS_RANGE = 0.5, (-1.3, 1.5)
+MARGIN_MODULES = 0.9
+COARSE_SIDE_PX, FINE_SIDE_PX = 9.0, 32.0
+COARSE_STOP_PX, FINE_STOP_PX = 0.1, 0.05
+_DAMPING, _COARSE_DAMPING = 1e-6, 1e-3
+_FREE = np.ones((4, PARAMETERS), dtype=np.bool_)
+"""What the first steps may change: light; then blur and an affine map; then also perspective."""
+_FREE[0, :8] = _FREE[0, LOG_SIGMA:] = False
+_FREE[:, KURTOSIS] = False
+_FREE = np.concatenate([_FREE, np.ones((1, PARAMETERS), dtype=np.bool_)])
+_FREE[1:3, 6:8] = False
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Aligned:
+    """Tags aligned with an image.
+
+    Attributes
+    ----------
+    rows : (N,)
+        Row of each tag in the patterns.
+    corners_px : (N, 4, 2), px
+        Corners in the image (distorted, as seen).
+    cov_px2 : (N, 4, 2, 2), px^2
+        Covariance of each corner from the residuals.
+    sigma_px : (N,), px
+        Deviation of blur and pixel area together.
+    offset, gain : (N,)
+        Light of black modules, and white less black; 1 is full scale.
+    correlation : (N,)
+        Of the image with the aligned pattern.
+    worst_block : (N,)
+        Largest mean residual of a block of two by two modules, as a share of the contrast.
+    noise : (N,)
+        Deviation of the residuals; 1 is full scale.
+    theta : (N, 14)
+        All parameters (see :mod:`detect.align.model`).
+    place : (N, 3)
+        Their centres and scales.
+    """
+
+    rows: Index
+    corners_px: Array
+    cov_px2: Array
+    sigma_px: Array
+    offset: Array
+    gain: Array
+    correlation: Array
+    worst_block: Array
+    noise: Array
+    theta: Array
+    place: Array
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    def take(self, at: NDArray[np.bool_] | Index) -> "Aligned":
+        """Return some of the tags."""
+        return Aligned(**{name: getattr(self, name)[at] for name in self.__dataclass_fields__})
+
+    def joined(self, more: "Aligned") -> "Aligned":
+        """Return these tags and others."""
+        return Aligned(
+            **{name: np.concatenate([getattr(self, name), getattr(more, name)]) for name in self.__dataclass_fields__}
+        )
+
+
+class Accumulate(Protocol):
+    """Sums over the pixels of tags, see :func:`detect.align.model.accumulate`."""
+
+    def __call__(  # noqa: D102, PLR0917 - the class says it
+        self,
+        frame: Frame,
+        cells: Array,
+        rows: Index,
+        theta: Array,
+        place: Array,
+        boxes: NDArray[np.int64],
+        margin: Array,
+        stride: NDArray[np.int64],
+    ) -> Sums: ...
+
+
+@cache
+def accumulator() -> Accumulate:
+    """Return the compiled sums where numba is installed, else the reference."""
+    try:
+        from detect.align.kernels import accumulate  # noqa: PLC0415 - optional and slow to import
+    except ImportError:
+        return model.accumulate
+    return accumulate
+
+
+def align(
+    frame: Frame,
+    patterns: Patterns,
+    rows: Index,
+    corners_px: Array,
+    *,
+    iterations: int = 8,
+    start: "Aligned | None" = None,
+    fine: bool = True,
+    relight: bool = False,
+    sums_of: Accumulate | None = None,
+) -> Aligned:
+    """Align tags whose corners are roughly known (to about a module).
+
+    Parameters
+    ----------
+    frame
+        The image.
+    patterns, rows
+        The tags' patterns, and the row of each tag (N,) in them.
+    corners_px : (N, 4, 2), px
+        Where to start.
+    iterations
+        At most so many Gauss-Newton steps on few pixels, and again on all; a tag stops once its corners hardly move.
+    start
+        The same tags aligned before, for their light and blur; the coarse steps are then left out.
+    fine
+        Go on from few pixels a tag to all.
+    relight
+        The light of ``start`` is not to be relied upon.
+    sums_of
+        Numpy or compiled sums; the compiled where numba is installed.
+
+    Returns
+    -------
+    Aligned
+        As many as went in, in their order; those that diverged have a correlation of -1.
+    """
+    sums_of = sums_of or accumulator()
+    n = len(rows)
+    straight = model.straighten(frame.lens, corners_px)
+    place, theta = _start(patterns, straight)
+    if start is not None:
+        theta[:, OFFSET:] = start.theta[:, OFFSET:]
+    scale_px = 1 / place[:, 2]
+    last = model.no_sums(n, patterns.cells)
+    for coarse in ([True] if start is None else []) + ([False] if fine else []):
+        active, now = np.arange(n), corners_px if coarse else _corners(frame, patterns, theta, place)
+        boxes, margin = _pixels(frame, patterns, now, theta[:, LOG_SIGMA])
+        stride = _strides(now, COARSE_SIDE_PX if coarse else FINE_SIDE_PX)
+        for step_no in range(iterations):
+            if len(active) == 0:
+                break
+            sums = sums_of(
+                frame,
+                patterns.cells,
+                rows[active],
+                theta[active],
+                place[active],
+                boxes[active],
+                margin[active],
+                stride[active],
+            )
+            _put(last, active, sums)
+            free = _FREE[min(step_no, 3)] if coarse else _FREE[0 if relight and step_no < 2 else 4]
+            step = _step(sums, theta[active], free, _COARSE_DAMPING if coarse else _DAMPING)
+            before = _normalised_corners(patterns, theta[active])
+            theta[active] = _stepped(theta[active], step)
+            moved = np.linalg.norm(_normalised_corners(patterns, theta[active]) - before, axis=2).max(axis=1)
+            if step_no > (2 if relight else 0) or not (coarse or relight):
+                active = active[~(moved * scale_px[active] < (COARSE_STOP_PX if coarse else FINE_STOP_PX))]
+    return _finish(frame, patterns, rows=rows, theta=theta, place=place, sums=last)
+
+
+def _put(sums: Sums, at: Index, some: Sums) -> None:
+    for name in Sums.__dataclass_fields__:
+        getattr(sums, name)[at] = getattr(some, name)
+
+
+def _strides(corners_px: Array, side_px: float) -> NDArray[np.int64]:
+    """Return every how manieth pixel of a tag to use so that its side still counts about ``side_px`` of them."""
+    side = np.linalg.norm(corners_px - np.roll(corners_px, -1, axis=1), axis=2).mean(axis=1)
+    return np.asarray(np.maximum(np.nan_to_num(side) / side_px, 1), dtype=np.int64)
+
+
+def _start(patterns: Patterns, straight: Array) -> tuple[Array, Array]:
+    centre = straight.mean(axis=1)
+    scale = np.maximum(np.linalg.norm(straight - centre[:, None], axis=2).max(axis=1), 1.0)
+    place = np.column_stack([centre, 1 / scale])
+    theta = np.zeros((len(straight), PARAMETERS))
+    theta[:, :8] = fit_homographies((straight - centre[:, None]) / scale[:, None, None], patterns.corners)
+    theta[:, OFFSET], theta[:, GAIN] = 0.2, 0.5
+    theta[:, LOG_SIGMA] = np.log(START_SIGMA_PX)
+    return place, theta
+
+
+def _pixels(frame: Frame, patterns: Patterns, corners_px: Array, log_sigma: Array) -> tuple[NDArray[np.int64], Array]:
+    """Return the pixel boxes around tags, and how much of the white ring may be used without its neighbours' blur."""
+    m = patterns.modules
+    side = np.linalg.norm(corners_px - np.roll(corners_px, -1, axis=1), axis=2).min(axis=1) / m
+    blur = np.exp(np.clip(log_sigma, -2, 2)) / np.maximum(side, 1e-3)
+    margin = np.clip(patterns.gap_modules - 2.5 * blur, 0.35, min(MARGIN_MODULES, 0.9 * patterns.gap_modules))
+    centre = corners_px.mean(axis=1, keepdims=True)
+    grown = centre + (corners_px - centre) * (1 + 2.2 * margin / m)[:, None, None]
+    height, width = frame.grey.shape
+    low, high = np.floor(np.nan_to_num(grown.min(axis=1))), np.ceil(np.nan_to_num(grown.max(axis=1))) + 1
+    x = np.clip(np.stack([low[:, 0], high[:, 0]], 1), 0, width)
+    y = np.clip(np.stack([low[:, 1], high[:, 1]], 1), 0, height)
+    return np.hstack([x, y]).astype(np.int64), margin
+
+
+def _step(sums: Sums, theta: Array, free: NDArray[np.bool_], damping: float) -> Array:
+    normal, gradient = sums.normal.copy(), sums.gradient.copy()
+    prior = _kurtosis_prior(sums)
+    normal[:, KURTOSIS, KURTOSIS] += prior
+    gradient[:, KURTOSIS] -= prior * theta[:, KURTOSIS]
+    diagonal = np.einsum("nii->ni", normal)
+    damp = np.where(diagonal > 1e-12, damping * diagonal, 1.0)
+    normal += damp[:, :, None] * np.eye(PARAMETERS)
+    step = np.zeros(gradient.shape)
+    step[:, free] = np.linalg.solve(normal[:, free][:, :, free], gradient[:, free, None])[..., 0]
+    return step
+
+
+def _kurtosis_prior(sums: Sums) -> Array:
+    """Return the information (N,) that the prior on the kurtosis adds, in units of the residuals."""
+    n, r2 = sums.stats[:, 0], sums.stats[:, 1]
+    return np.asarray(np.maximum(r2, 1e-9) / np.maximum(n - PARAMETERS, 1) / KURTOSIS_PRIOR**2)
+
+
+def _stepped(theta: Array, step: Array) -> Array:
+    """Return the parameters after a step, held back where it would leave what the model can follow."""
+    step = np.nan_to_num(step, nan=0.0, posinf=0.0, neginf=0.0)
+    reach = np.abs(step[:, [2, 5]]).max(axis=1)
+    held = np.minimum(1.0, 0.8 / np.maximum(reach, 1e-12))
+    step[:, :8] *= held[:, None]
+    step[:, LOG_SIGMA] = np.clip(step[:, LOG_SIGMA], -0.35, 0.35)
+    new = theta + step
+    new[:, KURTOSIS] = np.clip(new[:, KURTOSIS], *KURTOSIS_RANGE)
+    new[:, LOG_SIGMA] = np.clip(new[:, LOG_SIGMA], np.log(MIN_SIGMA_PX), np.log(MAX_SIGMA_PX))
+    return new
+
+
+def _matrices(theta: Array) -> Array:
+    return np.concatenate([theta[:, :8], np.ones((len(theta), 1))], axis=1).reshape(-1, 3, 3)
+
+
+def _normalised_corners(patterns: Patterns, theta: Array) -> Array:
+    """Return the corners (N, 4, 2) in normalised places; NaN where the homography is singular."""
+    H = _matrices(theta)
+    singular = ~(np.abs(np.linalg.det(H)) > 1e-12)
+    H[singular] = np.eye(3)
+    p = np.hstack([patterns.corners, np.ones((4, 1))]) @ np.linalg.inv(H).transpose(0, 2, 1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        corners = p[..., :2] / p[..., 2:]
+    corners[singular] = np.nan
+    return np.asarray(corners)
+
+
+def _corners(frame: Frame, patterns: Patterns, theta: Array, place: Array) -> Array:
+    straight = _normalised_corners(patterns, theta) / place[:, 2, None, None] + place[:, None, :2]
+    return model.bend(frame.lens, straight)
+
+
+def _finish(frame: Frame, patterns: Patterns, *, rows: Index, theta: Array, place: Array, sums: Sums) -> Aligned:
+    places = _normalised_corners(patterns, theta)
+    corners = _corners(frame, patterns, theta, place)
+    n, r2, y, y2, p, p2 = sums.stats.T
+    count = np.maximum(n, 1)
+    var_y, var_p = y2 / count - (y / count) ** 2, p2 / count - (p / count) ** 2
+    cross = 0.5 * (y2 + p2 - r2) / count - (y / count) * (p / count)
+    correlation = cross / np.sqrt(np.maximum(var_y * var_p, 1e-12))
+    noise2 = r2 / np.maximum(n - PARAMETERS, 1)
+    lag = np.clip(sums.lag[:, 0] / np.maximum(sums.lag[:, 1], 1) / np.maximum(noise2, 1e-12), 0, 0.9)
+    normal = sums.normal.copy()
+    normal[:, KURTOSIS, KURTOSIS] += _kurtosis_prior(sums)
+    normal[:, range(PARAMETERS), range(PARAMETERS)] += 1e-12 + 1e-9 * np.einsum("nii->ni", sums.normal)
+    cov_h = np.linalg.inv(normal)[:, :8, :8] * (noise2 * ((1 + lag) / (1 - lag)) ** 2)[:, None, None]
+    D = _corner_jacobian(theta, places) / place[:, 2, None, None, None]
+    D = np.einsum("ncij,ncjk->ncik", _bend_jacobian(frame, corners), D)
+    cov = np.einsum("ncik,nkl,ncjl->ncij", D, cov_h, D)
+    mean = sums.blocks[..., 0] / np.maximum(sums.blocks[..., 1], 1)
+    contrast = np.maximum(np.sqrt(np.maximum(var_y, 0)) * 2, 1e-6)
+    enough = sums.blocks[..., 1] >= 2
+    worst = np.where(enough, np.abs(mean), 0).max(axis=(1, 2)) / contrast
+    good = np.isfinite(corners).all(axis=(1, 2)) & np.isfinite(cov).all(axis=(1, 2, 3)) & (n > 2 * PARAMETERS)
+    return Aligned(
+        rows=rows,
+        corners_px=np.where(good[:, None, None], corners, 0.0),
+        cov_px2=np.where(good[:, None, None, None], cov, 1.0),
+        sigma_px=np.exp(theta[:, LOG_SIGMA]),
+        offset=theta[:, OFFSET],
+        gain=theta[:, GAIN],
+        correlation=np.where(good, correlation, -1.0),
+        worst_block=worst,
+        noise=np.sqrt(noise2),
+        theta=theta,
+        place=place,
+    )
+
+
+def _corner_jacobian(theta: Array, xy: Array) -> Array:
+    """Return how the corners (N, 4, 2) in normalised places move with h: (N, 4, 2, 8).
+
+    The corner stays where its modules are: ``dx = -(dH/dx)^-1 dH/dh``.
+    """
+    x, y = xy[..., 0], xy[..., 1]
+    t = theta[:, None, :]
+    w = 1 / (t[..., 6] * x + t[..., 7] * y + 1)
+    u, v = (t[..., 0] * x + t[..., 1] * y + t[..., 2]) * w, (t[..., 3] * x + t[..., 4] * y + t[..., 5]) * w
+    by_x = np.stack(
+        [
+            np.stack([(t[..., 0] - u * t[..., 6]) * w, (t[..., 1] - u * t[..., 7]) * w], -1),
+            np.stack([(t[..., 3] - v * t[..., 6]) * w, (t[..., 4] - v * t[..., 7]) * w], -1),
+        ],
+        -2,
+    )
+    zero, one = np.zeros_like(x), np.ones_like(x)
+    row = np.stack([x, y, one], -1) * w[..., None]
+    by_h = np.stack(
+        [
+            np.concatenate([row, np.stack([zero] * 3, -1), -(u * w * x)[..., None], -(u * w * y)[..., None]], -1),
+            np.concatenate([np.stack([zero] * 3, -1), row, -(v * w * x)[..., None], -(v * w * y)[..., None]], -1),
+        ],
+        -2,
+    )
+    determinant = by_x[..., 0, 0] * by_x[..., 1, 1] - by_x[..., 0, 1] * by_x[..., 1, 0]
+    inverse = (
+        np.stack(
+            [np.stack([by_x[..., 1, 1], -by_x[..., 0, 1]], -1), np.stack([-by_x[..., 1, 0], by_x[..., 0, 0]], -1)], -2
+        )
+        / np.where(np.abs(determinant) > 1e-15, determinant, 1e-15)[..., None, None]
+    )
+    return np.asarray(-inverse @ by_h)
+
+
+def _bend_jacobian(frame: Frame, corners_px: Array) -> Array:
+    """Return how pixels move with their undistorted places: (N, 4, 2, 2)."""
+    lens = frame.lens
+    d = corners_px - lens[:2]
+    q = np.sum(d * d, axis=-1) * lens[4] ** 2
+    f = 1 + q * (lens[2] + q * lens[3])
+    slope = 2 * (lens[2] + 2 * q * lens[3]) * lens[4] ** 2
+    J = f[..., None, None] * np.eye(2) + slope[..., None, None] * d[..., :, None] * d[..., None, :]
+    determinant = J[..., 0, 0] * J[..., 1, 1] - J[..., 0, 1] * J[..., 1, 0]
+    J[~(np.abs(determinant) > 1e-6)] = np.eye(2)
+    return np.linalg.inv(J)
