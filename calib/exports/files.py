@@ -1,0 +1,32 @@
+"""All files that one robot's calibration drops into other programs."""
+
+from collections.abc import Mapping
+
+from calib.exports.camera_info import camera_info
+from calib.exports.diff_drive import diff_drive_yaml
+from calib.exports.kalibr import camchain
+from calib.exports.nominal import Nominal
+from calib.exports.static_transform import static_transform
+from calib.exports.urdf import urdf, xacro
+from calib.result import Calibration
+
+
+def exports(calibration: Calibration, nominal: Nominal | None = None) -> Mapping[str, bytes]:
+    """Return file name -> content, for one robot's folder.
+
+    Parameters
+    ----------
+    calibration
+        The robot's.
+    nominal
+        What its data sheet says of the wheels; diff_drive_controller's multipliers are against it.
+    """
+    files = {
+        "camera_info.yaml": camera_info(calibration),
+        "camera.urdf": urdf(calibration),
+        "camera.urdf.xacro": xacro(calibration),
+        "static_transform.sh": static_transform(calibration),
+        "diff_drive_controller.yaml": diff_drive_yaml(calibration, nominal),
+        "camchain.yaml": camchain(calibration),
+    }
+    return {name: text.encode() for name, text in files.items() if text is not None}

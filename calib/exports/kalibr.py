@@ -1,0 +1,50 @@
+"""``camchain.yaml``: the camera as Kalibr describes a chain of one."""
+
+from calib.exports.lens_models import kalibr_distortion
+from calib.exports.text import comment, heading, number, numbers, sigma_line
+from calib.frames import inverse, nearest_rotation, rigid
+from calib.result import Calibration
+
+_TOPIC = "/camera/image_raw"
+
+
+def camchain(calibration: Calibration) -> str | None:
+    """Return the file, or None where Kalibr has no such lens model.
+
+    Every key on its top level is a camera to Kalibr, so all stands in ``cam0``. ``T_cam_body`` stands where a camera
+    with an IMU has ``T_cam_imu``, and has its direction.
+    """
+    lens = kalibr_distortion(calibration)
+    if lens is None:
+        return None
+    c = calibration.camera
+    T = calibration.T_body_cam
+    T_cam_body = inverse(rigid(nearest_rotation(T[:3, :3]), T[:3, 3]))
+    lines = [
+        heading(calibration, "camera chain for Kalibr"),
+        "intrinsics [fu, fv, pu, pv], px; pixel (0, 0) is the centre of the top-left pixel; radtan is k1, k2, p1, p2",
+        "T_cam_body, m: maps points of the body (on the floor below the middle of the axle, x forward, y left, z up)",
+        "to the camera (x right, y down, z forward), the direction of Kalibr's T_cam_imu",
+        "rostopic: the camera's topic in your logs",
+        sigma_line(calibration, ("fu", "fv", "cu", "cv", "kr", "rx", "ry", "rz", "tx", "ty", "tz")),
+    ]
+    rows = "".join(f"  - {numbers(row)}\n" for row in T_cam_body.tolist())
+    return comment(lines) + (
+        "cam0:\n"
+        "  cam_overlaps: []\n"
+        "  camera_model: pinhole\n"
+        f"  distortion_coeffs: {numbers(lens.coefficients)}\n"
+        f"  distortion_model: {lens.model}\n"
+        f"  intrinsics: [{number(c.fu)}, {number(c.fv)}, {number(c.cu)}, {number(c.cv)}]\n"
+        f"  resolution: [{calibration.image_size[0]}, {calibration.image_size[1]}]\n"
+        f"  rostopic: {_topic(calibration)}\n"
+        f"  T_cam_body:\n{rows}"
+    )
+
+
+def _topic(calibration: Calibration) -> str:
+    """Return the camera's topic as the user named it, if it is a plain one, else a usual one."""
+    topics = calibration.provenance.settings.get("topics")
+    named = topics.get("camera_topic") if isinstance(topics, dict) else None
+    plain = isinstance(named, str) and named.replace("/", "").replace("_", "").isalnum() and named.isascii()
+    return f'"{named if plain else _TOPIC}"'

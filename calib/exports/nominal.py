@@ -1,0 +1,110 @@
+"""What a data sheet says of a robot's wheels: read from YAML, JSON or the robot's URDF."""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from calib.errors import CalibError
+from calib.exports.urdf_wheels import urdf_wheels
+
+MAX_YAML_BYTES = 1 << 16
+MAX_URDF_BYTES = 16 << 20
+_MAX_DEPTH = 30
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Nominal:
+    """Nominal wheels.
+
+    Attributes
+    ----------
+    wheel_radius, wheel_separation : m
+        One radius for both wheels; distance between them.
+    source
+        File name that they came from.
+    """
+
+    wheel_radius: float
+    wheel_separation: float
+    source: str
+
+
+def load_nominal(path: Path) -> Nominal:
+    """Read nominal wheels.
+
+    YAML or JSON (also a diff_drive_controller's parameters): ``wheel_radius`` and ``wheel_separation`` side by side, at
+    any depth. URDF (``.urdf``, ``.xml``): the two driven wheels' cylinders or spheres, and where their joints are.
+
+    Raises
+    ------
+    CalibError
+        If the file is missing, too large or says nothing of the wheels: what was found and what is needed.
+    """
+    urdf = path.suffix.lower() in {".urdf", ".xml"}
+    limit = MAX_URDF_BYTES if urdf else MAX_YAML_BYTES
+    try:
+        size = path.stat().st_size
+        if size > limit:
+            raise CalibError(
+                f"{path.name}: {size} bytes, at most {limit} are read; give wheel_radius and "
+                "wheel_separation in a YAML file of their own"
+            )
+        content = path.read_bytes()
+    except OSError as error:
+        raise CalibError(f"{path.name}: cannot be read ({error.strerror or error}); check --nominal") from error
+    radius, separation = urdf_wheels(content, path.name) if urdf else _yaml_wheels(content, path.name)
+    for name, value in (("wheel_radius", radius), ("wheel_separation", separation)):
+        if not (math.isfinite(value) and 0 < value < 100):
+            raise CalibError(f"{path.name}: {name} is {value:g}, a positive number of metres is needed; correct it")
+    return Nominal(wheel_radius=radius, wheel_separation=separation, source=path.name)
+
+
+def _yaml_wheels(content: bytes, name: str) -> tuple[float, float]:
+    from ruamel.yaml import YAML  # noqa: PLC0415  (only where a nominal file is given)
+    from ruamel.yaml.error import YAMLError  # noqa: PLC0415
+    from ruamel.yaml.events import AliasEvent, CollectionEndEvent, CollectionStartEvent  # noqa: PLC0415
+
+    yaml = YAML(typ="safe", pure=True)
+    try:
+        depth = 0
+        for event in yaml.parse(content):
+            depth += isinstance(event, CollectionStartEvent) - isinstance(event, CollectionEndEvent)
+            if isinstance(event, AliasEvent) or depth > _MAX_DEPTH:
+                raise CalibError(
+                    f"{name}: nested deeply or with YAML aliases, which are not read; write the values out"
+                )
+        document = yaml.load(content)
+    except (YAMLError, ValueError, RecursionError, TypeError) as error:
+        line = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise CalibError(f"{name}: not YAML ({line}); give wheel_radius and wheel_separation, in metres") from error
+    pairs = {
+        (_metres(m["wheel_radius"], name), _metres(m["wheel_separation"], name))
+        for m in _mappings(document)
+        if "wheel_radius" in m and "wheel_separation" in m
+    }
+    if len(pairs) != 1:
+        found = "no wheel_radius with a wheel_separation" if not pairs else f"{len(pairs)} different pairs of them"
+        raise CalibError(f"{name}: {found}, one of each side by side is needed; give a file with just these two")
+    return pairs.pop()
+
+
+def _mappings(document: object) -> Iterator[dict[object, object]]:
+    """Yield all mappings of a document."""
+    waiting = [document]
+    while waiting:
+        node = waiting.pop()
+        if isinstance(node, dict):
+            yield node
+            waiting.extend(node.values())
+        elif isinstance(node, list):
+            waiting.extend(node)
+
+
+def _metres(value: object, name: str) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise CalibError(f"{name}: {str(value)[:40]!r} is no number, metres are needed; correct it")
+    try:
+        return float(value)
+    except OverflowError as error:
+        raise CalibError(f"{name}: a length of over 1e308 m; correct it") from error

@@ -1,0 +1,62 @@
+"""Numbers and names in files of other formats: exact, and harmless whatever a robot is called."""
+
+import re
+from collections.abc import Iterable
+
+from calib.result import Calibration
+from detect.text import printable
+
+MAX_ROS_NAME = 60
+_UNITS = {
+    **dict.fromkeys(("fu", "fv", "cu", "cv"), "px"),
+    **dict.fromkeys(("rR", "rL", "b", "tx", "ty", "tz"), "m"),
+    **dict.fromkeys(("rx", "ry", "rz"), "rad"),
+}
+
+
+def number(value: float) -> str:
+    """Return a float so that it reads back exactly, as a float, in YAML 1.1 (``1e-05`` would be a string there)."""
+    text = repr(float(value))
+    mantissa, e, exponent = text.partition("e")
+    return text if "." in mantissa or "n" in mantissa else f"{mantissa}.0{e}{exponent}"
+
+
+def numbers(values: Iterable[float]) -> str:
+    """Return ``[a, b, c]``, each as :func:`number` writes it."""
+    return f"[{', '.join(number(v) for v in values)}]"
+
+
+def ros_name(robot: str) -> str:
+    """Return a robot's name as ROS accepts it: letters, digits and single underscores, a letter first."""
+    name = re.sub(r"_+", "_", re.sub(r"[^A-Za-z0-9]", "_", robot))[:MAX_ROS_NAME].strip("_")
+    return name if name[:1].isalpha() else f"robot_{name}".rstrip("_")
+
+
+def in_comment(text: str) -> str:
+    """Return text that keeps to its line of a comment."""
+    return printable(text)
+
+
+def in_xml_comment(text: str) -> str:
+    """Return text that neither ends an XML comment nor means anything to xacro."""
+    plain = re.sub(r"[^A-Za-z0-9 _.:;,()/+-]", "?", printable(text))
+    return re.sub(r"-(?=-)", "- ", plain).removesuffix("-")
+
+
+def heading(calibration: Calibration, what: str) -> str:
+    """Return the first line of a file's comment: what it is, whose, and where it came from."""
+    p = calibration.provenance
+    return in_comment(calibration.robot) + f": {what}, by boxcal {in_comment(p.version)}, {in_comment(p.created)}"
+
+
+def sigma_line(calibration: Calibration, names: Iterable[str]) -> str:
+    """Return a line with the standard deviations of some parameters, or that there are none."""
+    if calibration.detail is None:
+        return "standard deviations: not estimated"
+    sigma = calibration.detail.covariance.sigma
+    return "standard deviations: " + ", ".join(f"{n} {sigma[n]:.2g} {_UNITS.get(n, '')}".rstrip() for n in names)
+
+
+def comment(lines: Iterable[str]) -> str:
+    """Return lines as a ``#`` comment."""
+    return "".join(f"# {line}\n" for line in lines)

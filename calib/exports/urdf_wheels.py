@@ -1,0 +1,128 @@
+"""The wheels that a robot's URDF describes."""
+
+import math
+from collections.abc import Iterable
+from xml.etree import ElementTree as ET
+from xml.parsers import expat
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from calib.errors import CalibError
+from calib.frames import Array, rigid
+from detect.names import Side, wheel_side
+from detect.text import listed, printable
+
+_REMEDY = "give wheel_radius and wheel_separation in a YAML file instead"
+_SAME = 1e-6
+_MAX_CHAIN = 1000
+
+
+def urdf_wheels(content: bytes, name: str) -> tuple[float, float]:
+    """Return (radius, separation), m, of a differential drive.
+
+    The wheels are the continuous joints whose names say left or right wheel; a radius is that of the cylinder or sphere
+    of the joint's child, separation is measured along the right wheel's axis with all joints at zero.
+
+    Raises
+    ------
+    CalibError
+        If it is no URDF, declares a document type (entities are not read), or does not describe two such wheels.
+    """
+    root = _parse(content, name)
+    joints = {j.get("name", ""): j for j in root.findall("joint")}
+    by_child = {_link(j, "child"): j for j in joints.values()}
+    wheels: dict[Side, ET.Element] = {}
+    for side in ("left", "right"):
+        found = [n for n, j in joints.items() if j.get("type") == "continuous" and wheel_side(n) == side]
+        if len(found) != 1:
+            turning = [n for n, j in joints.items() if j.get("type") == "continuous"]
+            raise CalibError(
+                f"{name}: {len(found)} {side} wheel joints (continuous joints: {listed(turning)}), one is needed; "
+                f"{_REMEDY}"
+            )
+        wheels[side] = joints[found[0]]
+    radii = [_radius(root, _link(wheels[side], "child"), name) for side in ("left", "right")]
+    if abs(radii[0] - radii[1]) > _SAME:
+        raise CalibError(
+            f"{name}: wheels of radius {radii[0]:g} and {radii[1]:g} m, one nominal radius is needed; {_REMEDY}"
+        )
+    T_left, T_right = (_pose(wheels[side], by_child, name) for side in ("left", "right"))
+    axis = _triple(_attribute(wheels["right"], "axis", "xyz"), (1.0, 0.0, 0.0), name)
+    if not np.linalg.norm(axis) > 0:
+        raise CalibError(f"{name}: the right wheel's axis has no length; {_REMEDY}")
+    axis = T_right[:3, :3] @ axis / np.linalg.norm(axis)
+    return radii[1], float(abs(axis @ (T_left[:3, 3] - T_right[:3, 3])))
+
+
+def _parse(content: bytes, name: str) -> ET.Element:
+    def refuse(*_: object) -> None:
+        raise CalibError(f"{name}: declares a document type, a plain URDF is needed; {_REMEDY}")
+
+    scout = expat.ParserCreate()
+    scout.StartDoctypeDeclHandler = refuse
+    try:
+        scout.Parse(content, True)
+        root = ET.fromstring(content)  # noqa: S314  (no document type, so no entities: checked above)
+    except (expat.ExpatError, ET.ParseError, ValueError, LookupError) as error:
+        raise CalibError(f"{name}: not a whole URDF ({error}); {_REMEDY}") from error
+    if root.tag != "robot":
+        raise CalibError(f"{name}: its root is {printable(root.tag)}, robot is needed; {_REMEDY}")
+    return root
+
+
+def _radius(root: ET.Element, link: str, name: str) -> float:
+    for element in root.findall("link"):
+        if element.get("name") == link:
+            for kind in ("collision", "visual"):
+                for shape in ("cylinder", "sphere"):
+                    found = element.find(f"{kind}/geometry/{shape}")
+                    if found is not None:
+                        return _number(found.get("radius", ""), name)
+    raise CalibError(f"{name}: link {printable(link)} has no cylinder or sphere, a wheel's radius is needed; {_REMEDY}")
+
+
+def _pose(joint: ET.Element, by_child: dict[str, ET.Element], name: str) -> Array:
+    """Return a joint's frame in that of the root link, (4, 4), all joints at zero."""
+    T = _origin(joint, name)
+    for _ in range(_MAX_CHAIN):
+        above = by_child.get(_link(joint, "parent"))
+        if above is None:
+            return T
+        joint = above
+        T = _origin(joint, name) @ T
+    raise CalibError(f"{name}: its joints form a ring, a tree is needed; {_REMEDY}")
+
+
+def _origin(joint: ET.Element, name: str) -> Array:
+    zero = (0.0, 0.0, 0.0)
+    xyz = _triple(_attribute(joint, "origin", "xyz"), zero, name)
+    rpy = _triple(_attribute(joint, "origin", "rpy"), zero, name)
+    return rigid(Rotation.from_euler("xyz", rpy).as_matrix(), xyz)
+
+
+def _attribute(joint: ET.Element, tag: str, attribute: str) -> str | None:
+    element = joint.find(tag)
+    return None if element is None else element.get(attribute)
+
+
+def _link(joint: ET.Element, end: str) -> str:
+    return _attribute(joint, end, "link") or ""
+
+
+def _triple(text: str | None, default: Iterable[float], name: str) -> Array:
+    values = list(default) if text is None else [_number(word, name) for word in text.split()[:4]]
+    if len(values) != 3:
+        raise CalibError(f"{name}: {printable(text or '')!r} are not three numbers; {_REMEDY}")
+    return np.array(values)
+
+
+def _number(text: str, name: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        hint = "expand it with xacro first" if "$" in text else _REMEDY
+        raise CalibError(f"{name}: {printable(text)!r} is no number; {hint}")
+    return value
