@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from calib.fleet import Outcome
+    from calib.fleet import Outcome, Settings
     from target.box import Target
 
 _EPILOG = """\
@@ -57,10 +57,38 @@ def _parser() -> argparse.ArgumentParser:
     names.add_argument("--left-joint", metavar="NAME", help="left wheel")
     names.add_argument("--right-joint", metavar="NAME", help="right wheel")
     parser.add_argument(
+        "--same-robot",
+        action="store_true",
+        help="all logs are drives of one robot around the same box, solved together and named as the first log",
+    )
+    parser.add_argument("--validate", action="store_true", help="hold every stop out in turn and predict it")
+    model = parser.add_argument_group("what is solved for")
+    model.add_argument(
         "--per-stop",
         action="store_true",
-        help="calibrate the camera at every stop alone, as in the paper (all stops jointly if not given)",
+        help="first guess of the camera from every stop alone, as in the paper (from all stops jointly if not given)",
     )
+    model.add_argument("--closed-form", action="store_true", help="the paper's four steps alone: no sigmas, no tests")
+    model.add_argument(
+        "--lens",
+        choices=("radial", "brown", "rational", "fisheye"),
+        default="radial",
+        help="the paper's one coefficient, OpenCV's 5 or 8, or its equidistant fisheye (radial)",
+    )
+    model.add_argument("--tilt-prior-deg", type=_size, default=1.0, metavar="DEG", help="floor against box (1)")
+    model.add_argument("--ink-prior-mm", type=_size, default=0.1, metavar="MM", help="spread of the print's ink (0.1)")
+    model.add_argument(
+        "--scale-prior-percent", type=_size, default=0.0, metavar="%%", help="scale of the print in x and y (0: exact)"
+    )
+    model.add_argument(
+        "--face-prior-mm",
+        type=_size,
+        default=0.0,
+        metavar="MM",
+        help="places of faces 1 to 3 against face 0, and as much over a face's half width in angle (0: exact)",
+    )
+    model.add_argument("--encoder-step-deg", type=_size, metavar="DEG", help="found from the samples if not given")
+    model.add_argument("--slip-mm", type=_size, metavar="MM", help="of a wheel per root metre; estimated if not given")
     parser.add_argument("--jobs", type=_positive, metavar="N", help="robots worked on at once (as many as cores)")
     parser.add_argument("--quiet", action="store_true", help="no progress, only results and errors")
     parser.add_argument("--version", action=_Version)
@@ -87,11 +115,16 @@ def _positive(text: str) -> int:
     return value
 
 
+def _size(text: str) -> float:
+    value = float(text)
+    if not 0 <= value < 1e3:
+        raise argparse.ArgumentTypeError(f"{value} is not a number from 0 on")
+    return value
+
+
 def _run(args: argparse.Namespace, command: str) -> int:
-    from calib.camera import CameraMode
     from calib.errors import CalibError
-    from calib.fleet import Job, Settings, calibrate_fleet, robot_name
-    from detect.names import Topics
+    from calib.fleet import Job, calibrate_fleet, listed, robot_name
     from target.errors import TargetError
 
     def say(line: str) -> None:
@@ -100,18 +133,46 @@ def _run(args: argparse.Namespace, command: str) -> int:
 
     try:
         target = _target(args.target)
-        names = [robot_name(log) for log in args.logs]
+        robots = [(robot_name(log), (log,)) for log in args.logs]
     except (TargetError, CalibError) as error:
         print(f"fleet-calibrate: {error}", file=sys.stderr)
         return 2
+    if args.same_robot:
+        robots = [(robots[0][0], tuple(args.logs))]
+    names = [name for name, _ in robots]
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
         print(
-            f"fleet-calibrate: several logs are named {', '.join(twice)}: a robot is called as its log; rename them",
+            f"fleet-calibrate: several logs are named {', '.join(twice)}: a robot is called as its log; rename them, "
+            "or give --same-robot if they are drives of one robot",
             file=sys.stderr,
         )
         return 2
-    settings = Settings(
+    settings = _settings(args, target)
+    jobs = [
+        Job(robot=name, logs=logs, target=target, settings=settings, out=args.out, command=command)
+        for name, logs in robots
+    ]
+    say(f"calibrating {len(jobs)} robot{'s' if len(jobs) > 1 else ''} ...")
+    outcomes = []
+    for outcome in calibrate_fleet(jobs, workers=args.jobs, progress=say):
+        outcomes.append(outcome)
+        verdict = "calibrated" if outcome.calibration else "FAILED"
+        say(f"[{len(outcomes)}/{len(jobs)}] {listed(outcome.job.logs)}: {verdict} in {outcome.seconds:.1f} s")
+    outcomes.sort(key=lambda o: names.index(o.job.robot))
+    return _report(outcomes, out=args.out, truth=args.truth)
+
+
+def _settings(args: argparse.Namespace, target: "Target") -> "Settings":
+    from math import radians
+
+    from calib.camera import CameraMode
+    from calib.estimate import Lens
+    from calib.fleet import Settings
+    from detect.names import Topics
+
+    half_face = max(target.box.width, target.box.depth) / 2
+    return Settings(
         topics=Topics(
             camera_topic=args.camera_topic,
             joint_topic=args.joint_topic,
@@ -119,16 +180,16 @@ def _run(args: argparse.Namespace, command: str) -> int:
             right_joint=args.right_joint,
         ),
         camera_mode=CameraMode.PER_STOP if args.per_stop else CameraMode.JOINT,
+        closed_form=args.closed_form,
+        validate=args.validate,
+        lens=Lens(args.lens),
+        tilt_prior=radians(args.tilt_prior_deg),
+        ink_prior=args.ink_prior_mm * 1e-3,
+        scale_prior=args.scale_prior_percent * 1e-2,
+        face_prior=(args.face_prior_mm * 1e-3 / half_face, args.face_prior_mm * 1e-3),
+        encoder_step=None if args.encoder_step_deg is None else radians(args.encoder_step_deg),
+        slip=None if args.slip_mm is None else args.slip_mm * 1e-3,
     )
-    jobs = [Job(log=log, target=target, settings=settings, out=args.out, command=command) for log in args.logs]
-    say(f"calibrating {len(jobs)} robot{'s' if len(jobs) > 1 else ''} ...")
-    outcomes = []
-    for outcome in calibrate_fleet(jobs, workers=args.jobs, progress=say):
-        outcomes.append(outcome)
-        verdict = "calibrated" if outcome.calibration else "FAILED"
-        say(f"[{len(outcomes)}/{len(jobs)}] {outcome.log.name}: {verdict} in {outcome.seconds:.1f} s")
-    outcomes.sort(key=lambda o: args.logs.index(o.log))
-    return _report(outcomes, out=args.out, truth=args.truth)
 
 
 def _target(path: Path | None) -> "Target":
@@ -156,7 +217,7 @@ def _report(outcomes: "list[Outcome]", *, out: Path, truth: bool) -> int:
         for o in outcomes:
             if o.calibration is not None:
                 try:
-                    errors.append((o.calibration.robot, compare(o.calibration, load_truth(truth_path(o.log)))))
+                    errors.append((o.calibration.robot, compare(o.calibration, load_truth(truth_path(o.job.logs[0])))))
                 except CalibError as error:
                     failed = True
                     print(f"fleet-calibrate: {error}", file=sys.stderr)

@@ -9,14 +9,17 @@ from concurrent.futures.process import BrokenProcessPool
 from dataclasses import asdict, dataclass, field
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
+from math import radians
 from multiprocessing import get_context
 from pathlib import Path
 
+from calib.assemble import closed_form, refined
 from calib.camera import CameraMode
 from calib.errors import CalibError
-from calib.four_steps import FourSteps, solve_four_steps
-from calib.frames import inverse
-from calib.result import Calibration, Provenance, Quality, StopResult, Wheels, save_calibration
+from calib.estimate import EstimateOptions, Lens, estimate
+from calib.estimate.validate import validate
+from calib.four_steps import solve_four_steps
+from calib.result import Calibration, Provenance, save_calibration
 from detect.correspondences import Correspondences, load_correspondences
 from detect.errors import DetectError
 from detect.extract import extract
@@ -38,10 +41,37 @@ class Settings:
         Topics and joints, where their names do not tell.
     camera_mode
         One camera for all stops, or every stop alone.
+    closed_form
+        The four steps alone, without the likelihood.
+    validate
+        Hold every stop out in turn and predict it.
+    lens
+        Lens model.
+    tilt_prior : rad
+        Standard deviation of the floor's tilt against the box.
+    ink_prior : m
+        Of the ink's spread: how far all edges of the tags' black lie outwards. A camera's tone curve looks the same.
+    scale_prior
+        Of the print's scale in x and y, relative; 0 takes the target's figures as exact.
+    face_prior : (rad, m)
+        Of the poses of faces 1 to 3 against face 0; zeros take the target's figures as exact.
+    encoder_step : rad, optional
+        Found from the samples if None.
+    slip : m/sqrt(m), optional
+        Estimated if None.
     """
 
     topics: Topics = field(default_factory=Topics)
     camera_mode: CameraMode = CameraMode.JOINT
+    closed_form: bool = False
+    validate: bool = False
+    lens: Lens = Lens.RADIAL
+    tilt_prior: float = radians(1.0)
+    ink_prior: float = 1e-4
+    scale_prior: float = 0.0
+    face_prior: tuple[float, float] = (0.0, 0.0)
+    encoder_step: float | None = None
+    slip: float | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -50,19 +80,22 @@ class Job:
 
     Attributes
     ----------
-    log
-        Its recording (MCAP), or correspondences saved before (``.npz``).
+    robot
+        Its name: the folder that its results go to.
+    logs
+        Its recordings (MCAP), or correspondences saved before (``.npz``); several drives are solved together.
     target
         The landmark table.
     settings
         What the user chose.
     out
-        Folder that gets ``<robot>/calibration.json`` and ``<robot>/correspondences.npz``; None writes nothing.
+        Folder that gets ``<robot>/calibration.json`` and the correspondences; None writes nothing.
     command
         The command line, for the provenance.
     """
 
-    log: Path
+    robot: str
+    logs: tuple[Path, ...]
     target: Target
     settings: Settings
     out: Path | None
@@ -75,8 +108,8 @@ class Outcome:
 
     Attributes
     ----------
-    log
-        Its recording.
+    job
+        What was to be done.
     calibration
         The result, None if it failed.
     error
@@ -87,7 +120,7 @@ class Outcome:
         Time taken.
     """
 
-    log: Path
+    job: Job
     calibration: Calibration | None
     error: str = ""
     details: str = ""
@@ -108,70 +141,76 @@ def robot_name(log: Path) -> str:
     return name
 
 
-def calibrate_log(job: Job, progress: Callable[[str], None] | None = None) -> Calibration:
+def calibrate_robot(job: Job, progress: Callable[[str], None] | None = None) -> Calibration:
     """Return the calibration of one robot, and write it where the job says.
 
     Raises
     ------
     DetectError, TargetError, CalibError
-        If the log cannot be used or does not determine the calibration.
+        If a log cannot be used or the drives do not determine the calibration.
     OSError
         If the result cannot be written.
     """
-    robot = robot_name(job.log)
-    if job.log.suffix == CORRESPONDENCES:
-        drive = load_correspondences(job.log)
-    else:
-        drive = extract(job.log, job.target, topics=job.settings.topics, progress=progress)
+    drives = [read_drive(log, job, progress) for log in job.logs]
     try:
-        result = assemble(robot, drive, solve_four_steps(drive, job.settings.camera_mode), job)
+        result = solve(job, drives)
     except CalibError as error:
-        raise CalibError(f"{job.log.name}: {error}") from error
+        raise CalibError(f"{listed(job.logs)}: {error}") from error
     if job.out is not None:
-        drive.save(job.out / robot / f"correspondences{CORRESPONDENCES}")
-        save_calibration(result, job.out / robot / "calibration.json")
+        for k, drive in enumerate(drives):
+            number = f"-{k + 1}" if len(drives) > 1 else ""
+            drive.save(job.out / job.robot / f"correspondences{number}{CORRESPONDENCES}")
+        save_calibration(result, job.out / job.robot / "calibration.json")
     return result
 
 
-def assemble(robot: str, drive: Correspondences, steps: FourSteps, job: Job) -> Calibration:
-    """Return the result that the four steps gave, with where it came from."""
-    camera, mounting = steps.camera, steps.mounting
-    T_box_cam = inverse(camera.T_cam_box)
-    stops = tuple(
-        StopResult(
-            t_start_ns=drive.stops[j].t_start_ns,
-            t_end_ns=drive.stops[j].t_end_ns,
-            landmarks=len(drive.stops[j].landmark_ids),
-            reprojection_rms_px=float(rms),
-            T_box_cam=T,
-        )
-        for j, rms, T in zip(camera.kept, camera.stop_rms_px, T_box_cam, strict=True)
+def read_drive(log: Path, job: Job, progress: Callable[[str], None] | None = None) -> Correspondences:
+    """Return what a robot saw and did in one drive."""
+    if log.suffix == CORRESPONDENCES:
+        return load_correspondences(log)
+    return extract(log, job.target, topics=job.settings.topics, progress=progress)
+
+
+def solve(job: Job, drives: list[Correspondences]) -> Calibration:
+    """Return the calibration that drives of one robot give: the four steps, then the likelihood.
+
+    Raises
+    ------
+    CalibError
+        If they do not determine it.
+    """
+    settings = job.settings
+    steps = [solve_four_steps(drive, settings.camera_mode) for drive in drives]
+    provenance = Provenance(
+        version=boxcal_version(),
+        command=job.command,
+        created=datetime.now(UTC).isoformat(timespec="seconds"),
+        inputs={
+            **{drive.source.log: drive.source.sha256 for drive in drives},
+            "target": drives[0].source.target_sha256,
+        },
+        settings=asdict(settings),
     )
-    return Calibration(
-        robot=robot,
-        image_size=drive.image_size,
-        camera=camera.camera,
-        wheels=Wheels(rR=mounting.rR, rL=mounting.rL, b=mounting.b),
-        T_body_cam=steps.T_body_cam,
-        quality=Quality(
-            stops=len(stops),
-            landmarks=sum(stop.landmarks for stop in stops),
-            reprojection_rms_px=camera.rms_px,
-            heading_rms_rad=steps.heading.rms,
-            sigma5_sigma4=mounting.null_ratio,
-            sigma4_sigma3=mounting.rank_ratio,
-            up_error_rad=steps.axis.up_error,
-        ),
-        stops=stops,
-        notes=steps.notes,
-        provenance=Provenance(
-            version=boxcal_version(),
-            command=job.command,
-            created=datetime.now(UTC).isoformat(timespec="seconds"),
-            inputs={drive.source.log: drive.source.sha256, "target": drive.source.target_sha256},
-            settings={"camera_mode": str(job.settings.camera_mode), "topics": asdict(job.settings.topics)},
-        ),
+    if settings.closed_form:
+        return closed_form(job.robot, drives, steps, provenance)
+    options = EstimateOptions(
+        lens=settings.lens,
+        tilt_sigma=settings.tilt_prior,
+        ink_sigma=settings.ink_prior,
+        scale_sigma=settings.scale_prior,
+        face_sigma=settings.face_prior,
+        encoder_step=settings.encoder_step,
+        slip=settings.slip,
+        target=job.target,
     )
+    found = estimate(drives, steps, options)
+    held_out = validate(drives, steps, options) if settings.validate else None
+    return refined(job.robot, drives, steps, found, provenance, validation=held_out)
+
+
+def listed(logs: Sequence[Path]) -> str:
+    """Return the names of logs in one line."""
+    return ", ".join(log.name for log in logs)
 
 
 def boxcal_version() -> str:
@@ -215,9 +254,9 @@ def calibrate_fleet(
                 yield pool.submit(attempt, job).result()
             except BrokenProcessPool:
                 yield Outcome(
-                    log=job.log,
+                    job=job,
                     calibration=None,
-                    error=f"{job.log.name}: the process that worked on it died (out of memory?); try --jobs 1",
+                    error=f"{listed(job.logs)}: the process that worked on it died (out of memory?); try --jobs 1",
                 )
 
 
@@ -227,12 +266,12 @@ def attempt(job: Job, progress: Callable[[str], None] | None = None) -> Outcome:
     error, details = "", ""
     calibration: Calibration | None = None
     try:
-        calibration = calibrate_log(job, progress)
+        calibration = calibrate_robot(job, progress)
     except (DetectError, TargetError, CalibError) as problem:
         error = str(problem)
     except OSError as problem:
-        error = f"{job.log.name}: {problem.filename or 'a file'}: {problem.strerror or problem}"
+        error = f"{listed(job.logs)}: {problem.filename or 'a file'}: {problem.strerror or problem}"
     except Exception as problem:  # our own bug: told in full with the other robots calibrated
-        error = f"{job.log.name}: unexpected {type(problem).__name__}: {problem}; please report it"
+        error = f"{listed(job.logs)}: unexpected {type(problem).__name__}: {problem}; please report it"
         details = traceback.format_exc()
-    return Outcome(log=job.log, calibration=calibration, error=error, details=details, seconds=time.monotonic() - start)
+    return Outcome(job=job, calibration=calibration, error=error, details=details, seconds=time.monotonic() - start)

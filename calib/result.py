@@ -79,6 +79,8 @@ class StopResult:
         Of this stop.
     T_box_cam : (4, 4), m
         Where the camera was.
+    drive
+        Number of the drive, from 0, where several were solved together.
     """
 
     t_start_ns: int
@@ -86,6 +88,7 @@ class StopResult:
     landmarks: int
     reprojection_rms_px: float
     T_box_cam: Array
+    drive: int = 0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -169,6 +172,7 @@ def calibration_document(result: Calibration) -> dict[str, Any]:
         "quality": asdict(result.quality),
         "stops": [
             {
+                "drive": stop.drive,
                 "t_start_ns": stop.t_start_ns,
                 "t_end_ns": stop.t_end_ns,
                 "landmarks": stop.landmarks,

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from calib.frames import Array
+from calib.detail import ORDER
+from calib.frames import Array, exp_so3, wrap
 from calib.result import Calibration
 from calib.truth import Errors
 
@@ -34,7 +35,7 @@ def table(header: list[str], rows: list[list[str]]) -> str:
 
 
 def results_table(results: list[Calibration]) -> str:
-    """Return wheels and mounting of every robot."""
+    """Return wheels, mounting and focal lengths of every robot, each with its standard deviation below it."""
     header = ["robot", "stops", "landmarks", "reproj px", "rL mm", "rR mm", "b mm"]
     header += ["x mm", "y mm", "z mm", "yaw deg", "pitch deg", "roll deg", "fu px", "fv px"]
     rows = []
@@ -44,11 +45,40 @@ def results_table(results: list[Calibration]) -> str:
         rows.append(
             [r.robot, str(q.stops), str(q.landmarks), f"{q.reprojection_rms_px:.3f}"]
             + [f"{v * 1e3:.3f}" for v in (w.rL, w.rR, w.b)]
-            + [f"{v:.1f}" for v in t]
-            + [f"{v:.2f}" for v in angles]
-            + [f"{v:.1f}" for v in (r.camera.fu, r.camera.fv)]
+            + [f"{v:.2f}" for v in t]
+            + [f"{v:.3f}" for v in angles]
+            + [f"{v:.2f}" for v in (r.camera.fu, r.camera.fv)]
         )
+        if r.detail is not None:
+            s = r.detail.covariance.sigma
+            turns = np.degrees(yaw_pitch_roll_sigma(r))
+            rows.append(
+                ["  +/-", "", "", ""]
+                + [f"{1e3 * s[name]:.3f}" for name in ("rL", "rR", "b")]
+                + [f"{1e3 * s[name]:.2f}" for name in ("tx", "ty", "tz")]
+                + [f"{v:.3f}" for v in turns]
+                + [f"{s[name]:.2f}" for name in ("fu", "fv")]
+            )
     return table(header, rows)
+
+
+def yaw_pitch_roll_sigma(result: Calibration) -> Array:
+    """Return the standard deviations of yaw, pitch and roll, (3,), rad; NaN without a covariance.
+
+    First order, by central differences of :func:`yaw_pitch_roll` over the mounting's right perturbation.
+    """
+    if result.detail is None:
+        return np.full(3, np.nan)
+    R, h = result.T_body_cam[:3, :3], 1e-6
+    J = np.stack(
+        [
+            wrap(np.subtract(yaw_pitch_roll(R @ exp_so3(h * e)), yaw_pitch_roll(R @ exp_so3(-h * e)))) / (2 * h)
+            for e in np.eye(3)
+        ],
+        axis=1,
+    )
+    rows = slice(ORDER.index("rx"), ORDER.index("rz") + 1)
+    return np.asarray(np.sqrt(np.diag(J @ result.detail.covariance.matrix[rows, rows] @ J.T)))
 
 
 def errors_table(errors: list[tuple[str, Errors]]) -> str:
