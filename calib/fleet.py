@@ -13,12 +13,14 @@ from math import radians
 from multiprocessing import get_context
 from pathlib import Path
 
+import numpy as np
+
 from calib.assemble import closed_form, refined
 from calib.camera import CameraMode
 from calib.errors import CalibError
-from calib.estimate import EstimateOptions, Lens, estimate
+from calib.estimate import Estimate, EstimateOptions, Lens, estimate
 from calib.estimate.validate import validate
-from calib.four_steps import solve_four_steps
+from calib.four_steps import FourSteps, solve_four_steps
 from calib.result import Calibration, Provenance, save_calibration
 from detect.correspondences import Correspondences, load_correspondences
 from detect.errors import DetectError
@@ -29,6 +31,8 @@ from target.errors import TargetError
 
 CORRESPONDENCES = ".npz"
 """Suffix of a correspondence file, which stands for a log that was read before."""
+_SAME_ROBOT = 3.0
+"""How many times worse a drive may fit together with others than by itself."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -204,8 +208,20 @@ def solve(job: Job, drives: list[Correspondences]) -> Calibration:
         target=job.target,
     )
     found = estimate(drives, steps, options)
+    _check_one_robot(job, steps, found)
     held_out = validate(drives, steps, options) if settings.validate else None
     return refined(job.robot, drives, steps, found, provenance, validation=held_out)
+
+
+def _check_one_robot(job: Job, steps: Sequence[FourSteps], found: Estimate) -> None:
+    """Refuse drives of different robots: together they fit far worse than each by itself."""
+    for log, step, drive in zip(job.logs, steps, found.drives, strict=True):
+        together = float(np.sqrt(np.mean(drive.stop_rms_px**2)))
+        if len(steps) > 1 and together > _SAME_ROBOT * step.camera.rms_px:
+            raise CalibError(
+                f"{log.name} fits {step.camera.rms_px:.2f} px by itself and {together:.2f} px with the others: "
+                "not drives of one robot with one camera mounting and lens setting; calibrate them one by one"
+            )
 
 
 def listed(logs: Sequence[Path]) -> str:

@@ -18,7 +18,7 @@ from calib.result import load_calibration
 from calib.simulate.drive import DriveOptions, simulate_drive
 from calib.simulate.log import LogWriter
 from calib.simulate.record import RecordOptions, write_log
-from calib.simulate.robot import khepera
+from calib.simulate.robot import khepera, turtlebot
 from calib.simulate.truth import truth_bytes
 from calib.truth import compare, load_truth
 from target.box import Box, make_target
@@ -108,7 +108,7 @@ def test_saved_correspondences_calibrate_without_the_log(
 
 
 def test_per_stop_mode_is_taken_and_recorded(good: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    status, _, err = _run(capsys, good, "--per-stop", "--out", tmp_path, "--quiet")
+    status, _, err = _run(capsys, good, "--per-stop", "--closed-form", "--out", tmp_path, "--quiet")
     assert status == 0, err
     result = load_calibration(tmp_path / "good" / "calibration.json")
     assert result.provenance.settings["camera_mode"] == "per-stop"
@@ -283,6 +283,43 @@ def test_two_workers_give_what_one_gives(good: Path, tmp_path: Path, capsys: pyt
     for robot in ("good", "second"):
         a, b = (json.loads((tmp_path / k / robot / "calibration.json").read_text()) for k in "12")
         assert a["T_body_cam"] == b["T_body_cam"]
+
+
+def test_drives_of_one_robot_are_solved_together(
+    good: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    again = tmp_path / "again.mcap"
+    rng = np.random.default_rng(6)
+    drive = simulate_drive(khepera("again"), make_target(), DriveOptions(stops=6, slip=5e-5), rng)
+    write_log(again, khepera("again"), make_target(), drive, RECORD, rng=rng)
+    status, _, err = _run(capsys, good, again, "--same-robot", "--out", tmp_path / "out", "--quiet")
+    assert status == 0, err
+    assert sorted(p.name for p in (tmp_path / "out" / "good").iterdir()) == [
+        "calibration.json",
+        "correspondences-1.npz",
+        "correspondences-2.npz",
+    ]
+    both = load_calibration(tmp_path / "out" / "good" / "calibration.json")
+    assert both.quality.stops == 13
+    assert {stop.drive for stop in both.stops} == {0, 1}
+    assert set(both.provenance.inputs) == {"good.mcap", "again.mcap", "target"}
+    assert main([str(good), "--out", str(tmp_path / "one"), "--quiet"]) == 0
+    one = load_calibration(tmp_path / "one" / "good" / "calibration.json")
+    assert both.detail is not None
+    assert one.detail is not None
+    assert both.detail.covariance.sigma["b"] < one.detail.covariance.sigma["b"]
+
+
+def test_drives_of_two_robots_given_as_one_are_refused(
+    good: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    other = tmp_path / "other.mcap"
+    rng = np.random.default_rng(7)
+    drive = simulate_drive(turtlebot("other"), make_target(), DriveOptions(stops=5), rng)
+    write_log(other, turtlebot("other"), make_target(), drive, RECORD, rng=rng)
+    status, _, err = _run(capsys, good, other, "--same-robot", "--out", tmp_path / "out", "--quiet")
+    assert status == 1
+    assert "not drives of one robot" in err
 
 
 @pytest.mark.parametrize(
