@@ -6,12 +6,12 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
+from detect.align.coarse import Pyramid, align_coarsely
 from detect.align.homography import least_squares_homography, map_points
-from detect.align.model import Frame
 from detect.align.pattern import Array, Index, Patterns
 from detect.align.rigid import BoxFit, fit_box
 from detect.align.seeds import Seeds
-from detect.align.solve import Aligned, align
+from detect.align.solve import Aligned
 from detect.align.verify import Limits, convex, module_px, verified
 from target.box import Target
 
@@ -148,15 +148,18 @@ def predicted(
     return rows[good], uv[rows[good]]
 
 
-def follow(frame: Frame, target: Target, patterns: Patterns, search: Search, limits: Limits) -> tuple[Aligned, BoxFit]:
+def follow(
+    pyramid: Pyramid, target: Target, patterns: Patterns, search: Search, limits: Limits
+) -> tuple[Aligned, BoxFit]:
     """Return the tags of a search that are really there, aligned on few pixels, and the box through them.
 
     Whatever the box then predicts beside them is tried too, until nothing new turns up.
     """
     rough = limits.relaxed()
     fit = search.fit
-    image_size = (frame.grey.shape[1], frame.grey.shape[0])
-    tags = align(frame, patterns, search.rows, search.corners_px, fine=False)
+    height, width = pyramid.frame.grey.shape
+    image_size = (width, height)
+    tags = align_coarsely(pyramid, patterns, search.rows, search.corners_px)
     tags = tags.take(verified(patterns, tags, rough))
     for _ in range(ROUNDS):
         if len(tags) == 0:
@@ -169,7 +172,7 @@ def follow(frame: Frame, target: Target, patterns: Patterns, search: Search, lim
         more, corners = predicted(target, patterns, fit, tags.rows, image_size)
         if len(more) == 0:
             break
-        new = align(frame, patterns, more, corners, fine=False)
+        new = align_coarsely(pyramid, patterns, more, corners)
         moved = np.linalg.norm(new.corners_px - corners, axis=2).max(axis=1)
         near = moved <= module_px(patterns, corners) + 0.5
         new = new.take(near & verified(patterns, new, rough))

@@ -41,7 +41,7 @@ def accumulate(  # noqa: PLR0917 - as the reference
     linear = len(frame.tone) == 2 and frame.tone[0] == 0 and frame.tone[1] == 1
     _run(
         frame.grey, frame.tone, linear, frame.lens, cells, rows, theta, place, boxes, margin, stride, _STEPS, _BELLS,
-        sums.normal, sums.gradient, sums.stats, sums.blocks, sums.lag,
+        sums.normal, sums.gradient, sums.stats, sums.blocks,
     )  # fmt: skip
     return sums
 
@@ -50,12 +50,12 @@ def accumulate(  # noqa: PLR0917 - as the reference
 def _run(  # noqa: PLR0917 - arrays in, arrays out
     grey: Any, tone: Any, linear: Any, lens: Any, cells: Any, rows: Any, theta: Any, place: Any, boxes: Any,
     margin: Any,
-    stride: Any, steps: Any, bells: Any, normal: Any, gradient: Any, stats: Any, blocks: Any, lag: Any,
+    stride: Any, steps: Any, bells: Any, normal: Any, gradient: Any, stats: Any, blocks: Any,
 ) -> None:  # fmt: skip
     for k in range(len(rows)):
         _one(
             grey, tone, linear, lens, cells[rows[k]], theta[k], place[k], boxes[k], margin[k], stride[k], steps, bells,
-            normal[k], gradient[k], stats[k], blocks[k], lag[k],
+            normal[k], gradient[k], stats[k], blocks[k],
         )  # fmt: skip
 
 
@@ -94,7 +94,7 @@ def _edges(  # noqa: PLR0917
 @njit(cache=True, fastmath=True, nogil=True, error_model="numpy")
 def _one(  # noqa: PLR0912, PLR0915, PLR0917 - one loop over pixels, all of it hot
     grey: Any, tone: Any, linear: Any, lens: Any, cells: Any, theta: Any, place: Any, box: Any, margin: Any,
-    stride: Any, steps: Any, bells: Any, normal: Any, gradient: Any, stats: Any, blocks: Any, lag: Any,
+    stride: Any, steps: Any, bells: Any, normal: Any, gradient: Any, stats: Any, blocks: Any,
 ) -> None:  # fmt: skip
     modules = cells.shape[0] - 2
     h0, h1, h2, h3, h4, h5, h6, h7 = theta[0], theta[1], theta[2], theta[3], theta[4], theta[5], theta[6], theta[7]
@@ -119,9 +119,9 @@ def _one(  # noqa: PLR0912, PLR0915, PLR0917 - one loop over pixels, all of it h
     local = np.zeros((PARAMETERS, _PADDED))
     last = len(tone) - 1
     top = blocks.shape[0] - 1
-    for row in range(box[2], box[3], stride):
-        before, has_before = 0.0, False
-        for column in range(box[0], box[1], stride):
+    every, shift = stride[0], stride[1]
+    for row in range(box[2], box[3]):
+        for column in range(box[0] + (row * shift) % every, box[1], every):
             dx, dy = column - lens[0], row - lens[1]
             q = (dx * dx + dy * dy) * lens[4] * lens[4]
             f = 1 + q * (lens[2] + q * lens[3])
@@ -131,7 +131,6 @@ def _one(  # noqa: PLR0912, PLR0915, PLR0917 - one loop over pixels, all of it h
             u = (h0 * x + h1 * y + h2) * w
             v = (h3 * x + h4 * y + h5) * w
             if not (u > -margin and u < modules + margin and v > -margin and v < modules + margin):
-                has_before = False
                 continue
             ux, uy = (h0 - u * h6) * w, (h1 - u * h7) * w
             vx, vy = (h3 - v * h6) * w, (h4 - v * h7) * w
@@ -212,10 +211,6 @@ def _one(  # noqa: PLR0912, PLR0915, PLR0917 - one loop over pixels, all of it h
             j = min(int((v + 1) * 0.5), top)
             blocks[j, i, 0] += r
             blocks[j, i, 1] += 1
-            if has_before:
-                lag[0] += r * before
-                lag[1] += 1
-            before, has_before = r, True
     for i in range(PARAMETERS):
         gradient[i] = local[i, 14]
         for j in range(PARAMETERS):

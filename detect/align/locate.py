@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from detect.align.coarse import Pyramid, align_coarsely
 from detect.align.guided import (
     RIGID_TOLERANCE_MODULES,
     RIGID_TOLERANCE_PX,
@@ -20,7 +21,7 @@ from detect.align.pattern import Array, Index, Patterns, target_patterns
 from detect.align.rigid import BoxFit
 from detect.align.seeds import Seeds, find_seeds
 from detect.align.solve import Aligned, align
-from detect.align.tone import TONES, Tone, choose_tone, tone_table
+from detect.align.tone import TONES, Tone, choose_tone, relit, tone_table
 from detect.align.verify import Limits, module_px, verified
 from detect.errors import DetectError
 from target.box import Target
@@ -29,6 +30,8 @@ MODEL_ERROR_PX = 0.004
 """Deviation per axis of what the model leaves out (lens, print, pixel response); no residual shows it."""
 MAX_SIDE_PX = 16_384
 FEW_TAGS = 4
+FINE_SIDE_PX = 32.0
+"""Tags twice as large are aligned on every second pixel both ways, and so on."""
 _LEAST_SIDE_PX = 8
 
 
@@ -114,13 +117,11 @@ def locate_tags(image: NDArray[np.generic], target: Target, settings: LocateSett
         return _located(patterns, _none(patterns), "linear" if settings.tone == "auto" else settings.tone)
     search = plan(target, patterns, seeds, size)
     tone: str = "linear" if settings.tone == "auto" else settings.tone
-    frame = Frame(grey=grey, tone=tone_table(tone), lens=search.fit.lens)
-    tags, fit = follow(frame, target, patterns, search, settings.limits)
+    frame = Frame(grey=grey, tone=tone_table("linear"), lens=search.fit.lens)
+    tags, fit = follow(Pyramid(frame), target, patterns, search, settings.limits)
     if settings.tone == "auto":
         tone = choose_tone(frame, patterns, tags)
-    relight = len(tone_table(tone)) != len(frame.tone)
-    frame = Frame(grey=grey, tone=tone_table(tone), lens=fit.lens)
-    tags = align(frame, patterns, tags.rows, tags.corners_px, start=tags, relight=relight)
+    tags = _finely(frame, fit.lens, patterns, tags, tone)
     tags = tags.take(verified(patterns, tags, settings.limits))
     return _located(patterns, _on_the_box(target, patterns, tags, fit), tone)
 
@@ -135,15 +136,28 @@ def locate_copies(image: NDArray[np.generic], patterns: Patterns, settings: Loca
     grey, grey8 = to_grey(image)
     seeds = search_seeds(grey8, patterns, settings, lambda _: False)
     tone: str = "linear" if settings.tone == "auto" else settings.tone
-    frame = Frame(grey=grey, tone=tone_table(tone), lens=_straight_lens(grey))
-    tags = align(frame, patterns, seeds.rows, seeds.corners_px, fine=False)
+    frame = Frame(grey=grey, tone=tone_table("linear"), lens=_straight_lens(grey))
+    tags = align_coarsely(Pyramid(frame), patterns, seeds.rows, seeds.corners_px)
     tags = tags.take(verified(patterns, tags, settings.limits.relaxed()))
     if settings.tone == "auto":
         tone = choose_tone(frame, patterns, tags)
-    relight = len(tone_table(tone)) != len(frame.tone)
-    frame = Frame(grey=grey, tone=tone_table(tone), lens=frame.lens)
-    tags = align(frame, patterns, tags.rows, tags.corners_px, start=tags, relight=relight)
+    tags = _finely(frame, frame.lens, patterns, tags, tone)
     return _located(patterns, tags.take(verified(patterns, tags, settings.limits)), tone)
+
+
+def _finely(frame: Frame, lens: Array, patterns: Patterns, tags: Aligned, tone: str) -> Aligned:
+    """Return tags, aligned coarsely on a frame, aligned on its pixels under the right lens and tone curve."""
+    table = tone_table(tone)
+    changed = table is not frame.tone
+    return align(
+        Frame(grey=frame.grey, tone=table, lens=lens),
+        patterns,
+        tags.rows,
+        tags.corners_px,
+        start=relit(tags, frame.tone, table) if changed else tags,
+        relight=changed,
+        side_px=FINE_SIDE_PX,
+    )
 
 
 def to_grey(image: NDArray[np.generic], bits: int | None = None) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:

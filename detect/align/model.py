@@ -10,8 +10,8 @@ the pattern under it is a sum over the module edges i, j near the pixel,
 with ``a_i = (u - i) / s_u``, ``w_k = Phi(a_k) - Phi(a_k+1)``, ``c_ij`` the second difference of the modules E at the
 vertex: the tetrachoric series of the bivariate normal integral to second order (Pearson 1900,
 DOI 10.1098/rsta.1900.0022).
-A real blur is no Gaussian (a defocused lens spreads less far, a discrete filter further), so Phi carries the next term of
-the Edgeworth series, ``Phi(a) - k (a^3 - 3 a) phi(a) / 24`` with the excess kurtosis k free.
+A real blur is no Gaussian (a defocused lens spreads less far, a discrete filter further), so Phi carries the next
+term of the Edgeworth series, ``Phi(a) - k (a^3 - 3 a) phi(a) / 24`` with the excess kurtosis k free.
 The light is ``m = o + g P + (s_x x + s_y y)(P + kappa)``, kappa = o / g held fixed, and the grey level T(m).
 
 This module is the reference in numpy; :mod:`detect.align.kernels` computes the same sums compiled.
@@ -46,15 +46,12 @@ class Sums:
     stats : (N, 6)
     blocks : (N, B, B, 2)
         Sum of residuals and number of pixels in blocks of two by two modules, white ring included.
-    lag : (N, 2)
-        Sums of products of residuals with their right neighbour's, and the number of such pairs.
     """
 
     normal: Array
     gradient: Array
     stats: Array
     blocks: Array
-    lag: Array
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -134,13 +131,13 @@ def accumulate(  # noqa: PLR0917 - a kernel's arguments, by position
         Pixels to use: first and last column, first and last row (last exclusive), within the image.
     margin : (N,)
         How many modules of the white ring count.
-    stride : (N,)
-        Use every so manieth pixel both ways.
+    stride : (N, 2)
+        ``m, q``: of each row the pixels whose column, counted from ``q row`` modulo m within the box, m divides.
     """
     n = len(rows)
     sums = no_sums(n, cells)
     for k in range(n):
-        _accumulate_one(frame, cells[rows[k]], theta[k], place[k], boxes[k], float(margin[k]), int(stride[k]), k, sums)
+        _accumulate_one(frame, cells[rows[k]], theta[k], place[k], boxes[k], float(margin[k]), stride[k], k, sums)
     return sums
 
 
@@ -152,7 +149,6 @@ def no_sums(n: int, cells: Array) -> Sums:
         gradient=np.zeros((n, PARAMETERS)),
         stats=np.zeros((n, STATS)),
         blocks=np.zeros((n, blocks, blocks, 2)),
-        lag=np.zeros((n, 2)),
     )
 
 
@@ -163,18 +159,19 @@ def _accumulate_one(  # noqa: PLR0917
     place: Array,
     box: NDArray[np.int64],
     margin: float,
-    stride: int,
+    stride: NDArray[np.int64],
     k: int,
     sums: Sums,
 ) -> None:
     x0, x1, y0, y1 = (int(b) for b in box)
     if x1 <= x0 or y1 <= y0:
         return
-    columns, lines = np.meshgrid(np.arange(x0, x1, stride), np.arange(y0, y1, stride))
+    columns, lines = np.meshgrid(np.arange(x0, x1), np.arange(y0, y1))
     xy = (straighten(frame.lens, np.stack([columns, lines], -1).astype(float)) - place[:2]) * place[2]
     modules = cells.shape[0] - 2
     uv = apply_h(theta[None, :8], xy.reshape(1, -1, 2))[0]
-    used = np.all((uv > -margin) & (uv < modules + margin), axis=1)
+    sampled = (columns - x0 - lines * stride[1] % stride[0]) % stride[0] == 0
+    used = sampled.ravel() & np.all((uv > -margin) & (uv < modules + margin), axis=1)
     if not used.any():
         return
     p, p_u, p_v, p_s, p_k = pattern_value(cells, theta, xy.reshape(-1, 2)[used], uv[used], place[2])
@@ -208,7 +205,7 @@ def _accumulate_one(  # noqa: PLR0917
     )
     predicted, slope_t = tone_value(frame.tone, light)
     jacobian *= slope_t[:, None]
-    grey = frame.grey[y0:y1:stride, x0:x1:stride].reshape(-1)[used].astype(float)
+    grey = frame.grey[y0:y1, x0:x1].reshape(-1)[used].astype(float)
     r = grey - predicted
     sums.normal[k] = jacobian.T @ jacobian
     sums.gradient[k] = jacobian.T @ r
@@ -216,11 +213,6 @@ def _accumulate_one(  # noqa: PLR0917
     at = np.clip(((uv[used] + 1) / 2).astype(int), 0, sums.blocks.shape[1] - 1)
     np.add.at(sums.blocks[k, :, :, 0], (at[:, 1], at[:, 0]), r)
     np.add.at(sums.blocks[k, :, :, 1], (at[:, 1], at[:, 0]), 1)
-    full = np.full(used.shape, np.nan)
-    full[used] = r
-    pairs = full.reshape(columns.shape)
-    pairs = pairs[:, 1:] * pairs[:, :-1]
-    sums.lag[k] = (np.nansum(pairs), np.isfinite(pairs).sum())
 
 
 def tone_value(tone: Array, light: Array) -> tuple[Array, Array]:

@@ -16,15 +16,32 @@ MIN_SIGMA_PX, MAX_SIGMA_PX = 0.27, 12.0
 START_SIGMA_PX = 0.8
 KURTOSIS_PRIOR, KURTOSIS_RANGE = 0.5, (-1.3, 1.5)
 MARGIN_MODULES = 0.9
-COARSE_SIDE_PX, FINE_SIDE_PX = 9.0, 32.0
-COARSE_STOP_PX, FINE_STOP_PX = 0.1, 0.05
-_DAMPING, _COARSE_DAMPING = 1e-6, 1e-3
-_FREE = np.ones((4, PARAMETERS), dtype=np.bool_)
-"""What the first steps may change: light; then blur and an affine map; then also perspective."""
-_FREE[0, :8] = _FREE[0, LOG_SIGMA:] = False
-_FREE[:, KURTOSIS] = False
-_FREE = np.concatenate([_FREE, np.ones((1, PARAMETERS), dtype=np.bool_)])
-_FREE[1:3, 6:8] = False
+ITERATIONS = 10
+STOP_PX = 0.02
+_DAMPING, _FIRST_DAMPING = 1e-6, 1e-3
+
+
+_FIBONACCI = np.array([1, 1, 2, 3, 5, 8, 13, 21, 34, 55, 89, 144, 233, 377, 610, 987], dtype=np.int64)
+
+
+def _free(*names: slice) -> NDArray[np.bool_]:
+    chosen = np.zeros(PARAMETERS, dtype=np.bool_)
+    for part in names:
+        chosen[part] = True
+    return chosen
+
+
+_LIGHT, _AFFINE, _PERSPECTIVE = slice(OFFSET, LOG_SIGMA), slice(0, 6), slice(0, 8)
+_BLUR, _SHAPE = slice(LOG_SIGMA, LOG_SIGMA + 1), slice(KURTOSIS, KURTOSIS + 1)
+_FIRST = (
+    _free(_LIGHT),
+    _free(_LIGHT, _BLUR, _AFFINE),
+    _free(_LIGHT, _BLUR, _AFFINE),
+    _free(_LIGHT, _BLUR, _PERSPECTIVE),
+)
+_FURTHER = (_free(_LIGHT, _BLUR, _PERSPECTIVE, _SHAPE),)
+_AGAIN = (_free(_LIGHT), *_FURTHER, *_FURTHER)
+"""What each step may change."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -113,10 +130,11 @@ def align(
     rows: Index,
     corners_px: Array,
     *,
-    iterations: int = 8,
-    start: "Aligned | None" = None,
-    fine: bool = True,
+    start: Aligned | None = None,
     relight: bool = False,
+    stop_px: float = STOP_PX,
+    iterations: int = ITERATIONS,
+    side_px: float = np.inf,
     sums_of: Accumulate | None = None,
 ) -> Aligned:
     """Align tags whose corners are roughly known (to about a module).
@@ -129,14 +147,17 @@ def align(
         The tags' patterns, and the row of each tag (N,) in them.
     corners_px : (N, 4, 2), px
         Where to start.
-    iterations
-        At most so many Gauss-Newton steps on few pixels, and again on all; a tag stops once its corners hardly move.
     start
-        The same tags aligned before, for their light and blur; the coarse steps are then left out.
-    fine
-        Go on from few pixels a tag to all.
+        The same tags aligned before, for their light and blur. Without it the first steps change only the light, then
+        blur and an affine map, and the blur stays Gaussian.
     relight
-        The light of ``start`` is not to be relied upon.
+        The light of ``start`` is a guess (it was told under another tone curve).
+    stop_px
+        A tag is done once its corners move less.
+    iterations
+        At most so many Gauss-Newton steps.
+    side_px
+        Use no more pixels of a tag than one with sides of this length has.
     sums_of
         Numpy or compiled sums; the compiled where numba is installed.
 
@@ -146,38 +167,36 @@ def align(
         As many as went in, in their order; those that diverged have a correlation of -1.
     """
     sums_of = sums_of or accumulator()
-    n = len(rows)
+    schedule = _FIRST if start is None else (_AGAIN if relight else _FURTHER)
     straight = model.straighten(frame.lens, corners_px)
     place, theta = _start(patterns, straight)
     if start is not None:
         theta[:, OFFSET:] = start.theta[:, OFFSET:]
-    scale_px = 1 / place[:, 2]
-    last = model.no_sums(n, patterns.cells)
-    for coarse in ([True] if start is None else []) + ([False] if fine else []):
-        active, now = np.arange(n), corners_px if coarse else _corners(frame, patterns, theta, place)
-        boxes, margin = _pixels(frame, patterns, now, theta[:, LOG_SIGMA])
-        stride = _strides(now, COARSE_SIDE_PX if coarse else FINE_SIDE_PX)
-        for step_no in range(iterations):
-            if len(active) == 0:
-                break
-            sums = sums_of(
-                frame,
-                patterns.cells,
-                rows[active],
-                theta[active],
-                place[active],
-                boxes[active],
-                margin[active],
-                stride[active],
-            )
-            _put(last, active, sums)
-            free = _FREE[min(step_no, 3)] if coarse else _FREE[0 if relight and step_no < 2 else 4]
-            step = _step(sums, theta[active], free, _COARSE_DAMPING if coarse else _DAMPING)
-            before = _normalised_corners(patterns, theta[active])
-            theta[active] = _stepped(theta[active], step)
-            moved = np.linalg.norm(_normalised_corners(patterns, theta[active]) - before, axis=2).max(axis=1)
-            if step_no > (2 if relight else 0) or not (coarse or relight):
-                active = active[~(moved * scale_px[active] < (COARSE_STOP_PX if coarse else FINE_STOP_PX))]
+    boxes, margin = _pixels(frame, patterns, corners_px, theta[:, LOG_SIGMA])
+    stride = _strides(corners_px, side_px)
+    last = model.no_sums(len(rows), patterns.cells)
+    active = np.arange(len(rows))
+    for step_no in range(iterations):
+        if len(active) == 0:
+            break
+        sums = sums_of(
+            frame,
+            patterns.cells,
+            rows[active],
+            theta[active],
+            place[active],
+            boxes[active],
+            margin[active],
+            stride[active],
+        )
+        _put(last, active, sums)
+        free = schedule[min(step_no, len(schedule) - 1)]
+        step = _step(sums, theta[active], free, _DAMPING if start is not None else _FIRST_DAMPING)
+        before = _normalised_corners(patterns, theta[active])
+        theta[active] = _stepped(theta[active], step)
+        moved = np.linalg.norm(_normalised_corners(patterns, theta[active]) - before, axis=2).max(axis=1)
+        if step_no >= len(schedule) - 1:
+            active = active[~(moved < stop_px * place[active, 2])]
     return _finish(frame, patterns, rows=rows, theta=theta, place=place, sums=last)
 
 
@@ -187,9 +206,15 @@ def _put(sums: Sums, at: Index, some: Sums) -> None:
 
 
 def _strides(corners_px: Array, side_px: float) -> NDArray[np.int64]:
-    """Return every how manieth pixel of a tag to use so that its side still counts about ``side_px`` of them."""
+    """Return which share of a tag's pixels to use so that they are as many as of a tag with sides of ``side_px``.
+
+    A Fibonacci lattice: of m pixels one, in each row shifted by q. Unlike every second row and column it meets a
+    module's edges at all phases, also where they run along the pixels.
+    """
     side = np.linalg.norm(corners_px - np.roll(corners_px, -1, axis=1), axis=2).mean(axis=1)
-    return np.asarray(np.maximum(np.nan_to_num(side) / side_px, 1), dtype=np.int64)
+    at = np.searchsorted(_FIBONACCI, (np.nan_to_num(side) / side_px) ** 2, side="right") - 1
+    at = np.clip(at, 1, len(_FIBONACCI) - 1)
+    return np.stack([_FIBONACCI[at], _FIBONACCI[at - 1]], axis=1)
 
 
 def _start(patterns: Patterns, straight: Array) -> tuple[Array, Array]:
@@ -280,11 +305,10 @@ def _finish(frame: Frame, patterns: Patterns, *, rows: Index, theta: Array, plac
     cross = 0.5 * (y2 + p2 - r2) / count - (y / count) * (p / count)
     correlation = cross / np.sqrt(np.maximum(var_y * var_p, 1e-12))
     noise2 = r2 / np.maximum(n - PARAMETERS, 1)
-    lag = np.clip(sums.lag[:, 0] / np.maximum(sums.lag[:, 1], 1) / np.maximum(noise2, 1e-12), 0, 0.9)
     normal = sums.normal.copy()
     normal[:, KURTOSIS, KURTOSIS] += _kurtosis_prior(sums)
     normal[:, range(PARAMETERS), range(PARAMETERS)] += 1e-12 + 1e-9 * np.einsum("nii->ni", sums.normal)
-    cov_h = np.linalg.inv(normal)[:, :8, :8] * (noise2 * ((1 + lag) / (1 - lag)) ** 2)[:, None, None]
+    cov_h = np.linalg.inv(normal)[:, :8, :8] * noise2[:, None, None]
     D = _corner_jacobian(theta, places) / place[:, 2, None, None, None]
     D = np.einsum("ncij,ncjk->ncik", _bend_jacobian(frame, corners), D)
     cov = np.einsum("ncik,nkl,ncjl->ncij", D, cov_h, D)

@@ -4,12 +4,13 @@ A lens mixes light, the curve comes after: under sRGB a blurred edge is no longe
 tags seem to shrink. The wrong curve leaves larger residuals at every edge; that tells which one the camera has.
 """
 
+from dataclasses import replace
 from functools import cache
 from typing import Literal
 
 import numpy as np
 
-from detect.align.model import Frame
+from detect.align.model import GAIN, OFFSET, SLOPE_X, SLOPE_Y, Frame
 from detect.align.pattern import Array, Patterns
 from detect.align.solve import Aligned, align
 from detect.errors import DetectError
@@ -32,6 +33,17 @@ def tone_table(tone: str) -> Array:
     raise DetectError(f"tone is {tone!r}, one of linear, srgb is needed")
 
 
+def relit(tags: Aligned, old: Array, new: Array) -> Aligned:
+    """Return tags aligned under one tone curve as a start under another: the light of white and black exchanged."""
+    offset, gain = tags.theta[:, OFFSET], tags.theta[:, GAIN]
+    levels = [np.interp(light, np.linspace(0, 1, len(old)), old) for light in (offset, offset + gain)]
+    black, white = (np.interp(level, new, np.linspace(0, 1, len(new))) for level in levels)
+    theta = tags.theta.copy()
+    theta[:, OFFSET], theta[:, GAIN] = black, np.maximum(white - black, 1e-3)
+    theta[:, SLOPE_X : SLOPE_Y + 1] *= (theta[:, GAIN] / np.maximum(gain, 1e-3))[:, None]
+    return replace(tags, theta=theta, offset=black, gain=theta[:, GAIN])
+
+
 def choose_tone(frame: Frame, patterns: Patterns, tags: Aligned) -> str:
     """Return the tone curve under which tags, aligned roughly under any, leave the smaller residuals.
 
@@ -42,7 +54,8 @@ def choose_tone(frame: Frame, patterns: Patterns, tags: Aligned) -> str:
     left = {}
     for tone in ("linear", "srgb"):
         under = Frame(grey=frame.grey, tone=tone_table(tone), lens=frame.lens)
-        left[tone] = align(under, patterns, some.rows, some.corners_px, start=some, relight=True)
+        start = relit(some, frame.tone, under.tone)
+        left[tone] = align(under, patterns, some.rows, some.corners_px, start=start, relight=True, side_px=24.0)
     fitted = np.minimum(left["linear"].correlation, left["srgb"].correlation) > 0.8
     linear, srgb = (float(np.sum(left[t].noise[fitted] ** 2)) for t in ("linear", "srgb"))
     return "srgb" if srgb < 0.97 * linear else "linear"
