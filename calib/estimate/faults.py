@@ -76,7 +76,7 @@ def leg_tests(problem: Problem, at: Linearised, weights: Weights, profile: SlipP
     square = np.sum(np.where(testable, z**2 / values, 0.0), axis=2)
     freedom = testable.sum(axis=2)
     # Weight of each level without the leg itself: divide by the density that the level gave the leg.
-    log_weight = np.log(profile.weight + 1e-300)[:, None] + np.where(
+    log_weight = profile.log_weight[:, None] + np.where(
         used,
         0.5 * square + 0.5 * np.linalg.slogdet(C)[1] - 0.5 * np.sum(np.log(values), axis=2),
         0.0,

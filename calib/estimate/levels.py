@@ -3,8 +3,8 @@
 Both are variance components, estimated by restricted likelihood: what the parameters and the poses have adapted to the
 noise is taken off. A drive of 5 stops leaves only about 6 degrees of freedom for slip, so a single value would claim
 too much: the restricted likelihood is evaluated over all levels that the data allow, with a prior flat in the logarithm
-of the legs' variance (the quantisation's part included; Jeffreys' prior for a variance), and what is reported is the
-mean over them.
+of the legs' variance (the quantisation's part included; Jeffreys' prior for a variance), and, with the same
+probability as all of those together, no slip at all. What is reported is the mean over them.
 """
 
 from dataclasses import dataclass
@@ -19,10 +19,10 @@ from calib.frames import Array
 
 LARGEST_SLIP = 0.3
 """Levels of slip beyond this (m/sqrt(m)) are not considered: a wheel that slips by a third of a metre in one."""
-SMALLEST_SLIP = 1e-7
+SMALLEST_SLIP = 1e-8
 """What counts as no slip at all where the encoder has no step (m/sqrt(m)); exact data end here."""
-SMALLEST_FACTOR = 1e-6
-"""The pixel factor of exact data."""
+SMALLEST_PX = 1e-5
+"""No corner is taken as better than this (px, standard deviation): exact data end here."""
 _QUIET = 0.02
 """Slip of nought is taken as this share of what equals the quantisation, so that covariances stay invertible."""
 _POINTS = 17
@@ -37,8 +37,11 @@ class SlipProfile:
     ----------
     slip : (K,), m/sqrt(m)
         Levels, ascending.
-    weight : (K,)
-        Their probability; sums to 1.
+    log_weight : (K,)
+        Logarithm of their probability.
+    log_evidence
+        Logarithm of the restricted likelihood's mean over the levels, up to a constant of the data and the pixel
+        factor: compares solutions of the same data.
     solution
         Solutions of the normal equations at those levels, about the same state.
     information : (K, N, 3, 3)
@@ -46,9 +49,15 @@ class SlipProfile:
     """
 
     slip: Array
-    weight: Array
+    log_weight: Array
+    log_evidence: float
     solution: Solution
     information: Array
+
+    @property
+    def weight(self) -> Array:
+        """Probability of each level, (K,); sums to 1."""
+        return np.asarray(np.exp(self.log_weight))
 
     @property
     def mean(self) -> float:
@@ -86,10 +95,15 @@ def quiet_slip(problem: Problem, at: Linearised) -> float:
     """Return the slip that disturbs a leg as much as the quantisation of the readings at its ends does, m/sqrt(m)."""
     rolled = at.legs.model.rolled
     if not rolled.size or not np.any(rolled > 0):
-        return SMALLEST_SLIP
+        return 10 * SMALLEST_SLIP
     distance = float(np.median(rolled[rolled > 0]))
     step = problem.step * float(np.mean(np.abs(at.state.wheels[:2])))
-    return max(float(np.sqrt(step**2 / 6 / distance)), SMALLEST_SLIP)
+    return max(float(np.sqrt(step**2 / 6 / distance)), 10 * SMALLEST_SLIP)
+
+
+def least_slip(problem: Problem, at: Linearised) -> float:
+    """Return what stands for no slip at all, m/sqrt(m): so little that it changes nothing, yet can be inverted."""
+    return max(_QUIET * quiet_slip(problem, at), SMALLEST_SLIP)
 
 
 def slip_profile(problem: Problem, at: Linearised, pixel_factor: float, weights: Weights) -> SlipProfile:
@@ -101,40 +115,58 @@ def slip_profile(problem: Problem, at: Linearised, pixel_factor: float, weights:
     low, high = 2 * np.log(quiet), np.log(LARGEST_SLIP**2 + quiet**2)
     u = np.linspace(low, high, _POINTS + 4)
     for zoom in range(_ZOOMS + 1):
-        profile = _profile(problem, at, pixel_factor, weights, _slip(u, quiet))
-        mean = profile.weight @ u
-        spread = float(np.sqrt(profile.weight @ (u - mean) ** 2))
         step = u[1] - u[0]
+        prior = np.append((high - low) / step, np.ones(len(u)))
+        profile = _profile(problem, at, (pixel_factor, _slip(np.append(low, u), quiet)), weights, prior)
+        slipping = profile.weight[1:] / profile.weight[1:].sum()
+        spread = float(np.sqrt(slipping @ (u - slipping @ u) ** 2))
         if zoom == _ZOOMS or step < 0.6 * spread:
             break
-        likely = np.flatnonzero(profile.weight > 1e-5 * profile.weight.max())
+        likely = np.flatnonzero(slipping > 1e-5 * slipping.max())
         u = np.linspace(max(low, u[likely[0]] - step), min(high, u[likely[-1]] + step), _POINTS)
     return profile
 
 
 def fixed_profile(problem: Problem, at: Linearised, levels: Levels, weights: Weights) -> SlipProfile:
     """Return a profile of one given level."""
-    quiet = _QUIET * quiet_slip(problem, at)
-    return _profile(problem, at, levels.pixel_factor, weights, np.array([max(levels.slip, quiet)]))
+    quiet = least_slip(problem, at)
+    return _profile(problem, at, (levels.pixel_factor, np.array([max(levels.slip, quiet)])), weights, np.ones(1))
 
 
 def _slip(u: Array, quiet: float) -> Array:
-    return np.sqrt(np.maximum(np.exp(u) - quiet**2, (_QUIET * quiet) ** 2))
+    return np.sqrt(np.maximum(np.exp(u) - quiet**2, max(_QUIET * quiet, SMALLEST_SLIP) ** 2))
 
 
-def _profile(problem: Problem, at: Linearised, pixel_factor: float, weights: Weights, slip: Array) -> SlipProfile:
+def _profile(
+    problem: Problem, at: Linearised, levels: tuple[float, Array], weights: Weights, prior: Array
+) -> SlipProfile:
+    factor, slip = levels
     cov = leg_covariance(problem, at.legs.model, slip)
     information = np.linalg.inv(cov) * weights.legs[:, None, None]
-    normal, squares = equations(problem, at, pixel_factor, information)
+    normal, squares = equations(problem, at, factor, information)
     solution = solve(normal)
     log_noise = np.sum(np.linalg.slogdet(cov)[1] * (weights.legs > 0), axis=-1)
-    twice = log_noise + solution.log_det + squares - solution.decrease
-    weight = np.exp(-0.5 * (twice - twice.min()))
-    return SlipProfile(slip=slip, weight=weight / weight.sum(), solution=solution, information=information)
+    log_weight = np.log(prior) - 0.5 * (log_noise + solution.log_det + squares - solution.decrease)
+    largest = float(log_weight.max())
+    log_evidence = largest + float(np.log(np.sum(np.exp(log_weight - largest))))
+    return SlipProfile(
+        slip=slip,
+        log_weight=log_weight - log_evidence,
+        log_evidence=log_evidence - float(np.log(prior.sum())),
+        solution=solution,
+        information=information,
+    )
 
 
-def pixel_factor(at: Linearised, current: float, weights: Weights, profile: SlipProfile) -> tuple[float, float]:
-    """Return the pixel factor and its standard deviation.
+def smallest_factor(problem: Problem) -> float:
+    """Return the pixel factor below which corners would be better than ``SMALLEST_PX``."""
+    return SMALLEST_PX * float(np.sqrt(np.mean(np.linalg.det(problem.whiten))))
+
+
+def pixel_factor(
+    at: Linearised, current: float, weights: Weights, profile: SlipProfile, smallest: float
+) -> tuple[float, float]:
+    """Return the pixel factor, at least the smallest, and its standard deviation.
 
     The corners' sum of squares over their number less the degrees of freedom that the solution takes from them.
     """
@@ -148,5 +180,5 @@ def pixel_factor(at: Linearised, current: float, weights: Weights, profile: Slip
     freedom = 2 * float(np.count_nonzero(weights.corners)) - float(taken)
     if freedom <= 0:
         return current, np.inf
-    factor = max(float(np.sqrt(at.corner_squares.sum() / freedom)), SMALLEST_FACTOR)
+    factor = max(float(np.sqrt(at.corner_squares.sum() / freedom)), smallest)
     return factor, factor / float(np.sqrt(2 * freedom))

@@ -9,7 +9,7 @@ import numpy as np
 
 from calib.estimate.model import MOUNTING, Problem, State
 from calib.estimate.result import Direction
-from calib.frames import Array
+from calib.frames import Array, Mask
 
 WEAK_SIGMA = 1.0
 """From this standard deviation on (natural units) a direction is called weak."""
@@ -55,7 +55,7 @@ def natural_units(problem: Problem, state: State) -> Array:
     return np.array(units)
 
 
-def open_directions(problem: Problem, state: State, information: Array) -> tuple[tuple[Direction, ...], Array]:
+def open_directions(problem: Problem, state: State, information: Array) -> tuple[tuple[Direction, ...], Mask]:
     """Return what is weak or not determined, the worst first, and which shared unknowns are not determined.
 
     Parameters

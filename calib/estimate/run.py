@@ -14,12 +14,12 @@ from calib.estimate.faults import (
     robust_factor,
 )
 from calib.estimate.fit import Fit
-from calib.estimate.levels import fixed_profile, pixel_factor, quiet_slip, slip_profile
+from calib.estimate.levels import fixed_profile, pixel_factor, quiet_slip, slip_profile, smallest_factor
 from calib.estimate.model import Problem, State, build_problem, moved
 from calib.estimate.options import EstimateOptions
 from calib.estimate.result import Estimate
 from calib.estimate.solver import Levels, Weights, linearise, maximise
-from calib.estimate.start import camera_start, first_state
+from calib.estimate.start import CameraStart, camera_start, first_states
 from calib.estimate.summary import summarise
 from calib.four_steps import FourSteps
 from detect.correspondences import Correspondences
@@ -29,6 +29,8 @@ from detect.wheels import Ids
 MIN_STOPS = 3
 _ROUNDS = 25
 _CLOSE = 0.02
+_CORNER_LEFT_OUT, _LEG_LEFT_OUT = 12.0, 10.0
+"""What leaving out one of them costs, in log likelihood: about where the tests draw the line."""
 
 
 def estimate(
@@ -62,35 +64,35 @@ def fit(
     drives: Sequence[Correspondences],
     start: Sequence[FourSteps] | FourSteps | None = None,
     options: EstimateOptions | None = None,
-    *,
-    kept: Sequence[tuple[int, ...]] | None = None,
 ) -> Fit:
-    """Return the solution in the solver's own terms; see :func:`estimate`.
-
-    Parameters
-    ----------
-    drives, start, options
-        As for :func:`estimate`.
-    kept
-        Stops to use, for each drive, of those that the camera step kept.
-    """
+    """Return the solution in the solver's own terms; see :func:`estimate`."""
     options = options or EstimateOptions()
     if not drives:
         raise CalibError("no drives were given: at least one is needed")
-    cameras = camera_start(drives, start)
-    if kept is not None:
-        cameras = cameras.only(kept)
-    if sum(len(k) for k in cameras.kept) < MIN_STOPS:
-        raise CalibError(
-            f"{sum(len(k) for k in cameras.kept)} usable stops, at least {MIN_STOPS} are needed; add stops"
-        )
-    step = find_step(drives) if options.encoder_step is None else options.encoder_step
+    return fit_cameras(drives, camera_start(drives, start), options, step_of(drives, options))
+
+
+def fit_cameras(drives: Sequence[Correspondences], cameras: CameraStart, options: EstimateOptions, step: float) -> Fit:
+    """Return the solution from known camera poses and a known encoder step (rad)."""
+    count = sum(len(k) for k in cameras.kept)
+    if count < MIN_STOPS:
+        raise CalibError(f"{count} usable stops, at least {MIN_STOPS} are needed; add stops")
     problem = build_problem(drives, cameras.kept, options, step)
-    return solve_likelihood(problem, first_state(problem, drives, cameras, options.lens), options)
+    fits = [solve_likelihood(problem, state, options) for state in first_states(problem, drives, cameras, options.lens)]
+    return max(fits, key=_log_evidence)
 
 
-def find_step(drives: Sequence[Correspondences]) -> float:
-    """Return the encoders' step, rad: the coarsest that any wheel of any drive shows, 0 if there is none."""
+def _log_evidence(fit: Fit) -> float:
+    """Return how well a solution explains the data; what it had to leave out counts against it."""
+    corners, legs = fit.weights.corners, fit.weights.legs
+    left_out = _CORNER_LEFT_OUT * np.sum(corners == 0) + _LEG_LEFT_OUT * np.sum(legs == 0)
+    return float(fit.profile.log_evidence - 2 * np.sum(corners) * np.log(fit.levels.pixel_factor) - left_out)
+
+
+def step_of(drives: Sequence[Correspondences], options: EstimateOptions) -> float:
+    """Return the encoders' step, rad: given, or the coarsest that any wheel of any drive shows; 0 if there is none."""
+    if options.encoder_step is not None:
+        return options.encoder_step
     return max(encoder_step(phi) for d in drives for phi in (d.wheels.phi_R, d.wheels.phi_L))
 
 
@@ -103,7 +105,8 @@ def solve_likelihood(problem: Problem, state: State, options: EstimateOptions) -
     N = len(problem.leg_stop)
     everything = Weights(corners=np.ones(len(problem.uv_px)), legs=np.ones(N))
     at = linearise(problem, state, everything)
-    factor = options.pixel_factor or robust_factor(at.residual_px)
+    smallest = smallest_factor(problem)
+    factor = options.pixel_factor or max(robust_factor(at.residual_px), smallest)
     legs, slip = first_leg_weights(problem, at)
     weights = replace(everything, legs=legs) if options.find_faults else everything
     slip = max(slip if options.slip is None else options.slip, quiet_slip(problem, at) * 0.05)
@@ -116,7 +119,9 @@ def solve_likelihood(problem: Problem, state: State, options: EstimateOptions) -
         iterations += steps
         new = weights
         if options.find_faults:
-            spread = robust_factor(at.residual_px) if round_ == 0 and options.pixel_factor is None else factor
+            spread = (
+                max(robust_factor(at.residual_px), smallest) if round_ == 0 and options.pixel_factor is None else factor
+            )
             corners, hopeless = flag_corners(problem, at.residual_px, spread, options.false_alarm)
             new = replace(new, corners=corners)
         if round_ == 0 and not np.array_equal(new.corners, weights.corners):
@@ -127,7 +132,7 @@ def solve_likelihood(problem: Problem, state: State, options: EstimateOptions) -
         else:
             profile = fixed_profile(problem, at, levels, weights)
         if options.pixel_factor is None:
-            factor, factor_sigma = pixel_factor(at, levels.pixel_factor, weights, profile)
+            factor, factor_sigma = pixel_factor(at, levels.pixel_factor, weights, profile, smallest)
         tests = leg_tests(problem, at, weights, profile)
         if options.find_faults:
             new = replace(new, legs=flag_legs(problem, tests, weights, options.false_alarm))

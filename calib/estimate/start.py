@@ -29,6 +29,8 @@ from target.projection import Intrinsics
 _COUPLES = 300
 _ROUNDS = 10
 _TRIED, _CANDIDATES = 20, 5
+_NEAR, _MANY_LEGS, _KEPT = 50.0, 12, 3
+"""Candidates whose misfit (a variance) comes this near the best are tried too, where there are few legs."""
 _ALIKE = 0.3
 """How unlike the radii of a robot's two wheels are thought to be, as a logarithm; judges the start only."""
 _WINDINGS = np.array([(k, m) for k in (-1, 0, 1) for m in (-1, 0, 1)], dtype=np.float64)
@@ -92,10 +94,11 @@ def camera_start(drives: Sequence[Correspondences], start: Sequence[FourSteps] |
     return CameraStart(camera=cameras[0].camera, kept=tuple(kept), T_cam_box=np.concatenate(poses))
 
 
-def first_state(problem: Problem, drives: Sequence[Correspondences], camera: CameraStart, lens: Lens) -> State:
-    """Return the state to start from.
+def first_states(problem: Problem, drives: Sequence[Correspondences], camera: CameraStart, lens: Lens) -> list[State]:
+    """Return the states to start from, the most promising first.
 
-    Few legs leave several windings of the turns open: each candidate is judged by its legs, positions included.
+    Few legs leave several windings of the turns open: each candidate is judged by its legs, positions included, and
+    those that come near the best are kept; the likelihood decides among them.
 
     Raises
     ------
@@ -118,7 +121,7 @@ def first_state(problem: Problem, drives: Sequence[Correspondences], camera: Cam
     u = np.stack([c * d[:, 0] + s * d[:, 1], -s * d[:, 0] + c * d[:, 1]], axis=1)
     k = camera.camera
     radial = np.array([k.fu, k.fv, k.cu, k.cv, k.kr])
-    best: tuple[float, State] | None = None
+    found: list[tuple[float, State]] = []
     for aR, aL in _headings(turn, problem):
         rL, tx, ty, a1 = _planar(_displacements(legs, aR, aL), turn, u, aR=aR, aL=aL, size=_rolled(problem))
         rR = -aR / aL * rL
@@ -134,12 +137,12 @@ def first_state(problem: Problem, drives: Sequence[Correspondences], camera: Cam
             poses=np.concatenate([xy, theta[:, None]], axis=1),
             readings=np.zeros((len(theta), 2)),
         )
-        misfit = _misfit(problem, state)
-        if best is None or misfit < best[0]:
-            best = misfit, state
-    if best is None:
+        found.append((_misfit(problem, state), state))
+    if not found:
         raise CalibError("no radii and wheelbase explain the turns between the stops; are the wheels' signs right?")
-    return best[1]
+    found.sort(key=lambda f: f[0])
+    near = _NEAR if len(i) < _MANY_LEGS else 1.0
+    return [state for misfit, state in found if misfit <= near * found[0][0]][:_KEPT]
 
 
 def _misfit(problem: Problem, state: State) -> float:

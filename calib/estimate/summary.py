@@ -11,7 +11,7 @@ from calib.estimate.model import MOUNTING, Problem, State
 from calib.estimate.observability import open_directions
 from calib.estimate.residuals import leg_covariance
 from calib.estimate.result import DriveEstimate, Estimate, FlaggedCorner, FlaggedLeg, NoiseLevels
-from calib.frames import Array, exp_so3, planar, rigid
+from calib.frames import Array, Mask, exp_so3, planar, rigid
 from detect.correspondences import Correspondences
 from target.projection import Intrinsics
 
@@ -59,7 +59,7 @@ def summarise(fit: Fit, drives: Sequence[Correspondences]) -> Estimate:
     )
 
 
-def reported_cov(cov: Array, state: State, unknown: Array) -> Array:
+def reported_cov(cov: Array, state: State, unknown: Mask) -> Array:
     """Return the covariance with the mounting's translation along the body's axes; the unknown is infinite."""
     M = np.eye(len(cov))
     t = slice(MOUNTING.start + 3, MOUNTING.stop)
