@@ -17,7 +17,7 @@ from calib.frames import Array
 from detect.wheels import Ids
 
 ENOUGH = 6
-"""With fewer legs than this none is left out before the first solution: the start fits them too closely to judge."""
+"""With fewer legs than this none is left out: 6 unknowns are fitted to 3 numbers a leg."""
 _TESTABLE = 1e-6
 """A direction in which the other data say less than this about a leg cannot be tested."""
 
@@ -119,8 +119,8 @@ def flag_legs(problem: Problem, tests: LegTests, weights: Weights, chance: float
 
 
 def most_left_out(legs: int) -> int:
-    """Return how many legs may be left out at most."""
-    return max((legs - 2) // 2, 0)
+    """Return how many legs may be left out at most: none where the others are too few to say what slip is usual."""
+    return (legs - 2) // 2 if legs >= ENOUGH else 0
 
 
 def leg_counts(problem: Problem) -> Array:
@@ -167,6 +167,6 @@ def first_leg_weights(problem: Problem, at: Linearised) -> tuple[Array, float]:
     square = np.einsum("ni,nij,nj->n", at.legs.residual, np.linalg.inv(unit), at.legs.residual)
     middle = float(np.median(square))
     keep = np.ones(len(square))
-    far = np.argsort(-square)[: most_left_out(len(square)) if len(square) >= ENOUGH else 0]
+    far = np.argsort(-square)[: most_left_out(len(square))]
     keep[far] = np.where(square[far] > 25 * middle, 0.0, 1.0)
     return keep, float(np.sqrt(middle / stats.chi2.median(3)))

@@ -13,7 +13,7 @@ import numpy as np
 
 from calib.camera import MIN_LANDMARKS, calibrate_camera, locate
 from calib.errors import CalibError
-from calib.estimate.faults import ENOUGH, most_left_out
+from calib.estimate.faults import most_left_out
 from calib.estimate.lens import Lens, first_values
 from calib.estimate.model import Problem, State
 from calib.estimate.residuals import leg_covariance, leg_residuals
@@ -150,7 +150,7 @@ def _misfit(problem: Problem, state: State) -> float:
     legs = leg_residuals(problem, state)
     unit = leg_covariance(problem, legs.model, np.array(1.0))
     square = np.sort(np.einsum("ni,nij,nj->n", legs.residual, np.linalg.inv(unit), legs.residual))
-    fitting = float(np.mean(square[: len(square) - (most_left_out(len(square)) if len(square) >= ENOUGH else 0)]))
+    fitting = float(np.mean(square[: len(square) - most_left_out(len(square))]))
     size = float(np.exp(np.mean(np.linalg.slogdet(unit)[1]) / 3))  # wheels that explain all by being large do not win
     return fitting * size * (1 + (float(np.log(state.wheels[0] / state.wheels[1])) / _ALIKE) ** 2)
 
