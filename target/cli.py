@@ -12,8 +12,8 @@ from target.box import Box, Target, make_target
 from target.errors import TargetError
 from target.files import write_atomically
 from target.landmarks import load_target, target_bytes
-from target.page import PAPERS
-from target.sheets import mm, sheets_pdf
+from target.paper.papers import PAPERS, mm
+from target.sheets import sheets_pdf
 
 TARGET_NAME = "target.json"
 
@@ -38,7 +38,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     folder = Path(args.folder)
     try:
         target = make_target(_box(args))
-        papers = list(PAPERS) if args.paper == "both" else [args.paper]
+        papers = ["a4", "letter"] if args.paper == "both" else [args.paper]
         sheets = {f"box-{paper}.pdf": sheets_pdf(target, PAPERS[paper]) for paper in papers}
         _refuse_other_target(folder, target)
         _write_together(folder, {TARGET_NAME: target_bytes(target)} | sheets)
@@ -79,7 +79,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--dictionary", metavar="NAME", help=f"tag family, by OpenCV's name (default: {_DEFAULT['dictionary']})"
     )
-    parser.add_argument("--paper", choices=[*PAPERS, "both"], default="both", help="paper to print on (default: both)")
+    parser.add_argument("--paper", choices=["a4", "letter", "both"], default="both", help="paper to print on (default: both)")
     return parser
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from target.box import Box, make_target
 from target.errors import TargetError
 from target.measured import CREDIBLE, SIZES, Array, Measured
-from target.page import BAR_LENGTH
+from target.paper.page import BAR_LENGTH
 from target.sizes import scale_influence
 
 SCALE_PRIOR = 0.003

@@ -11,7 +11,7 @@ from target import cli
 from target.box import Box
 from target.files import write_atomically
 from target.landmarks import load_target
-from target.page import PAPERS
+from target.paper.papers import PAPERS
 from target.sheets import sheets_pdf
 
 FILES = ["box-a4.pdf", "box-letter.pdf", "target.json"]

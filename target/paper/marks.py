@@ -5,16 +5,13 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from target.box import FACES
-from target.page import BAR_LENGTH, BAR_THICKNESS, HEADING_THICKNESS
-from target.strips import Slot
+from target.paper.ink import BOLD, FONT, POINT, break_lines
+from target.paper.page import BAR_LENGTH, BAR_THICKNESS, HEADING_THICKNESS
+from target.paper.strips import Slot
 
 if TYPE_CHECKING:
     from reportlab.pdfgen.canvas import Canvas
 
-POINT = 0.0254 / 72
-"""One PDF point, m."""
-
-_FONT, _BOLD = "Helvetica", "Helvetica-Bold"
 _NOTES_PT, _LABEL_PT, _HEADING_PT = 6.5, 7.0, 11.0
 _NOTES_LEADING = 1.2 * _NOTES_PT * POINT
 _DESCENT = 0.22
@@ -24,14 +21,14 @@ _LINE_WIDTH, _TICK_WIDTH = 0.0002, 0.0001
 
 def notes_thickness(text: str) -> Callable[[float], float]:
     """Return the room, m, that a text takes across its lines as a function of their length, m."""
-    return lambda length: len(_lines(text, length)) * _NOTES_LEADING
+    return lambda length: len(break_lines(text, FONT, _NOTES_PT, length)) * _NOTES_LEADING
 
 
 def draw_notes(canvas: "Canvas", slot: Slot, text: str) -> None:
     """Write the notes, broken into lines and centred."""
-    lines = _lines(text, slot.length)
+    lines = break_lines(text, FONT, _NOTES_PT, slot.length)
     with _along(canvas, slot):
-        canvas.setFont(_FONT, _NOTES_PT)
+        canvas.setFont(FONT, _NOTES_PT)
         for i, line in enumerate(reversed(lines)):
             canvas.drawCentredString(slot.length / 2 / POINT, i * _NOTES_LEADING / POINT + _DESCENT * _NOTES_PT, line)
 
@@ -39,7 +36,7 @@ def draw_notes(canvas: "Canvas", slot: Slot, text: str) -> None:
 def draw_bar(canvas: "Canvas", slot: Slot) -> None:
     """Draw a scale bar of 100 mm between the centres of its end ticks, with its length written in its middle."""
     label = f"{BAR_LENGTH * 1e3:g} mm"
-    half_gap = 0.5 * canvas.stringWidth(label, _FONT, _LABEL_PT) * POINT + 0.001
+    half_gap = 0.5 * canvas.stringWidth(label, FONT, _LABEL_PT) * POINT + 0.001
     start, middle = (slot.length - BAR_LENGTH) / 2, slot.length / 2
     y = BAR_THICKNESS / 2 / POINT
     with _along(canvas, slot):
@@ -49,27 +46,27 @@ def draw_bar(canvas: "Canvas", slot: Slot) -> None:
         canvas.setLineWidth(_TICK_WIDTH / POINT)
         for x in (start, start + BAR_LENGTH):
             canvas.line(x / POINT, 0, x / POINT, 2 * y)
-        canvas.setFont(_FONT, _LABEL_PT)
+        canvas.setFont(FONT, _LABEL_PT)
         canvas.drawCentredString(middle / POINT, y - 0.36 * _LABEL_PT, label)
 
 
 def draw_heading(canvas: "Canvas", slot: Slot, face: int, ids: str) -> None:
     """Write which face this is, which way is up, and which faces its edges meet."""
     name = f"Face {face}"
-    name_width, ids_width = canvas.stringWidth(name, _BOLD, _HEADING_PT), canvas.stringWidth(ids, _FONT, _LABEL_PT)
+    name_width, ids_width = canvas.stringWidth(name, BOLD, _HEADING_PT), canvas.stringWidth(ids, FONT, _LABEL_PT)
     arrow, gap = HEADING_THICKNESS / POINT, 0.003 / POINT
-    up_width = canvas.stringWidth("up", _FONT, _LABEL_PT)
+    up_width = canvas.stringWidth("up", FONT, _LABEL_PT)
     x = (slot.length / POINT - (arrow + up_width + name_width + ids_width + 2.5 * gap)) / 2
     base = 0.25 * arrow
     with _along(canvas, slot):
         _draw_up_arrow(canvas, x + arrow / 2, arrow, turned=slot.turned)
-        canvas.setFont(_FONT, _LABEL_PT)
+        canvas.setFont(FONT, _LABEL_PT)
         canvas.drawString(0, base, f"left edge meets face {(face - 1) % FACES}")
         canvas.drawRightString(slot.length / POINT, base, f"right edge meets face {(face + 1) % FACES}")
         x += arrow + gap / 2
         canvas.drawString(x, base, "up")
         canvas.drawString(x + up_width + name_width + 2 * gap, base, ids)
-        canvas.setFont(_BOLD, _HEADING_PT)
+        canvas.setFont(BOLD, _HEADING_PT)
         canvas.drawString(x + up_width + gap, base, name)
 
 
@@ -100,9 +97,3 @@ def _along(canvas: "Canvas", slot: Slot) -> Iterator[None]:
         canvas.translate(slot.room.left / POINT, slot.room.bottom / POINT)
     yield
     canvas.restoreState()
-
-
-def _lines(text: str, length: float) -> list[str]:
-    from reportlab.lib.utils import simpleSplit  # noqa: PLC0415 - a command's --help must not wait for it
-
-    return [str(line) for line in simpleSplit(text, _FONT, _NOTES_PT, length / POINT)]

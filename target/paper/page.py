@@ -2,11 +2,13 @@
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
+from math import inf
 
 from target.box import Box
 from target.errors import TargetError
+from target.paper.papers import Paper
+from target.paper.strips import TINY, Rect, Slot, Strip, first_free
 from target.patterns import modules_per_side
-from target.strips import TINY, Rect, Slot, Strip, first_free
 
 PRINTABLE_MARGIN = 0.006
 """Many printers leave this much of the paper's edge white, m; every mark but the outline keeps out of it."""
@@ -22,29 +24,6 @@ HEADING_LENGTH = 0.120
 HEADING_THICKNESS = 0.004
 NOTES_LENGTH = 0.060
 """Lines of the notes are at least this long, m."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Paper:
-    """A size of paper.
-
-    Attributes
-    ----------
-    name
-        As people call it.
-    short, long : m
-        Its sides.
-    """
-
-    name: str
-    short: float
-    long: float
-
-
-PAPERS = {
-    "a4": Paper(name="A4", short=0.210, long=0.297),
-    "letter": Paper(name="US Letter", short=0.2159, long=0.2794),
-}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -73,7 +52,17 @@ class Page:
     bar_up: Slot
 
 
-def lay_out(box: Box, face: int, paper: Paper, notes_thickness: Callable[[float], float]) -> Page:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Joints:
+    """Lines at which a face is cut into tiles, m from its centre: to the right, and up."""
+
+    across: tuple[float, ...]
+    up: tuple[float, ...]
+
+
+def lay_out(
+    box: Box, face: int, paper: Paper, notes_thickness: Callable[[float], float], joints: Joints | None = None
+) -> Page:
     """Return where everything lies on a face's page.
 
     Marks stand on the face's own rim where it has room, for they then stay on the box, else on the paper beside it;
@@ -85,6 +74,8 @@ def lay_out(box: Box, face: int, paper: Paper, notes_thickness: Callable[[float]
         What is printed on what; the paper's long side lies along the face's longer side.
     notes_thickness
         Returns the room that the notes need across their lines, m, for the length of a line, m.
+    joints
+        Where the page will be cut into tiles; no mark lies across one.
 
     Raises
     ------
@@ -102,8 +93,14 @@ def lay_out(box: Box, face: int, paper: Paper, notes_thickness: Callable[[float]
 
     taken: list[Rect] = []
 
+    def cuts(strip: Strip) -> list[float]:
+        """Return where joints cut a strip, along its writing."""
+        if joints is None:
+            return []
+        return [height / 2 + y for y in joints.up] if strip.turned else [width / 2 + x for x in joints.across]
+
     def place(what: str, strips: Iterable[Strip], thickness: Callable[[float], float], length: float | None) -> Slot:
-        for strip in strips:
+        for strip in (piece for whole in strips for piece in whole.pieces(cuts(whole))):
             slot = first_free(strip, taken, thickness(strip.length), length)
             if slot is not None:
                 taken.append(slot.room)
@@ -113,12 +110,20 @@ def lay_out(box: Box, face: int, paper: Paper, notes_thickness: Callable[[float]
             f"beside its tags; reduce {_width_name(face)}, height, columns or rows, or print on other paper"
         )
 
-    wide_enough = [s for s in (rim_top, above, rim_bottom, below, left, right) if s.length >= HEADING_LENGTH - TINY]
-    heading = place("its heading", wide_enough, lambda _: HEADING_THICKNESS, None)
+    heading = place(
+        "its heading",
+        (rim_top, above, rim_bottom, below, left, right),
+        lambda length: HEADING_THICKNESS if length >= HEADING_LENGTH - TINY else inf,
+        None,
+    )
     across = place("a scale bar", (rim_bottom, rim_top, below, above), lambda _: BAR_THICKNESS, BAR_LENGTH)
     up = place("a scale bar", (left, right, rim_left, rim_right), lambda _: BAR_THICKNESS, BAR_LENGTH)
-    wide_enough = [s for s in (rim_bottom, rim_top, below, above, right, left) if s.length >= NOTES_LENGTH - TINY]
-    notes = place("the printing notes", wide_enough, notes_thickness, None)
+    notes = place(
+        "the printing notes",
+        (rim_bottom, rim_top, below, above, right, left),
+        lambda length: notes_thickness(length) if length >= NOTES_LENGTH - TINY else inf,
+        None,
+    )
     return Page(
         width=width,
         height=height,
@@ -128,6 +133,14 @@ def lay_out(box: Box, face: int, paper: Paper, notes_thickness: Callable[[float]
         notes=notes,
         bar_across=across,
         bar_up=up,
+    )
+
+
+def fits(box: Box, face: int, paper: Paper) -> bool:
+    """Return whether a face's outline fits a paper."""
+    sides = sorted((box.face_width(face), box.height))
+    return all(
+        side <= room - 2 * OUTLINE_MARGIN + TINY for side, room in zip(sides, (paper.short, paper.long), strict=True)
     )
 
 

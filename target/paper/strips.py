@@ -1,10 +1,14 @@
 """Free strips of a page, and finding room for a mark in them."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Literal
 
 BETWEEN_MARKS = 0.001
 """From one mark to the next in a strip, m."""
+OFF_JOINT = 0.002
+"""From a mark to a line at which tiles are joined, m."""
 TINY = 1e-9
 """Rounding that does not count, m."""
 
@@ -71,6 +75,18 @@ class Strip:
     def thickness(self) -> float:
         """Extent across the writing, m."""
         return self.room.width if self.turned else self.room.height
+
+    def pieces(self, cuts: Sequence[float]) -> "list[Strip]":
+        """Return the parts of the strip between cuts across its writing (m on the page), the longest first."""
+        r = self.room
+        low, high = (r.bottom, r.top) if self.turned else (r.left, r.right)
+        ends = [low, *sorted(c for c in cuts if low < c < high), high]
+        # A mark keeps off the joint itself.
+        spans = [(a + OFF_JOINT * (a > low), b - OFF_JOINT * (b < high)) for a, b in pairwise(ends)]
+        spans = sorted((s for s in spans if s[1] > s[0]), key=lambda s: round(s[0] - s[1], 9))
+        if self.turned:
+            return [replace(self, room=replace(r, bottom=a, top=b)) for a, b in spans]
+        return [replace(self, room=replace(r, left=a, right=b)) for a, b in spans]
 
     def slot(self, offset: float, thickness: float, length: float) -> Rect:
         """Return a piece of the strip, centred along it, ``offset`` from the side where filling starts."""
