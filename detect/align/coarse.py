@@ -10,7 +10,8 @@ from detect.align.verify import module_px
 
 LEAST_MODULE_PX = 1.2
 """A copy is halved again while modules stay wider than this, px."""
-STOP_PX = 0.12
+STOP_PX = 0.15
+SIDE_PX = 12.0
 MAX_LEVEL = 6
 
 
@@ -39,8 +40,10 @@ class Pyramid:
         return self._levels[level]
 
 
-def align_coarsely(pyramid: Pyramid, patterns: Patterns, rows: Index, corners_px: Array) -> Aligned:
-    """Return tags (N,) aligned to about a tenth of a shrunken pixel, in their order; corners as for :func:`align`."""
+def align_coarsely(
+    pyramid: Pyramid, patterns: Patterns, rows: Index, corners_px: Array, side_px: float = SIDE_PX
+) -> Aligned:
+    """Return tags (N,) aligned to about a tenth of a shrunken pixel, in their order; for the rest see :func:`align`."""
     module = np.maximum(np.nan_to_num(module_px(patterns, corners_px)), 1e-3)
     levels = np.clip(np.floor(np.log2(module / LEAST_MODULE_PX)), 0, MAX_LEVEL).astype(np.int64)
     parts, order = [], []
@@ -48,7 +51,9 @@ def align_coarsely(pyramid: Pyramid, patterns: Patterns, rows: Index, corners_px
         at = np.flatnonzero(levels == level)
         factor = 2.0**level
         small = (corners_px[at] + 0.5) / factor - 0.5
-        parts.append(_enlarged(align(pyramid.level(int(level)), patterns, rows[at], small, stop_px=STOP_PX), factor))
+        frame = pyramid.level(int(level))
+        tags = align(frame, patterns, rows[at], small, stop_px=STOP_PX, side_px=side_px, covariance=False)
+        parts.append(_enlarged(tags, factor))
         order.append(at)
     joined = parts[0]
     for part in parts[1:]:

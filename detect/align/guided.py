@@ -104,6 +104,10 @@ def plan(target: Target, patterns: Patterns, seeds: Seeds, image_size: tuple[int
     fit, rows, corners = _fitted(
         target, patterns, seeds.rows, seeds.corners_px, image_size=image_size, sigma_px=SEED_SIGMA_PX
     )
+    # where many seeds agree, the box says better than each of them where its corners are
+    uv, spread = fit.predict(target.tag_corners[rows].reshape(-1, 3))
+    surer = (spread.reshape(-1, 4).max(axis=1) < SEED_SIGMA_PX) & (fit.off_px < 4 * SEED_SIGMA_PX)
+    corners = np.where(surer[:, None, None], uv.reshape(-1, 4, 2), corners)
     more, more_corners = predicted(target, patterns, fit, rows, image_size)
     return Search(rows=np.concatenate([rows, more]), corners_px=np.concatenate([corners, more_corners]), fit=fit)
 
@@ -172,7 +176,7 @@ def follow(
         more, corners = predicted(target, patterns, fit, tags.rows, image_size)
         if len(more) == 0:
             break
-        new = align_coarsely(pyramid, patterns, more, corners)
+        new = align_coarsely(pyramid, patterns, more, corners, side_px=np.inf)
         moved = np.linalg.norm(new.corners_px - corners, axis=2).max(axis=1)
         near = moved <= module_px(patterns, corners) + 0.5
         new = new.take(near & verified(patterns, new, rough))

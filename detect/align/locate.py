@@ -16,12 +16,12 @@ from detect.align.guided import (
     follow,
     plan,
 )
-from detect.align.model import Frame
+from detect.align.model import KURTOSIS, Frame
 from detect.align.pattern import Array, Index, Patterns, target_patterns
 from detect.align.rigid import BoxFit
 from detect.align.seeds import Seeds, find_seeds
 from detect.align.solve import Aligned, align
-from detect.align.tone import TONES, Tone, choose_tone, relit, tone_table
+from detect.align.tone import TONES, Taking, Tone, probe, relit, tone_table
 from detect.align.verify import Limits, module_px, verified
 from detect.errors import DetectError
 from target.box import Target
@@ -30,7 +30,8 @@ MODEL_ERROR_PX = 0.004
 """Deviation per axis of what the model leaves out (lens, print, pixel response); no residual shows it."""
 MAX_SIDE_PX = 16_384
 FEW_TAGS = 4
-FINE_SIDE_PX = 32.0
+STOP_PX = 0.05
+FINE_SIDE_PX = 28.0
 """Tags twice as large are aligned on every second pixel both ways, and so on."""
 _LEAST_SIDE_PX = 8
 
@@ -116,14 +117,12 @@ def locate_tags(image: NDArray[np.generic], target: Target, settings: LocateSett
     if len(seeds) == 0:
         return _located(patterns, _none(patterns), "linear" if settings.tone == "auto" else settings.tone)
     search = plan(target, patterns, seeds, size)
-    tone: str = "linear" if settings.tone == "auto" else settings.tone
     frame = Frame(grey=grey, tone=tone_table("linear"), lens=search.fit.lens)
     tags, fit = follow(Pyramid(frame), target, patterns, search, settings.limits)
-    if settings.tone == "auto":
-        tone = choose_tone(frame, patterns, tags)
-    tags = _finely(frame, fit.lens, patterns, tags, tone)
+    taking = probe(frame, patterns, tags, settings.tone)
+    tags = _finely(frame, fit.lens, patterns, tags, taking)
     tags = tags.take(verified(patterns, tags, settings.limits))
-    return _located(patterns, _on_the_box(target, patterns, tags, fit), tone)
+    return _located(patterns, _on_the_box(target, patterns, tags, fit), taking.tone)
 
 
 def locate_copies(image: NDArray[np.generic], patterns: Patterns, settings: LocateSettings | None = None) -> Located:
@@ -135,28 +134,29 @@ def locate_copies(image: NDArray[np.generic], patterns: Patterns, settings: Loca
     settings = settings or LocateSettings()
     grey, grey8 = to_grey(image)
     seeds = search_seeds(grey8, patterns, settings, lambda _: False)
-    tone: str = "linear" if settings.tone == "auto" else settings.tone
     frame = Frame(grey=grey, tone=tone_table("linear"), lens=_straight_lens(grey))
     tags = align_coarsely(Pyramid(frame), patterns, seeds.rows, seeds.corners_px)
     tags = tags.take(verified(patterns, tags, settings.limits.relaxed()))
-    if settings.tone == "auto":
-        tone = choose_tone(frame, patterns, tags)
-    tags = _finely(frame, frame.lens, patterns, tags, tone)
-    return _located(patterns, tags.take(verified(patterns, tags, settings.limits)), tone)
+    taking = probe(frame, patterns, tags, settings.tone)
+    tags = _finely(frame, frame.lens, patterns, tags, taking)
+    return _located(patterns, tags.take(verified(patterns, tags, settings.limits)), taking.tone)
 
 
-def _finely(frame: Frame, lens: Array, patterns: Patterns, tags: Aligned, tone: str) -> Aligned:
+def _finely(frame: Frame, lens: Array, patterns: Patterns, tags: Aligned, taking: Taking) -> Aligned:
     """Return tags, aligned coarsely on a frame, aligned on its pixels under the right lens and tone curve."""
-    table = tone_table(tone)
+    table = tone_table(taking.tone)
     changed = table is not frame.tone
+    start = relit(tags, frame.tone, table) if changed else tags
+    start.theta[:, KURTOSIS] = taking.kurtosis
     return align(
         Frame(grey=frame.grey, tone=table, lens=lens),
         patterns,
         tags.rows,
         tags.corners_px,
-        start=relit(tags, frame.tone, table) if changed else tags,
+        start=start,
         relight=changed,
         side_px=FINE_SIDE_PX,
+        stop_px=STOP_PX,
     )
 
 

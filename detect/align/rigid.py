@@ -16,7 +16,7 @@ from detect.align.model import bend, straighten
 from detect.align.pattern import Array, Index
 from target.box import Target
 
-ITERATIONS = 25
+ITERATIONS = 14
 FOCAL_LENGTHS = (1.1, 0.6, 2.2)
 """Where fits start, image widths."""
 LEAST_SIGMA_PX = 0.05
@@ -160,7 +160,7 @@ def _refine(
             if damping > 1e6:
                 break
         else:
-            done = cost - now < 2e-4 * now + 1e-9
+            done = cost - now < 1e-3 * now + 1e-9
             kept, cost, off = (focal, lens.copy(), T.copy()), now, now_off
             weight = np.repeat(1 / (1 + (now_off / scale) ** 2), 2)
             J = _jacobian(focal, lens, p_cam, uv).reshape(len(uv) * 2, -1)
@@ -199,13 +199,15 @@ def _jacobian(focal: float, lens: Array, p_cam: Array, uv: Array) -> Array:
     """Return how the residual's prediction moves with the 11 unknowns, (P, 2, 11) px."""
     d = uv - lens[:2]
     q = np.sum(d * d, axis=1, keepdims=True) * lens[4] ** 2
-    x, y, z = p_cam.T
+    depth = focal / p_cam[:, 2]
+    x, y = p_cam[:, 0] / p_cam[:, 2], p_cam[:, 1] / p_cam[:, 2]
     J = np.zeros((len(uv), 2, _CAMERA + 6))
-    J[:, :, 0] = focal * p_cam[:, :2] / p_cam[:, 2:]
+    J[:, 0, 0], J[:, 1, 0] = focal * x, focal * y
     J[:, 0, 1] = J[:, 1, 2] = 1
     J[:, :, 3], J[:, :, 4] = -d * q, -d * q * q
-    zero = np.zeros_like(x)
-    by_p = focal * np.stack([np.stack([1 / z, zero, -x / z**2], 1), np.stack([zero, 1 / z, -y / z**2], 1)], 1)
-    turn = np.stack([np.stack([zero, z, -y], 1), np.stack([-z, zero, x], 1), np.stack([y, -x, zero], 1)], 1)
-    J[:, :, 5:8], J[:, :, 8:] = by_p @ turn, by_p
+    # d(x, y) of a turned and moved point: [[-xy, 1 + xx, -y], [-1 - yy, xy, x]] and [[1, 0, -x], [0, 1, -y]] / z
+    J[:, 0, 5], J[:, 0, 6], J[:, 0, 7] = -focal * x * y, focal * (1 + x * x), -focal * y
+    J[:, 1, 5], J[:, 1, 6], J[:, 1, 7] = -focal * (1 + y * y), focal * x * y, focal * x
+    J[:, 0, 8] = J[:, 1, 9] = depth
+    J[:, 0, 10], J[:, 1, 10] = -depth * x, -depth * y
     return J

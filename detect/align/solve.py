@@ -36,7 +36,6 @@ _BLUR, _SHAPE = slice(LOG_SIGMA, LOG_SIGMA + 1), slice(KURTOSIS, KURTOSIS + 1)
 _FIRST = (
     _free(_LIGHT),
     _free(_LIGHT, _BLUR, _AFFINE),
-    _free(_LIGHT, _BLUR, _AFFINE),
     _free(_LIGHT, _BLUR, _PERSPECTIVE),
 )
 _FURTHER = (_free(_LIGHT, _BLUR, _PERSPECTIVE, _SHAPE),)
@@ -135,6 +134,7 @@ def align(
     stop_px: float = STOP_PX,
     iterations: int = ITERATIONS,
     side_px: float = np.inf,
+    covariance: bool = True,
     sums_of: Accumulate | None = None,
 ) -> Aligned:
     """Align tags whose corners are roughly known (to about a module).
@@ -158,6 +158,8 @@ def align(
         At most so many Gauss-Newton steps.
     side_px
         Use no more pixels of a tag than one with sides of this length has.
+    covariance
+        Without it covariances come back as zero.
     sums_of
         Numpy or compiled sums; the compiled where numba is installed.
 
@@ -176,6 +178,8 @@ def align(
     stride = _strides(corners_px, side_px)
     last = model.no_sums(len(rows), patterns.cells)
     active = np.arange(len(rows))
+    places = (straight - place[:, None, :2]) * place[:, 2, None, None]
+    module = np.linalg.norm(corners_px - np.roll(corners_px, 1, axis=1), axis=2).max(axis=1) / patterns.modules
     for step_no in range(iterations):
         if len(active) == 0:
             break
@@ -189,15 +193,23 @@ def align(
             margin[active],
             stride[active],
         )
-        _put(last, active, sums)
         free = schedule[min(step_no, len(schedule) - 1)]
         step = _step(sums, theta[active], free, _DAMPING if start is not None else _FIRST_DAMPING)
-        before = _normalised_corners(patterns, theta[active])
-        theta[active] = _stepped(theta[active], step)
-        moved = np.linalg.norm(_normalised_corners(patterns, theta[active]) - before, axis=2).max(axis=1)
+        stepped = _stepped(theta[active], step)
+        sums.stats[:, 1] -= _explained(sums, stepped - theta[active])
+        _put(last, active, sums)
+        moved = model.apply_h(stepped, places[active]) - model.apply_h(theta[active], places[active])
+        theta[active] = stepped
+        moved_px = np.abs(moved).max(axis=(1, 2)) * module[active]
         if step_no >= len(schedule) - 1:
-            active = active[~(moved < stop_px * place[active, 2])]
-    return _finish(frame, patterns, rows=rows, theta=theta, place=place, sums=last)
+            active = active[~(moved_px < stop_px)]
+    return _finish(frame, patterns, rows=rows, theta=theta, place=place, sums=last, covariance=covariance)
+
+
+def _explained(sums: Sums, step: Array) -> Array:
+    """Return by how much a step lessens the sums of squared residuals (N,), by the linear model; at most by all."""
+    less = 2 * np.einsum("ni,ni->n", step, sums.gradient) - np.einsum("ni,nij,nj->n", step, sums.normal, step)
+    return np.asarray(np.clip(less, 0, 0.98 * sums.stats[:, 1]))
 
 
 def _put(sums: Sums, at: Index, some: Sums) -> None:
@@ -275,43 +287,30 @@ def _stepped(theta: Array, step: Array) -> Array:
     return new
 
 
-def _matrices(theta: Array) -> Array:
-    return np.concatenate([theta[:, :8], np.ones((len(theta), 1))], axis=1).reshape(-1, 3, 3)
-
-
 def _normalised_corners(patterns: Patterns, theta: Array) -> Array:
-    """Return the corners (N, 4, 2) in normalised places; NaN where the homography is singular."""
-    H = _matrices(theta)
-    singular = ~(np.abs(np.linalg.det(H)) > 1e-12)
-    H[singular] = np.eye(3)
-    p = np.hstack([patterns.corners, np.ones((4, 1))]) @ np.linalg.inv(H).transpose(0, 2, 1)
+    """Return the corners (N, 4, 2) in normalised places: H inverted by its adjugate; NaN where it is singular."""
+    h0, h1, h2, h3, h4, h5, h6, h7 = theta[:, :8].T
+    u, v = patterns.corners[:, 0, None], patterns.corners[:, 1, None]
+    x = (h4 - h5 * h7) * u + (h2 * h7 - h1) * v + (h1 * h5 - h2 * h4)
+    y = (h5 * h6 - h3) * u + (h0 - h2 * h6) * v + (h2 * h3 - h0 * h5)
+    w = (h3 * h7 - h4 * h6) * u + (h1 * h6 - h0 * h7) * v + (h0 * h4 - h1 * h3)
     with np.errstate(divide="ignore", invalid="ignore"):
-        corners = p[..., :2] / p[..., 2:]
-    corners[singular] = np.nan
-    return np.asarray(corners)
+        corners = np.stack([x / w, y / w], -1).transpose(1, 0, 2)
+    return np.where(np.abs(corners) < 1e3, corners, np.nan)
 
 
-def _corners(frame: Frame, patterns: Patterns, theta: Array, place: Array) -> Array:
-    straight = _normalised_corners(patterns, theta) / place[:, 2, None, None] + place[:, None, :2]
-    return model.bend(frame.lens, straight)
-
-
-def _finish(frame: Frame, patterns: Patterns, *, rows: Index, theta: Array, place: Array, sums: Sums) -> Aligned:
+def _finish(
+    frame: Frame, patterns: Patterns, *, rows: Index, theta: Array, place: Array, sums: Sums, covariance: bool
+) -> Aligned:
     places = _normalised_corners(patterns, theta)
-    corners = _corners(frame, patterns, theta, place)
+    corners = model.bend(frame.lens, places / place[:, 2, None, None] + place[:, None, :2])
     n, r2, y, y2, p, p2 = sums.stats.T
     count = np.maximum(n, 1)
     var_y, var_p = y2 / count - (y / count) ** 2, p2 / count - (p / count) ** 2
     cross = 0.5 * (y2 + p2 - r2) / count - (y / count) * (p / count)
     correlation = cross / np.sqrt(np.maximum(var_y * var_p, 1e-12))
     noise2 = r2 / np.maximum(n - PARAMETERS, 1)
-    normal = sums.normal.copy()
-    normal[:, KURTOSIS, KURTOSIS] += _kurtosis_prior(sums)
-    normal[:, range(PARAMETERS), range(PARAMETERS)] += 1e-12 + 1e-9 * np.einsum("nii->ni", sums.normal)
-    cov_h = np.linalg.inv(normal)[:, :8, :8] * noise2[:, None, None]
-    D = _corner_jacobian(theta, places) / place[:, 2, None, None, None]
-    D = np.einsum("ncij,ncjk->ncik", _bend_jacobian(frame, corners), D)
-    cov = np.einsum("ncik,nkl,ncjl->ncij", D, cov_h, D)
+    cov = _covariance(frame, sums, noise2, theta, place, corners) if covariance else np.zeros((len(rows), 4, 2, 2))
     mean = sums.blocks[..., 0] / np.maximum(sums.blocks[..., 1], 1)
     contrast = np.maximum(np.sqrt(np.maximum(var_y, 0)) * 2, 1e-6)
     enough = sums.blocks[..., 1] >= 2
@@ -330,6 +329,21 @@ def _finish(frame: Frame, patterns: Patterns, *, rows: Index, theta: Array, plac
         theta=theta,
         place=place,
     )
+
+
+def _covariance(  # noqa: PLR0917
+    frame: Frame, sums: Sums, noise2: Array, theta: Array, place: Array, corners: Array
+) -> Array:
+    """Return the corners' covariances (N, 4, 2, 2): residual variance by the inverse normal matrix."""
+    places = (model.straighten(frame.lens, corners) - place[:, None, :2]) * place[:, 2, None, None]
+    normal = sums.normal.copy()
+    normal[:, KURTOSIS, KURTOSIS] += _kurtosis_prior(sums)
+    normal[:, range(PARAMETERS), range(PARAMETERS)] += 1e-12 + 1e-9 * np.einsum("nii->ni", sums.normal)
+    cov_h = np.linalg.inv(normal)[:, :8, :8] * noise2[:, None, None]
+    D = _corner_jacobian(theta, places) / place[:, 2, None, None, None]
+    D = np.einsum("ncij,ncjk->ncik", _bend_jacobian(frame, corners), D)
+    cov = np.einsum("ncik,nkl,ncjl->ncij", D, cov_h, D)
+    return np.asarray(cov)
 
 
 def _corner_jacobian(theta: Array, xy: Array) -> Array:

@@ -4,20 +4,21 @@ A lens mixes light, the curve comes after: under sRGB a blurred edge is no longe
 tags seem to shrink. The wrong curve leaves larger residuals at every edge; that tells which one the camera has.
 """
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import Literal
 
 import numpy as np
 
-from detect.align.model import GAIN, OFFSET, SLOPE_X, SLOPE_Y, Frame
+from detect.align.model import GAIN, KURTOSIS, OFFSET, SLOPE_X, SLOPE_Y, Frame
 from detect.align.pattern import Array, Patterns
 from detect.align.solve import Aligned, align
 from detect.errors import DetectError
 
 Tone = Literal["auto", "linear", "srgb"]
 TONES: tuple[Tone, ...] = ("auto", "linear", "srgb")
-TAGS = 4
+TAGS = 3
+SIDE_PX = 16.0
 _ENTRIES = 1025
 
 
@@ -44,18 +45,39 @@ def relit(tags: Aligned, old: Array, new: Array) -> Aligned:
     return replace(tags, theta=theta, offset=black, gain=theta[:, GAIN])
 
 
-def choose_tone(frame: Frame, patterns: Patterns, tags: Aligned) -> str:
-    """Return the tone curve under which tags, aligned roughly under any, leave the smaller residuals.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Taking:
+    """What all tags of a picture share.
 
-    A few of the largest tags are asked; ``linear`` where neither is clearly better, as then it makes no difference.
+    Attributes
+    ----------
+    tone
+        Tone curve, ``linear`` or ``srgb``.
+    kurtosis
+        Excess kurtosis of the blur.
+    """
+
+    tone: str
+    kurtosis: float
+
+
+def probe(frame: Frame, patterns: Patterns, tags: Aligned, tone: Tone) -> Taking:
+    """Return the tone curve under which tags, aligned roughly under any, leave the smallest residuals, and their blur.
+
+    A few of the largest tags are asked, about both curves or the given one; the answer is ``linear`` where neither is
+    clearly better, as then it makes no difference.
     """
     size = np.linalg.norm(tags.corners_px[:, 2] - tags.corners_px[:, 0], axis=1)
     some = tags.take(np.argsort(-size)[:TAGS])
     left = {}
-    for tone in ("linear", "srgb"):
-        under = Frame(grey=frame.grey, tone=tone_table(tone), lens=frame.lens)
+    for name in ("linear", "srgb") if tone == "auto" else (tone,):
+        under = Frame(grey=frame.grey, tone=tone_table(name), lens=frame.lens)
         start = relit(some, frame.tone, under.tone)
-        left[tone] = align(under, patterns, some.rows, some.corners_px, start=start, relight=True, side_px=24.0)
-    fitted = np.minimum(left["linear"].correlation, left["srgb"].correlation) > 0.8
-    linear, srgb = (float(np.sum(left[t].noise[fitted] ** 2)) for t in ("linear", "srgb"))
-    return "srgb" if srgb < 0.97 * linear else "linear"
+        left[name] = align(
+            under, patterns, some.rows, some.corners_px, start=start, relight=True, side_px=SIDE_PX, covariance=False
+        )
+    fitted = np.min([tags.correlation for tags in left.values()], axis=0) > 0.8
+    residual = {name: float(np.sum(tags.noise[fitted] ** 2)) for name, tags in left.items()}
+    best = min(left, key=lambda name: residual[name] * (1.0 if name == "linear" else 1.03))
+    kurtosis = left[best].theta[fitted, KURTOSIS]
+    return Taking(tone=best, kurtosis=float(np.median(kurtosis)) if len(kurtosis) else 0.0)
