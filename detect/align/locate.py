@@ -30,7 +30,7 @@ MODEL_ERROR_PX = 0.004
 """Deviation per axis of what the model leaves out (lens, print, pixel response); no residual shows it."""
 MAX_SIDE_PX = 16_384
 FEW_TAGS = 4
-STOP_PX = 0.05
+STOP_PX = 0.03
 FINE_SIDE_PX = 28.0
 """Tags twice as large are aligned on every second pixel both ways, and so on."""
 _LEAST_SIDE_PX = 8

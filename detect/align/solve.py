@@ -18,6 +18,8 @@ KURTOSIS_PRIOR, KURTOSIS_RANGE = 0.5, (-1.3, 1.5)
 MARGIN_MODULES = 0.9
 ITERATIONS = 10
 STOP_PX = 0.02
+MUCH = 0.3
+"""A step that explains this share of the squared residuals is not the last."""
 _DAMPING, _FIRST_DAMPING = 1e-6, 1e-3
 
 
@@ -153,7 +155,7 @@ def align(
     relight
         The light of ``start`` is a guess (it was told under another tone curve).
     stop_px
-        A tag is done once its corners move less.
+        A tag is done once its corners move less and its residuals have settled.
     iterations
         At most so many Gauss-Newton steps.
     side_px
@@ -196,13 +198,15 @@ def align(
         free = schedule[min(step_no, len(schedule) - 1)]
         step = _step(sums, theta[active], free, _DAMPING if start is not None else _FIRST_DAMPING)
         stepped = _stepped(theta[active], step)
-        sums.stats[:, 1] -= _explained(sums, stepped - theta[active])
+        less = _explained(sums, stepped - theta[active])
+        converging = less > MUCH * sums.stats[:, 1]
+        sums.stats[:, 1] -= less
         _put(last, active, sums)
         moved = model.apply_h(stepped, places[active]) - model.apply_h(theta[active], places[active])
         theta[active] = stepped
         moved_px = np.abs(moved).max(axis=(1, 2)) * module[active]
         if step_no >= len(schedule) - 1:
-            active = active[~(moved_px < stop_px)]
+            active = active[~(moved_px < stop_px) | converging]
     return _finish(frame, patterns, rows=rows, theta=theta, place=place, sums=last, covariance=covariance)
 
 
@@ -308,7 +312,7 @@ def _finish(
     count = np.maximum(n, 1)
     var_y, var_p = y2 / count - (y / count) ** 2, p2 / count - (p / count) ** 2
     cross = 0.5 * (y2 + p2 - r2) / count - (y / count) * (p / count)
-    correlation = cross / np.sqrt(np.maximum(var_y * var_p, 1e-12))
+    correlation = np.minimum(cross / np.sqrt(np.maximum(var_y * var_p, 1e-12)), 1.0)
     noise2 = r2 / np.maximum(n - PARAMETERS, 1)
     cov = _covariance(frame, sums, noise2, theta, place, corners) if covariance else np.zeros((len(rows), 4, 2, 2))
     mean = sums.blocks[..., 0] / np.maximum(sums.blocks[..., 1], 1)
