@@ -43,8 +43,6 @@ class Drawing:
         Draws it; its frame is the canvas's.
     lines
         Whether joints are drawn over the whole drawing; false where the gaps between tags are too narrow for a line.
-    shapes : m
-        What of the content is not blank; tiles beside all of it are left out. All of it if empty.
     """
 
     name: str
@@ -53,7 +51,6 @@ class Drawing:
     joints_up: tuple[float, ...]
     draw: "Callable[[Canvas], None]"
     lines: bool
-    shapes: tuple[Rect, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -155,8 +152,6 @@ def _placed(
         for row, (top, bottom) in enumerate(pairwise(-y for y in ys))
         for column, (left, right) in enumerate(pairwise(xs))
     ]
-    if drawing.shapes:
-        cells = [cell for cell in cells if any(cell[2].overlaps(shape) for shape in drawing.shapes)]
     placed = []
     for index, (row, column, trim) in enumerate(cells):
         printed = replace(
