@@ -1,0 +1,125 @@
+"""Judgements: levels, the limits between them, and how figures are said."""
+
+from dataclasses import dataclass
+from enum import StrEnum
+from math import isfinite
+
+
+class Level(StrEnum):
+    """GOOD: use it. USABLE: use it with care. REDO: do not use it."""
+
+    GOOD = "good"
+    USABLE = "usable"
+    REDO = "redo"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Limit:
+    """How large a figure may be to be good, and to be usable."""
+
+    good: float
+    usable: float
+
+    def grade(self, value: float) -> Level:
+        """Return the level of a figure that is better when smaller; what is not finite is never good."""
+        if isfinite(value) and value <= self.good:
+            return Level.GOOD
+        return Level.USABLE if isfinite(value) and value <= self.usable else Level.REDO
+
+
+LIMITS = {
+    "straight": Limit(good=0.10, usable=0.30),  # m after 10 m
+    "heading": Limit(good=1.0, usable=3.0),  # deg after 10 m
+    "turn": Limit(good=1.0, usable=3.0),  # deg after a whole turn
+    "camera-angle": Limit(good=0.2, usable=1.0),  # deg
+    "camera-place": Limit(good=0.005, usable=0.020),  # m
+    "stops": Limit(good=-8, usable=-5),  # less the number of stops
+    "around": Limit(good=180.0, usable=360.0),  # deg, largest gap between stops seen from the box
+    "turned": Limit(good=-60.0, usable=-30.0),  # deg, less the largest turn between two stops
+    "legs": Limit(good=0.0, usable=0.25),  # share of legs left out
+    "slip": Limit(good=0.002, usable=0.03),  # m/sqrt(m)
+    "sharpness": Limit(good=0.5, usable=2.0),  # px in an image of 640 px
+    "fit": Limit(good=1.7, usable=4.0),  # times the corners' own scatter
+    "corners": Limit(good=0.03, usable=0.15),  # share of corners left out
+    "print": Limit(good=0.002, usable=0.005),  # relative
+    "floor": Limit(good=1.0, usable=3.0),  # deg
+    "held-out": Limit(good=2.0, usable=4.0),  # root mean square, in sigmas
+    "wheels": Limit(good=0.05, usable=0.5),  # relative difference of the radii
+    "moves": Limit(good=-0.05, usable=-0.005),  # less sigma4/sigma3
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Reason:
+    """What one rule says.
+
+    Attributes
+    ----------
+    rule
+        Its name, as in docs/report.md.
+    level
+        Its judgement.
+    text
+        What was found, one sentence.
+    advice
+        What to do about it; empty where nothing is to be done.
+    """
+
+    rule: str
+    level: Level
+    text: str
+    advice: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Verdict:
+    """Whether a calibration can be used.
+
+    Attributes
+    ----------
+    level
+        The worst of the reasons.
+    headline
+        One sentence.
+    reasons
+        What every rule says, the worst first.
+    next_steps
+        What to do now, the most pressing first.
+    """
+
+    level: Level
+    headline: str
+    reasons: tuple[Reason, ...]
+    next_steps: tuple[str, ...]
+
+
+def judge(rule: str, value: float, text: str, advice: str) -> list[Reason]:
+    """Return one reason, its level from the limits of its rule; where all is well there is no advice."""
+    level = LIMITS[rule].grade(value)
+    return [Reason(rule=rule, level=level, text=text, advice="" if level is Level.GOOD else advice)]
+
+
+def length(metres: float) -> str:
+    """Return a length as people say it: mm below 1 cm, cm below 1 m."""
+    if not isfinite(metres):
+        return "an unknown length"
+    if metres < 0.01:
+        return f"{metres * 1e3:.2g} mm" if metres < 0.000995 else f"{metres * 1e3:.1f} mm"
+    return f"{metres * 100:.1f} cm" if metres < 1 else f"{metres:.1f} m"
+
+
+def angle(degrees: float) -> str:
+    """Return an angle in degrees, to two figures."""
+    if not isfinite(degrees):
+        return "an unknown angle"
+    return f"{degrees:.3f}°" if degrees < 0.0995 else f"{degrees:.2f}°"
+
+
+def percent(share: float) -> str:
+    """Return a share in percent, signed, to one tenth."""
+    return f"{share:+.1%}".replace("-", "\N{MINUS SIGN}") if abs(share) >= 0.0005 else "0.0%"
+
+
+def sentence(text: str) -> str:
+    """Return a text with a capital and a full stop."""
+    return text[:1].upper() + text[1:] + ("" if text.endswith(".") else ".") if text else ""

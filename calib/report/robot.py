@@ -1,0 +1,104 @@
+"""The report of one robot."""
+
+import numpy as np
+
+from calib.report.detail_rules import held_out_ratio
+from calib.report.drawing import legs_data, projection_data, residual_data, scene_data
+from calib.report.drive import driven_legs
+from calib.report.gauges import gauges
+from calib.report.judgement import Level, Reason, Verdict
+from calib.report.page import page, readable_time
+from calib.report.parameters import parameter_groups
+from calib.report.print_scale import find_print_scale
+from calib.report.seen import stops_seen
+from calib.report.series import growth_data, growth_rows, held_out_data, held_out_rows
+from calib.report.tables import (
+    extra_rows,
+    face_row,
+    leg_row,
+    noise_rows,
+    provenance_rows,
+    rms,
+    singular_ratios,
+    stop_row,
+)
+from calib.result import Calibration
+from calib.verdict import verdict
+from detect.correspondences import Correspondences
+from target.box import FACES, Target
+
+SCRIPTS = ("draw.js", "scene.js", "residuals.js", "charts.js")
+_SINGULAR_LOW = 1e-4
+_TELLING = ("around", "legs", "slip", "sharpness", "fit", "print")
+"""What a good verdict tells first."""
+
+
+def robot_report(calibration: Calibration, drive: Correspondences, target: Target) -> bytes:
+    """Return the report of one robot: one HTML file that needs nothing else.
+
+    Parameters
+    ----------
+    calibration
+        What was found; without ``detail`` (the closed form) the report says less.
+    drive
+        What the robot saw and rolled.
+    target
+        The landmark table that it was calibrated with.
+
+    Raises
+    ------
+    CalibError
+        If the extra ``report`` is not installed.
+    """
+    seen = stops_seen(calibration, drive, target)
+    legs = driven_legs(calibration, drive, seen)
+    detail = calibration.detail
+    projection = projection_data(calibration)
+    judged = verdict(calibration, find_print_scale(calibration, seen, target))
+    return page(
+        "robot.html",
+        scripts=SCRIPTS,
+        data={
+            "scene": scene_data(calibration, seen, legs, target),
+            "residuals": residual_data(calibration, seen),
+            "legs": legs_data(legs),
+            "growth": growth_data(detail),
+            "projection": projection,
+            "heldOut": held_out_data(detail),
+        },
+        c=calibration,
+        when=readable_time(calibration.provenance.created),
+        detail=detail,
+        verdict=judged,
+        highlights=_highlights(judged),
+        gauges=gauges(detail),
+        groups=parameter_groups(calibration),
+        stops=[stop_row(s) for s in seen],
+        faces=[row for f in range(FACES) if (row := face_row(f, seen)) is not None],
+        legs=[leg_row(leg) for leg in legs],
+        residual_rms=rms(np.concatenate([s.error_px[s.used] for s in seen])) if seen else None,
+        wrong=sum(int((~s.used).sum()) for s in seen),
+        noise=noise_rows(detail),
+        singular=singular_ratios(calibration),
+        growth=growth_rows(detail),
+        projection=projection,
+        held_out=held_out_rows(detail),
+        held_out_ratio=held_out_ratio(detail) if detail and detail.held_out else None,
+        extra=extra_rows(detail),
+        provenance=provenance_rows(calibration),
+    )
+
+
+def judge(calibration: Calibration, drive: Correspondences, target: Target) -> Verdict:
+    """Return the verdict that the report shows: with what the corners say about the print."""
+    seen = stops_seen(calibration, drive, target)
+    return verdict(calibration, find_print_scale(calibration, seen, target))
+
+
+def _highlights(judged: Verdict) -> tuple[list[Reason], list[Reason]]:
+    """Return the reasons to show first, and those in order that are shown on demand."""
+    faults = [r for r in judged.reasons if r.level is not Level.GOOD]
+    fine = [r for r in judged.reasons if r.level is Level.GOOD]
+    if faults:
+        return faults, fine
+    return [r for r in fine if r.rule in _TELLING], [r for r in fine if r.rule not in _TELLING]

@@ -1,0 +1,83 @@
+"""Estimates over the number of stops (the paper's figures 8 and 9), and stops predicted from the others."""
+
+from math import isfinite, pi
+from typing import Any
+
+import numpy as np
+
+from calib.detail import ORDER, Detail
+
+_GROWTH = (
+    ("rL", "left radius", "mm", 1e3),
+    ("rR", "right radius", "mm", 1e3),
+    ("b", "wheelbase", "mm", 1e3),
+    ("tx", "forward", "mm", 1e3),
+    ("ty", "left", "mm", 1e3),
+    ("tz", "height", "mm", 1e3),
+    ("rx", "turn about the image's x", "°", 180 / pi),
+    ("ry", "turn about the image's y", "°", 180 / pi),
+    ("rz", "turn about the line of sight", "°", 180 / pi),
+    ("fu", "focal length", "px", 1.0),
+    ("cu", "principal point, across", "px", 1.0),
+    ("cv", "principal point, down", "px", 1.0),
+)
+
+
+def growth_data(detail: Detail | None) -> dict[str, Any] | None:
+    """Return the panels to draw, values and sigmas in the units shown; None where there are not two points."""
+    if detail is None or len(detail.growth) < 2:
+        return None
+    return {
+        "stops": [g.stops for g in detail.growth],
+        "panels": [
+            {
+                "key": key,
+                "name": name,
+                "unit": unit,
+                "value": [_number(g.values[ORDER.index(key)] * scale) for g in detail.growth],
+                "sigma": [_number(g.sigma[ORDER.index(key)] * scale) for g in detail.growth],
+            }
+            for key, name, unit, scale in _GROWTH
+        ],
+    }
+
+
+def growth_rows(detail: Detail | None) -> list[dict[str, Any]]:
+    """Return the first six panels as rows of a table, one for each number of stops."""
+    data = growth_data(detail)
+    if data is None:
+        return []
+    return [
+        {"stops": n, "cells": [(p["value"][i], p["sigma"][i]) for p in data["panels"][:6]]}
+        for i, n in enumerate(data["stops"])
+    ]
+
+
+def held_out_rows(detail: Detail | None) -> list[dict[str, Any]]:
+    """Return error and sigma (mm, mm, deg) of each stop that was predicted, and their ratio."""
+    scale = np.array([1e3, 1e3, 180 / pi])
+    return [
+        {
+            "stop": h.stop + 1,
+            "error": (np.array(h.error) * scale).tolist(),
+            "sigma": (np.array(h.sigma) * scale).tolist(),
+            "ratio": float(np.sqrt(np.mean((np.array(h.error) / np.array(h.sigma)) ** 2))),
+        }
+        for h in (detail.held_out if detail else ())
+    ]
+
+
+def held_out_data(detail: Detail | None) -> dict[str, Any] | None:
+    """Return the same for the chart, by component; None where no stop was held out."""
+    rows = held_out_rows(detail)
+    if not rows:
+        return None
+    return {
+        "stops": [r["stop"] for r in rows],
+        "error": [[_number(r["error"][k]) for r in rows] for k in range(3)],
+        "sigma": [[_number(r["sigma"][k]) for r in rows] for k in range(3)],
+    }
+
+
+def _number(value: float) -> float | None:
+    return float(f"{value:.6g}") if isfinite(value) else None

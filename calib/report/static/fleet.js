@@ -1,0 +1,74 @@
+// The fleet's table sorts and filters; one strip of points a parameter.
+(function () {
+  const table = document.getElementById("robot-table");
+  if (table) {
+    const body = table.tBodies[0], heads = [...table.tHead.rows[0].cells];
+    const rows = [...body.rows];
+    const key = (row, column) => row.cells[column].dataset.value;
+    const collator = new Intl.Collator(undefined, { numeric: true });
+    function compare(a, b) {
+      if (a === "" || b === "") return (a === "") - (b === "");
+      const x = Number(a), y = Number(b);
+      return Number.isNaN(x) || Number.isNaN(y) ? collator.compare(a, b) : x - y;
+    }
+    heads.forEach((head, column) => head.querySelector("button").addEventListener("click", () => {
+      const down = head.getAttribute("aria-sort") === "ascending";
+      heads.forEach((h) => h.setAttribute("aria-sort", "none"));
+      head.setAttribute("aria-sort", down ? "descending" : "ascending");
+      rows.sort((p, q) => {
+        const a = key(p, column), b = key(q, column);
+        // What is missing stays last, whichever way.
+        return a === "" || b === "" ? compare(a, b) : down ? compare(b, a) : compare(a, b);
+      });
+      body.append(...rows);
+    }));
+    const text = document.getElementById("filter-text"), level = document.getElementById("filter-level"), odd = document.getElementById("filter-odd");
+    function filter() {
+      const words = text.value.trim().toLowerCase();
+      let shown = 0;
+      for (const row of rows) {
+        const fits = row.cells[0].textContent.toLowerCase().includes(words) && (!level.value || row.dataset.level === level.value) && (!(odd && odd.checked) || row.dataset.odd === "1");
+        row.hidden = !fits;
+        shown += fits;
+      }
+      document.getElementById("filter-says").textContent = `${shown} of ${rows.length} robots`;
+    }
+    text.addEventListener("input", filter);
+    level.addEventListener("change", filter);
+    if (odd) odd.addEventListener("change", filter);
+    document.getElementById("filter").addEventListener("submit", (e) => e.preventDefault());
+  }
+
+  const where = document.getElementById("spread-charts");
+  if (!where) return;
+  for (const panel of DATA.panels) {
+    const W = 360, H = 112, left = 16, right = 16, base = 84, top = 32;
+    const svg = chart(where, W, H), n = panel.value.length;
+    node(svg, "text", { x: 12, y: 18, class: "title" }, `${panel.name}${panel.unit ? ", " + panel.unit : ""}`);
+    const reach = panel.value.map((v, i) => [v - 2 * (panel.sigma[i] || 0), v + 2 * (panel.sigma[i] || 0)]);
+    // Robots that are hardly known must not squeeze all others together.
+    let low = Math.min(...panel.value), high = Math.max(...panel.value);
+    const typical = quantile(panel.sigma.map((s) => s || 0), 0.5);
+    low -= 2 * typical + 0.04 * (high - low) + 1e-9;
+    high += 2 * typical + 0.04 * (high - low) + 1e-9;
+    const x = (v) => (left + ((Math.max(low, Math.min(high, v)) - low) / (high - low)) * (W - left - right)).toFixed(1);
+    const t = ticks(low, high, 5);
+    t.at.forEach((v) => {
+      node(svg, "path", { d: `M${x(v)} ${top - 4}V${base}`, class: "hair" });
+      node(svg, "text", { x: x(v), y: base + 16, "text-anchor": "middle" }, tickText(v, t.step));
+    });
+    const middle = quantile(panel.value, 0.5);
+    node(svg, "path", { d: `M${x(middle)} ${top - 4}V${base}`, class: "final" });
+    const step = Math.min(9, (base - top) / Math.max(n, 1));
+    panel.value.forEach((v, i) => {
+      const y = top + ((i * 0.618034) % 1) * (base - top - 4) * (n > 1) + (n === 1) * 20;
+      node(svg, "path", { d: `M${x(reach[i][0])} ${y.toFixed(1)}H${x(reach[i][1])}`, class: "whisker", "stroke-width": Math.max(2, step / 2) });
+      const dot = node(svg, "circle", { cx: x(v), cy: y.toFixed(1), r: panel.odd[i] ? 4.4 : 3, class: panel.odd[i] ? "bar out" : "point" });
+      node(dot, "title", {}, `${DATA.robots[i]}: ${v}`);
+      if (panel.odd[i]) {
+        const name = DATA.robots[i].length > 16 ? DATA.robots[i].slice(0, 15) + "\u2026" : DATA.robots[i];
+        node(svg, "text", { x: x(v), y: y - 7, "text-anchor": Number(x(v)) > W / 2 ? "end" : "start", class: "out-text" }, name);
+      }
+    });
+  }
+})();
