@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from detect.align.coarse import Pyramid, align_coarsely
+from detect.align.fast import SIGMA_PX, preview
 from detect.align.guided import (
     RIGID_TOLERANCE_MODULES,
     RIGID_TOLERANCE_PX,
@@ -18,7 +19,7 @@ from detect.align.guided import (
 )
 from detect.align.model import KURTOSIS, Frame
 from detect.align.pattern import Array, Index, Patterns, target_patterns
-from detect.align.rigid import BoxFit
+from detect.align.rigid import LEAST_SIGMA_PX, BoxFit, fit_box
 from detect.align.seeds import Seeds, find_seeds
 from detect.align.solve import Aligned, align
 from detect.align.tone import TONES, Taking, Tone, probe, relit, tone_table
@@ -26,11 +27,13 @@ from detect.align.verify import Limits, module_px, verified
 from detect.errors import DetectError
 from target.box import Target
 
-MODEL_ERROR_PX = 0.004
+MODEL_ERROR_PX = 0.002
 """Deviation per axis of what the model leaves out (lens, print, pixel response); no residual shows it."""
 MAX_SIDE_PX = 16_384
 FEW_TAGS = 4
 STOP_PX = 0.03
+LARGE_MODULE_PX = 6.0
+"""Where modules are wider than this, the lens bends a tag enough to be fitted once more."""
 FINE_SIDE_PX = 28.0
 """Tags twice as large are aligned on every second pixel both ways, and so on."""
 _LEAST_SIDE_PX = 8
@@ -44,6 +47,8 @@ class LocateSettings:
     ----------
     tone
         The camera's tone curve: ``linear``, ``srgb``, or ``auto`` to tell it from the tags.
+    fast
+        Preview: only tags that stand out, their edges fitted with lines; ``auto`` then means ``linear``.
     limits
         What an aligned tag must keep to.
     windows_px
@@ -51,6 +56,7 @@ class LocateSettings:
     """
 
     tone: Tone = "auto"
+    fast: bool = False
     limits: Limits = field(default_factory=Limits)
     windows_px: tuple[int, ...] = (25, 9)
 
@@ -73,9 +79,9 @@ class Located:
     cov_px2 : (N, 4, 2, 2), px^2
         Covariance of each corner: noise as the residuals have it, and the model's own error.
     correlation : (N,)
-        Of the picture with the aligned pattern.
+        Of the picture with the aligned pattern; NaN in a preview.
     blur_px : (N,), px
-        Deviation of blur and pixel area together.
+        Deviation of blur and pixel area together; NaN in a preview.
     tone
         The tone curve that was used.
     """
@@ -111,6 +117,9 @@ def locate_tags(image: NDArray[np.generic], target: Target, settings: LocateSett
     settings = settings or LocateSettings()
     grey, grey8 = to_grey(image)
     patterns = target_patterns(target)
+    if settings.fast:
+        tone = "srgb" if settings.tone == "srgb" else "linear"
+        return _previewed(patterns, *preview(grey8, target, tone, settings.windows_px[0]), tone)
     size = (grey.shape[1], grey.shape[0])
     seeds = search_seeds(grey8, patterns, settings, lambda found: len(consistent_seeds(target, found)) >= FEW_TAGS)
     seeds = consistent_seeds(target, seeds)
@@ -122,6 +131,10 @@ def locate_tags(image: NDArray[np.generic], target: Target, settings: LocateSett
     taking = probe(frame, patterns, tags, settings.tone)
     tags = _finely(frame, fit.lens, patterns, tags, taking)
     tags = tags.take(verified(patterns, tags, settings.limits))
+    if len(tags) and module_px(patterns, tags.corners_px).max() > LARGE_MODULE_PX:
+        fit = fit_box(target, tags.rows, tags.corners_px, image_size=size, sigma_px=LEAST_SIGMA_PX, start=fit)
+        again = Frame(grey=grey, tone=tone_table(taking.tone), lens=fit.lens)
+        tags = align(again, patterns, tags.rows, tags.corners_px, start=tags, side_px=FINE_SIDE_PX, stop_px=STOP_PX)
     return _located(patterns, _on_the_box(target, patterns, tags, fit), taking.tone)
 
 
@@ -212,6 +225,18 @@ def _on_the_box(target: Target, patterns: Patterns, tags: Aligned, fit: BoxFit) 
     uv, _ = fit.predict(target.tag_corners[tags.rows].reshape(-1, 3))
     off = np.linalg.norm(uv.reshape(-1, 4, 2) - tags.corners_px, axis=2).max(axis=1)
     return tags.take(off <= RIGID_TOLERANCE_MODULES * module_px(patterns, tags.corners_px) + RIGID_TOLERANCE_PX)
+
+
+def _previewed(patterns: Patterns, rows: Index, corners_px: Array, tone: str) -> Located:
+    order = np.argsort(patterns.tag_ids[rows], kind="stable")
+    return Located(
+        ids=patterns.tag_ids[rows[order]],
+        corners_px=corners_px[order],
+        cov_px2=np.broadcast_to(SIGMA_PX**2 * np.eye(2), (len(rows), 4, 2, 2)).copy(),
+        correlation=np.full(len(rows), np.nan),
+        blur_px=np.full(len(rows), np.nan),
+        tone=tone,
+    )
 
 
 def _none(patterns: Patterns) -> Aligned:

@@ -1,0 +1,25 @@
+"""The preview: tags that stand out by themselves, their edges fitted with straight lines."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from detect.align.guided import consistent_seeds
+from detect.align.pattern import Array, Index, target_patterns
+from detect.align.seeds import find_seeds
+from detect.corners import CornerSettings, refine
+from target.box import Target
+
+SIGMA_PX = 0.1
+"""Deviation per axis that is claimed for a previewed corner; nothing in the picture is asked for it."""
+_LINES = {tone: CornerSettings(tone=tone, profiles=12, samples=13, rounds=1) for tone in ("linear", "srgb")}
+
+
+def preview(grey8: NDArray[np.uint8], target: Target, tone: str, window_px: int) -> tuple[Index, Array]:
+    """Return rows in the target's table (N,) and corners (N, 4, 2) px of the tags that are easily seen.
+
+    No tag is predicted and none is compared with its pattern beyond its decoding; the edges are those of
+    :func:`detect.corners.refine`.
+    """
+    seeds = consistent_seeds(target, find_seeds(grey8, target_patterns(target), (window_px,)))
+    corners, good = refine(grey8, seeds.corners_px, _LINES[tone])
+    return seeds.rows[good], corners[good]
