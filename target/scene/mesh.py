@@ -15,6 +15,9 @@ _TEXELS_A_MODULE = 16
 _MAX_SIDE_PX = 4096
 _RIM = 4
 """White pixels around what can be seen, so that a viewer's filter finds nothing else there."""
+_MULTIPLE = 64
+"""Images are a whole multiple of this wide and high and begin at a whole module, so that a viewer's half, quarter ...
+sized copies of a picture have the tags' edges between pixels, too, and are not shifted against it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -71,8 +74,9 @@ def _face(name: str, outline: Array, normal: Array, texture: FaceTexture | None)
     u, v, lift = np.linalg.solve(along, (outline - texture.p_box_sheet[:, 2]).T)
     sheet = np.column_stack([u, v])
     fine = min(_TEXELS_A_MODULE, max(1, floor(_MAX_SIDE_PX / (np.ptp(sheet, axis=0).max() + 1))))
-    first = np.floor(np.round(sheet.min(axis=0) * fine, 6)) - _RIM
-    columns, rows = (ceil(n) for n in np.round(sheet.max(axis=0) * fine, 6) + _RIM - first)
+    first = np.floor(sheet.min(axis=0) - _RIM / fine) * fine
+    spans = np.round(sheet.max(axis=0) * fine, 6) + _RIM - first
+    columns, rows = (ceil(span / _MULTIPLE) * _MULTIPLE for span in spans)
     image = FaceImage(grey=draw(texture, first / fine, 1 / fine, (rows, columns)), origin=first / fine, texel=1 / fine)
     return Side(
         name=name,
