@@ -30,8 +30,8 @@ SIGMA_PX = 0.25
 STEP = radians(0.1302)
 SLIPS_MM = (0.0, 1.0, 5.0)
 STOPS = (5, 15, 20)
-ROUTE_SEED = {5: 25}
-"""Of 30 random routes of 5 stops the one with the best bound; many leave b and the yaw nearly open with 4 legs only."""
+ROUTE_SEED = {5: 34}
+"""Of 60 random routes of 5 stops the one with the best bound; 4 legs leave b and the yaw nearly open on many."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -10,6 +10,7 @@ import numpy as np
 from calib.frames import Array
 
 _ON_AXIS = 1e-9
+_NEAR_AXIS = 3e-3
 
 
 class Lens(StrEnum):
@@ -130,8 +131,9 @@ def _fisheye(k: Array, x: Array, y: Array) -> _Distorted:
     poly = 1 + t2 * (k[0] + t2 * (k[1] + t2 * (k[2] + t2 * k[3])))
     slope = 1 + t2 * (3 * k[0] + t2 * (5 * k[1] + t2 * (7 * k[2] + t2 * 9 * k[3])))
     g = np.where(axis, 1.0, theta * poly / safe)
-    # dg/dr / r
-    turn = np.where(axis, 0.0, (slope / (1 + r * r) - g) / (safe * safe))
+    # dg/dr / r; near the axis by its series, since the difference cancels there
+    series = 2 * (k[0] - 1 / 3) + 4 * (k[1] - k[0] + 0.2) * r * r
+    turn = np.where(r < _NEAR_AXIS, series, (slope / (1 + r * r) - g) / (safe * safe))
     parts = (g + turn * x * x, turn * x * y, turn * x * y, g + turn * y * y)
     ratio = np.where(axis, 1.0, theta / safe)
     dk = [(ratio * t2**n * x, ratio * t2**n * y) for n in (1, 2, 3, 4)]

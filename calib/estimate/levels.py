@@ -3,8 +3,8 @@
 Both are variance components, estimated by restricted likelihood: what the parameters and the poses have adapted to the
 noise is taken off. A drive of 5 stops leaves only about 6 degrees of freedom for slip, so a single value would claim
 too much: the restricted likelihood is evaluated over all levels that the data allow, with a prior flat in the logarithm
-of the legs' variance (the quantisation's part included; Jeffreys' prior for a variance), and, with the same
-probability as all of those together, no slip at all. What is reported is the mean over them.
+of the legs' variance (the quantisation's part included; Jeffreys' prior for a variance) and a little weight on no slip
+at all. What is reported is the mean over them.
 """
 
 from dataclasses import dataclass
@@ -25,6 +25,8 @@ SMALLEST_PX = 1e-5
 """No corner is taken as better than this (px, standard deviation): exact data end here."""
 _QUIET = 0.02
 """Slip of nought is taken as this share of what equals the quantisation, so that covariances stay invertible."""
+_NO_SLIP = 1.0
+"""Prior weight of no slip at all, in units of one in the logarithm of the variance."""
 _POINTS = 17
 _ZOOMS = 4
 
@@ -116,7 +118,7 @@ def slip_profile(problem: Problem, at: Linearised, pixel_factor: float, weights:
     u = np.linspace(low, high, _POINTS + 4)
     for zoom in range(_ZOOMS + 1):
         step = u[1] - u[0]
-        prior = np.append((high - low) / step, np.ones(len(u)))
+        prior = np.append(_NO_SLIP / step, np.ones(len(u)))
         profile = _profile(problem, at, (pixel_factor, _slip(np.append(low, u), quiet)), weights, prior)
         slipping = profile.weight[1:] / profile.weight[1:].sum()
         spread = float(np.sqrt(slipping @ (u - slipping @ u) ** 2))

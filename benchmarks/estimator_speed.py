@@ -1,0 +1,103 @@
+"""Time the estimator: against the closed form, against a general solver, and over the number of stops.
+
+    python benchmarks/estimator_speed.py
+
+The general solver is ``scipy.optimize.least_squares`` with numeric Jacobians on the same residuals (corners, legs,
+priors; noise levels and left-out data given, which the estimator finds on top). Best of several runs.
+"""
+
+import argparse
+import time
+from collections.abc import Callable
+from math import radians
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from calib.estimate import EstimateOptions, estimate
+from calib.estimate.model import PER_STOP, build_problem, moved
+from calib.estimate.residuals import corner_residuals, leg_covariance, leg_residuals
+from calib.estimate.run import fit, step_of
+from calib.estimate.start import camera_start, first_states
+from calib.four_steps import FourSteps, solve_four_steps
+from calib.frames import Array
+from calib.simulate.drive import DriveOptions, exact_correspondences, simulate_drive
+from calib.simulate.robot import khepera
+from detect.correspondences import Correspondences
+from target.box import make_target
+
+
+def drive(stops: int) -> tuple[Correspondences, FourSteps]:
+    rng = np.random.default_rng(stops)
+    options = DriveOptions(stops=stops, slip=0.0003, encoder_step=radians(0.1302), steps_per_sample=4)
+    driven = simulate_drive(khepera(), make_target(), options, rng)
+    data = exact_correspondences(khepera(), make_target(), driven, 0.2, rng)
+    return data, solve_four_steps(data)
+
+
+def best(work: Callable[[], object], times: int) -> float:
+    seconds = []
+    for _ in range(times):
+        begin = time.perf_counter()
+        work()
+        seconds.append(time.perf_counter() - begin)
+    return min(seconds)
+
+
+def through_scipy(data: Correspondences, start: FourSteps) -> tuple[float, int, Array]:
+    """Return the time, the evaluations and the wheels that a general solver finds for the same likelihood."""
+    options = EstimateOptions()
+    done = fit([data], start, options)
+    begin = time.perf_counter()
+    cameras = camera_start([data], start)
+    problem = build_problem([data], cameras.kept, options, step_of([data], options))
+    state = first_states(problem, [data], cameras, options.lens)[0]
+    model = leg_residuals(problem, done.state).model
+    whiten = np.linalg.inv(np.linalg.cholesky(leg_covariance(problem, model, np.array(done.levels.slip))))
+    n, P = len(problem.names), len(problem.drive)
+    finite = np.isfinite(problem.prior)
+
+    def residuals(x: Array) -> Array:
+        here = moved(problem, state, x[:n], x[n:].reshape(P, PER_STOP))
+        legs = whiten @ leg_residuals(problem, here).residual[:, :, None]
+        value = here.tilt.ravel() / problem.prior[finite]
+        corners = corner_residuals(problem, here).residual / done.levels.pixel_factor
+        return np.concatenate([corners.ravel(), legs.ravel(), value, here.readings.ravel()])
+
+    found = least_squares(residuals, np.zeros(n + PER_STOP * P), method="trf", x_scale="jac")
+    seconds = time.perf_counter() - begin
+    return (
+        seconds,
+        found.nfev + found.njev * (n + PER_STOP * P),
+        moved(problem, state, found.x[:n], found.x[n:].reshape(P, PER_STOP)).wheels,
+    )
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter, allow_abbrev=False
+    )
+    parser.add_argument("--times", type=int, default=7, help="how often each is timed (7)")
+    times = parser.parse_args().times
+    data, start = drive(20)
+    corners = sum(len(s.landmark_ids) for s in data.stops)
+    print(f"20 stops, {corners} corners, {len(data.wheels)} wheel samples")
+    closed = best(lambda: solve_four_steps(data), times)
+    print(f"  the four closed-form steps                        {closed * 1e3:8.1f} ms")
+    ours = best(lambda: estimate([data], start), times)
+    print(f"  likelihood, levels, tests and covariance          {ours * 1e3:8.1f} ms")
+    general, evaluations, wheels = through_scipy(data, start)
+    print(
+        f"  scipy, numeric Jacobians ({evaluations} evaluations)     {general * 1e3:8.1f} ms   {general / ours:.0f} times as long"
+    )
+    found = estimate([data], start)
+    off = np.max(np.abs(wheels - (found.rR, found.rL, found.b)) / [found.sigma[k] for k in ("rR", "rL", "b")])
+    print(f"  largest difference of the two answers in rR, rL, b: {off:.3f} sigma")
+    data, start = drive(200)
+    long = best(lambda: estimate([data], start), max(times // 2, 1))
+    print(f"200 stops: {long * 1e3:.0f} ms, {long / ours:.1f} times the time of 20")
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

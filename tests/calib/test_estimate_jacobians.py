@@ -1,0 +1,115 @@
+"""Analytic derivatives against central differences, near the truth and far from it, for all unknowns and lenses."""
+
+from math import radians
+
+import numpy as np
+import pytest
+
+from calib.estimate.lens import Lens, extra_names, first_values, project_lens
+from calib.estimate.model import Problem, State, build_problem, moved
+from calib.estimate.options import EstimateOptions
+from calib.estimate.residuals import corner_residuals, leg_residuals
+from calib.frames import Array, exp_se3, exp_so3, log_so3, right_jacobian
+from calib.simulate.drive import DriveOptions, exact_correspondences, simulate_drive
+from calib.simulate.robot import khepera
+from target.box import make_target
+
+STEP = radians(0.1302)
+
+
+def problem_and_state(lens: Lens, far: float) -> tuple[Problem, State]:
+    """Two drives (one skips stops) with every unknown there is."""
+    rng = np.random.default_rng(3)
+    robot, target = khepera(), make_target()
+    drive = simulate_drive(robot, target, DriveOptions(stops=5, slip=0.001, encoder_step=STEP, steps_per_sample=1), rng)
+    data = exact_correspondences(robot, target, drive, 0.2, rng)
+    options = EstimateOptions(
+        lens=lens, scale_sigma=0.01, ink_sigma=1e-3, face_sigma=(0.01, 1e-3), target=target, encoder_step=STEP
+    )
+    problem = build_problem([data, data], [(0, 1, 2, 3, 4), (0, 2, 4)], options, STEP)
+    k = robot.camera
+    lens_values = first_values(lens, np.array([k.fu, k.fv, k.cu, k.cv, k.kr]))
+    lens_values[5:] += far * 0.02 * rng.normal(size=len(extra_names(lens)))
+    state = State(
+        lens=lens_values,
+        wheels=np.array([robot.rR, robot.rL, robot.b]) * (1 + far * 0.05 * rng.normal(size=3)),
+        T_body_cam=robot.T_body_cam @ exp_se3(far * 0.05 * rng.normal(size=6)),
+        tilt=far * 0.1 * rng.normal(size=(2, 2)),
+        shape=far * 0.02 * rng.normal(size=len(problem.box.names)),
+        poses=drive.stop_poses[[0, 1, 2, 3, 4, 0, 2, 4]] + far * 0.02 * rng.normal(size=(8, 3)),
+        readings=far * rng.normal(size=(8, 2)),
+    )
+    return problem, state
+
+
+def worst_relative_error(problem: Problem, state: State) -> tuple[float, float]:
+    """Of the derivatives of corners and legs, over all unknowns, each relative to its largest entry."""
+    n, P = len(problem.names), len(problem.drive)
+    corners, legs = corner_residuals(problem, state), leg_residuals(problem, state)
+    stop = problem.corner_stop
+    analytic = [np.zeros((corners.residual.size, n + 5 * P)), np.zeros((legs.residual.size, n + 5 * P))]
+    shared, own = corners.maps
+    analytic[0][:, :n] = (corners.jacobian @ shared[stop]).reshape(-1, n)
+    by_pose = corners.jacobian @ own[stop]
+    for row, j in enumerate(stop):
+        analytic[0][2 * row : 2 * row + 2, n + 5 * j : n + 5 * j + 3] = by_pose[row]
+    for k, j in enumerate(problem.leg_stop):
+        analytic[1][3 * k : 3 * k + 3, 5:8] = legs.jacobian[k, :, :3]
+        analytic[1][3 * k : 3 * k + 3, n + 5 * j : n + 5 * j + 10] = legs.jacobian[k, :, 3:]
+    assert corners.valid
+
+    def predicted(x: Array) -> tuple[Array, Array]:
+        here = moved(problem, state, x[:n], x[n:].reshape(P, 5))
+        return -corner_residuals(problem, here).residual.ravel(), -leg_residuals(problem, here).residual.ravel()
+
+    coefficients = {*range(5), *range(problem.extras.start, problem.extras.stop)}
+    worst = [0.0, 0.0]
+    for q in range(n + 5 * P):
+        h = np.zeros(n + 5 * P)
+        h[q] = 1e-6 if 5 <= q < 8 else 1e-4 if q in coefficients else 3e-6
+        for kind, (plus, minus) in enumerate(zip(predicted(h), predicted(-h), strict=True)):
+            numeric, exact = (plus - minus) / (2 * h[q]), analytic[kind][:, q]
+            worst[kind] = max(worst[kind], float(np.abs(numeric - exact).max() / max(np.abs(exact).max(), 1e-3)))
+    return worst[0], worst[1]
+
+
+@pytest.mark.parametrize("lens", list(Lens))
+@pytest.mark.parametrize("far", [0.0, 1.0])
+def test_derivatives_of_corners_and_legs_agree_with_central_differences(lens: Lens, far: float) -> None:
+    corners, legs = worst_relative_error(*problem_and_state(lens, far))
+    assert corners < 1e-6
+    assert legs < 1e-6
+
+
+@pytest.mark.parametrize("size", [0.0, 1e-9, 1e-5, 0.3, 2.5])
+def test_right_jacobian_is_the_derivative_of_the_rotation_exponential(size: float) -> None:
+    w = size * np.array([0.6, -0.48, 0.64])
+    h = 1e-6
+    numeric = [
+        (log_so3(exp_so3(w).T @ exp_so3(w + e)) - log_so3(exp_so3(w).T @ exp_so3(w - e))) / (2 * h)
+        for e in h * np.eye(3)
+    ]
+    np.testing.assert_allclose(np.array(numeric).T, right_jacobian(w), atol=1e-8)
+
+
+def test_lenses_agree_with_opencv() -> None:
+    import cv2  # noqa: PLC0415
+
+    rng = np.random.default_rng(1)
+    p = np.concatenate([rng.uniform(-0.6, 0.6, (50, 2)), np.ones((50, 1))], axis=1) * rng.uniform(0.3, 2, (50, 1))
+    K = np.array([[600.0, 0, 320], [0, 590, 240], [0, 0, 1]])
+    zero = np.zeros(3)
+    for lens, k in (
+        (Lens.RADIAL, [-0.2]),
+        (Lens.BROWN, [-0.2, 0.05, 1e-3, -2e-3, 0.01]),
+        (Lens.RATIONAL, [0.3, 0.05, 1e-3, -2e-3, 0.01, 0.4, 0.02, 0.003]),
+        (Lens.FISHEYE, [0.1, -0.02, 0.01, 0.003]),
+    ):
+        uv, _, _ = project_lens(lens, np.array([600.0, 590.0, 320.0, 240.0, *k]), p)
+        if lens is Lens.FISHEYE:
+            expected, _ = cv2.fisheye.projectPoints(p[:, None], zero, zero, K, np.array(k))
+        else:
+            padded = np.zeros(max(4, len(k)))
+            padded[: len(k)] = k
+            expected, _ = cv2.projectPoints(p, zero, zero, K, padded)
+        np.testing.assert_allclose(uv, expected.reshape(-1, 2), atol=1e-9)
