@@ -10,7 +10,7 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
-from detect.align.model import PARAMETERS, Frame, Sums, no_sums
+from detect.align.model import NEAR_SIGMAS, PARAMETERS, Frame, Sums, no_sums
 from detect.align.pattern import Array
 
 _REACH = 3.7
@@ -119,9 +119,14 @@ def _one(  # noqa: PLR0912, PLR0915, PLR0917 - one loop over pixels, all of it h
     local = np.zeros((PARAMETERS, _PADDED))
     last = len(tone) - 1
     top = blocks.shape[0] - 1
-    every, shift = stride[0], stride[1]
+    every, shift, every_near = stride[0], stride[1], stride[2]
+    near_u, near_v = NEAR_SIGMAS * wide_u, NEAR_SIGMAS * wide_v
     for row in range(box[2], box[3]):
-        for column in range(box[0] + (row * shift) % every, box[1], every):
+        first = box[0] + (row * shift) % every
+        for column in range(box[0], box[1]):
+            chosen = (column - first) % every == 0
+            if not chosen and (column + row) % every_near != 0:
+                continue
             dx, dy = column - lens[0], row - lens[1]
             q = (dx * dx + dy * dy) * lens[4] * lens[4]
             f = 1 + q * (lens[2] + q * lens[3])
@@ -132,6 +137,23 @@ def _one(  # noqa: PLR0912, PLR0915, PLR0917 - one loop over pixels, all of it h
             v = (h3 * x + h4 * y + h5) * w
             if not (u > -margin and u < modules + margin and v > -margin and v < modules + margin):
                 continue
+            if not chosen:
+                # beside the lattice only pixels count that an edge between black and white crosses
+                at_u, at_v = int(u + 1), int(v + 1)
+                edge_u, edge_v = int(u + 1.5) - 1, int(v + 1.5) - 1
+                crossed = (
+                    abs(u - edge_u) < near_u
+                    and edge_u >= 0
+                    and edge_u <= modules
+                    and cells[at_v, edge_u] != cells[at_v, edge_u + 1]
+                ) or (
+                    abs(v - edge_v) < near_v
+                    and edge_v >= 0
+                    and edge_v <= modules
+                    and cells[edge_v, at_u] != cells[edge_v + 1, at_u]
+                )
+                if not crossed:
+                    continue
             ux, uy = (h0 - u * h6) * w, (h1 - u * h7) * w
             vx, vy = (h3 - v * h6) * w, (h4 - v * h7) * w
             uu, vv = ux * ux + uy * uy, vx * vx + vy * vy
@@ -207,8 +229,8 @@ def _one(  # noqa: PLR0912, PLR0915, PLR0917 - one loop over pixels, all of it h
             stats[3] += value * value
             stats[4] += predicted
             stats[5] += predicted * predicted
-            i = min(int((u + 1) * 0.5), top)
-            j = min(int((v + 1) * 0.5), top)
+            i = min(int(u + 1), top)
+            j = min(int(v + 1), top)
             blocks[j, i, 0] += r
             blocks[j, i, 1] += 1
     for i in range(PARAMETERS):

@@ -28,8 +28,8 @@ from detect.align.pattern import Array
 PARAMETERS = 14
 """h (8), offset o, gain g, slopes s_x and s_y, log sigma, excess kurtosis of the blur."""
 OFFSET, GAIN, SLOPE_X, SLOPE_Y, LOG_SIGMA, KURTOSIS = range(8, 14)
-REACH = 3.3
-"""An edge this many sigma away is invisible."""
+NEAR_SIGMAS = 2.5
+"""Pixels this close to an edge, in sigma, tell where it is."""
 STATS = 6
 """n, sum r^2, sum y, sum y^2, sum p, sum p^2 have columns 0..5; y grey level, p prediction."""
 
@@ -44,8 +44,8 @@ class Sums:
     gradient : (N, 14)
         J^T r with r = grey level - prediction.
     stats : (N, 6)
-    blocks : (N, B, B, 2)
-        Sum of residuals and number of pixels in blocks of two by two modules, white ring included.
+    blocks : (N, M + 2, M + 2, 2)
+        Sum of residuals and number of pixels in each module, white ring included.
     """
 
     normal: Array
@@ -131,8 +131,9 @@ def accumulate(  # noqa: PLR0917 - a kernel's arguments, by position
         Pixels to use: first and last column, first and last row (last exclusive), within the image.
     margin : (N,)
         How many modules of the white ring count.
-    stride : (N, 2)
-        ``m, q``: of each row the pixels whose column, counted from ``q row`` modulo m within the box, m divides.
+    stride : (N, 3)
+        ``m, q, n``: of each row use the pixels whose column, counted from ``q row`` modulo m within the box, m
+        divides; and those whose row and column together n divides, if an edge between black and white crosses them.
     """
     n = len(rows)
     sums = no_sums(n, cells)
@@ -143,12 +144,12 @@ def accumulate(  # noqa: PLR0917 - a kernel's arguments, by position
 
 def no_sums(n: int, cells: Array) -> Sums:
     """Return sums over nothing, of n tags."""
-    blocks = (cells.shape[1] + 1) // 2
+    side = cells.shape[1]
     return Sums(
         normal=np.zeros((n, PARAMETERS, PARAMETERS)),
         gradient=np.zeros((n, PARAMETERS)),
         stats=np.zeros((n, STATS)),
-        blocks=np.zeros((n, blocks, blocks, 2)),
+        blocks=np.zeros((n, side, side, 2)),
     )
 
 
@@ -171,6 +172,7 @@ def _accumulate_one(  # noqa: PLR0917
     modules = cells.shape[0] - 2
     uv = apply_h(theta[None, :8], xy.reshape(1, -1, 2))[0]
     sampled = (columns - x0 - lines * stride[1] % stride[0]) % stride[0] == 0
+    sampled |= ((columns + lines) % stride[2] == 0) & _crossed(cells, theta, place[2], uv).reshape(columns.shape)
     used = sampled.ravel() & np.all((uv > -margin) & (uv < modules + margin), axis=1)
     if not used.any():
         return
@@ -210,9 +212,27 @@ def _accumulate_one(  # noqa: PLR0917
     sums.normal[k] = jacobian.T @ jacobian
     sums.gradient[k] = jacobian.T @ r
     sums.stats[k] = (len(r), r @ r, grey.sum(), grey @ grey, predicted.sum(), predicted @ predicted)
-    at = np.clip(((uv[used] + 1) / 2).astype(int), 0, sums.blocks.shape[1] - 1)
+    at = np.clip((uv[used] + 1).astype(int), 0, sums.blocks.shape[1] - 1)
     np.add.at(sums.blocks[k, :, :, 0], (at[:, 1], at[:, 0]), r)
     np.add.at(sums.blocks[k, :, :, 1], (at[:, 1], at[:, 0]), 1)
+
+
+def _crossed(cells: Array, theta: Array, scale: float, uv: Array) -> NDArray[np.bool_]:
+    """Return which places (P, 2) an edge between black and white blurs, by the blur at the tag's centre."""
+    h, last = theta[:8], cells.shape[0] - 1
+    sigma = np.exp(theta[LOG_SIGMA]) * scale
+    near = (
+        NEAR_SIGMAS
+        * sigma
+        * np.array([np.hypot(h[0] - h[2] * h[6], h[1] - h[2] * h[7]), np.hypot(h[3] - h[5] * h[6], h[4] - h[5] * h[7])])
+    )
+    at = np.clip(np.nan_to_num(uv) + 1, 0, last).astype(np.int64)
+    edge = np.clip(np.nan_to_num(uv) + 1.5, 0, last + 1).astype(np.int64) - 1
+    close = (np.abs(uv - edge) < near) & (edge >= 0) & (edge < last)
+    low, high = np.clip(edge, 0, last), np.clip(edge + 1, 0, last)
+    across = cells[at[:, 1], low[:, 0]] != cells[at[:, 1], high[:, 0]]
+    down = cells[low[:, 1], at[:, 0]] != cells[high[:, 1], at[:, 0]]
+    return np.asarray((close[:, 0] & across) | (close[:, 1] & down))
 
 
 def tone_value(tone: Array, light: Array) -> tuple[Array, Array]:

@@ -18,6 +18,8 @@ KURTOSIS_PRIOR, KURTOSIS_RANGE = 0.5, (-1.3, 1.5)
 MARGIN_MODULES = 0.9
 ITERATIONS = 10
 STOP_PX = 0.02
+EDGE_SIDE_PX = 80.0
+"""Of tags larger than this not even the pixels at edges are all used."""
 MUCH = 0.3
 """A step that explains this share of the squared residuals is not the last."""
 _DAMPING, _FIRST_DAMPING = 1e-6, 1e-3
@@ -65,6 +67,8 @@ class Aligned:
         Of the image with the aligned pattern.
     worst_block : (N,)
         Largest mean residual of a block of two by two modules, as a share of the contrast.
+    worst_module : (N,)
+        The same of a single module; 0 where modules have too few pixels to say.
     noise : (N,)
         Deviation of the residuals; 1 is full scale.
     theta : (N, 14)
@@ -81,6 +85,7 @@ class Aligned:
     gain: Array
     correlation: Array
     worst_block: Array
+    worst_module: Array
     noise: Array
     theta: Array
     place: Array
@@ -177,7 +182,7 @@ def align(
     if start is not None:
         theta[:, OFFSET:] = start.theta[:, OFFSET:]
     boxes, margin = _pixels(frame, patterns, corners_px, theta[:, LOG_SIGMA])
-    stride = _strides(corners_px, side_px)
+    stride = _strides(corners_px, side_px, edges=start is not None)
     last = model.no_sums(len(rows), patterns.cells)
     active = np.arange(len(rows))
     places = (straight - place[:, None, :2]) * place[:, 2, None, None]
@@ -221,16 +226,18 @@ def _put(sums: Sums, at: Index, some: Sums) -> None:
         getattr(sums, name)[at] = getattr(some, name)
 
 
-def _strides(corners_px: Array, side_px: float) -> NDArray[np.int64]:
+def _strides(corners_px: Array, side_px: float, edges: bool) -> NDArray[np.int64]:
     """Return which share of a tag's pixels to use so that they are as many as of a tag with sides of ``side_px``.
 
     A Fibonacci lattice: of m pixels one, in each row shifted by q. Unlike every second row and column it meets a
-    module's edges at all phases, also where they run along the pixels.
+    module's edges at all phases, also where they run along the pixels. With ``edges``, of the pixels that an edge blurs
+    all count, or of very large tags every n-th.
     """
     side = np.linalg.norm(corners_px - np.roll(corners_px, -1, axis=1), axis=2).mean(axis=1)
     at = np.searchsorted(_FIBONACCI, (np.nan_to_num(side) / side_px) ** 2, side="right") - 1
     at = np.clip(at, 1, len(_FIBONACCI) - 1)
-    return np.stack([_FIBONACCI[at], _FIBONACCI[at - 1]], axis=1)
+    near = np.clip(np.nan_to_num(side) / EDGE_SIDE_PX, 1, 1000).astype(np.int64)
+    return np.stack([_FIBONACCI[at], _FIBONACCI[at - 1], np.where(edges, near, _FIBONACCI[at])], axis=1)
 
 
 def _start(patterns: Patterns, straight: Array) -> tuple[Array, Array]:
@@ -317,8 +324,11 @@ def _finish(
     cov = _covariance(frame, sums, noise2, theta, place, corners) if covariance else np.zeros((len(rows), 4, 2, 2))
     mean = sums.blocks[..., 0] / np.maximum(sums.blocks[..., 1], 1)
     contrast = np.maximum(np.sqrt(np.maximum(var_y, 0)) * 2, 1e-6)
-    enough = sums.blocks[..., 1] >= 2
-    worst = np.where(enough, np.abs(mean), 0).max(axis=(1, 2)) / contrast
+    worst_module = np.where(sums.blocks[..., 1] >= 4, np.abs(mean), 0).max(axis=(1, 2)) / contrast
+    even = np.pad(sums.blocks, ((0, 0), (0, sums.blocks.shape[1] % 2), (0, sums.blocks.shape[2] % 2), (0, 0)))
+    fours = even[:, ::2, ::2] + even[:, 1::2, ::2] + even[:, ::2, 1::2] + even[:, 1::2, 1::2]
+    mean = fours[..., 0] / np.maximum(fours[..., 1], 1)
+    worst = np.where(fours[..., 1] >= 2, np.abs(mean), 0).max(axis=(1, 2)) / contrast
     good = np.isfinite(corners).all(axis=(1, 2)) & np.isfinite(cov).all(axis=(1, 2, 3)) & (n > 2 * PARAMETERS)
     return Aligned(
         rows=rows,
@@ -329,6 +339,7 @@ def _finish(
         gain=theta[:, GAIN],
         correlation=np.where(good, correlation, -1.0),
         worst_block=worst,
+        worst_module=worst_module,
         noise=np.sqrt(noise2),
         theta=theta,
         place=place,

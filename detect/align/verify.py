@@ -18,7 +18,9 @@ class Limits:
     correlation
         Of the picture with the aligned pattern, at least.
     worst_block
-        Mean residual of two by two modules over the tag's contrast, at most: a finger, a glare, a wrong bit.
+        Mean residual of two by two modules over the tag's contrast, at most: a finger, a glare.
+    worst_module
+        The same of one module: a wrong bit.
     gain
         White less black, share of full scale, at least.
     blur_modules
@@ -29,6 +31,7 @@ class Limits:
 
     correlation: float = 0.85
     worst_block: float = 0.3
+    worst_module: float = 0.4
     gain: float = 0.02
     blur_modules: float = 0.9
     spread_modules: float = 0.2
@@ -38,6 +41,7 @@ class Limits:
         return Limits(
             correlation=self.correlation - 0.05,
             worst_block=self.worst_block * 1.3,
+            worst_module=self.worst_module * 1.5,
             gain=self.gain / 2,
             blur_modules=self.blur_modules * 1.2,
             spread_modules=self.spread_modules * 2,
@@ -51,6 +55,7 @@ def verified(patterns: Patterns, tags: Aligned, limits: Limits) -> NDArray[np.bo
     return np.asarray(
         (tags.correlation >= limits.correlation)
         & (tags.worst_block <= limits.worst_block)
+        & (tags.worst_module <= limits.worst_module)
         & (tags.gain >= limits.gain)
         & (tags.sigma_px <= limits.blur_modules * module)
         & (spread <= limits.spread_modules * module)
