@@ -1,0 +1,128 @@
+"""``--rerun``: what happened on a drive, for the Rerun viewer, on the log's time line (extra ``rerun``)."""
+
+import secrets
+from collections.abc import Mapping
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from calib.errors import CalibError
+from calib.exports.scene import MAGNIFIED, Scene, residual_colours
+from calib.frames import Array, inverse, planar
+from calib.report.seen import SeenStop
+
+_TIMELINE = "log"
+_PIXEL_CORNER = 0.5
+_GREY, _RED, _BLUE = (178, 178, 178), (255, 26, 26), (51, 128, 255)
+_BODY, _CAMERA = "box/body", "box/body/camera"
+
+
+def write_rerun(path: Path, scene: Scene, images: Mapping[int, tuple[int, bytes]]) -> None:
+    """Write a recording for the Rerun viewer (whole or not at all).
+
+    Parameters
+    ----------
+    path
+        The ``.rrd`` file.
+    scene
+        What happened.
+    images
+        Time (ns) and JPEG of a frame by number of the stop, as :func:`calib.draw.stop_jpegs` gives them.
+
+    Raises
+    ------
+    CalibError
+        If Rerun is not installed.
+    OSError
+        If the file cannot be written.
+    """
+    try:
+        rr = import_module("rerun")
+    except ImportError as error:
+        raise CalibError(f"{path.name}: the rerun package is not installed; pip install 'boxcal[rerun]'") from error
+    path.parent.mkdir(parents=True, exist_ok=True)
+    part = path.parent / f".{path.name[:40]}.{secrets.token_hex(4)}.part"
+    try:
+        part.touch()  # a folder that cannot be written to says so here, as an OSError
+        stream = rr.RecordingStream("boxcal", recording_id=f"boxcal-{secrets.token_hex(8)}")
+        stream.save(part)
+        _still(rr, stream, scene)
+        _poses(rr, stream, scene)
+        for stop in scene.stops:
+            _seen(rr, stream, stop, images.get(stop.number))
+        stream.flush()
+        stream.disconnect()
+        part.replace(path)
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def _still(rr: Any, stream: Any, scene: Scene) -> None:
+    """Log what does not change: the box, the camera and its mounting, the whole path."""
+    c, box = scene.calibration, scene.target.box
+    stream.log("box", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+    half = (box.width / 2, box.depth / 2, box.height / 2)
+    stream.log("box/solid", rr.Boxes3D(centers=[(0.0, 0.0, half[2])], half_sizes=[half]), static=True)
+    corners = scene.target.tag_corners
+    stream.log(
+        "box/tags", rr.LineStrips3D(np.concatenate([corners, corners[:, :1]], axis=1), radii=0.0005), static=True
+    )
+    ways = [np.column_stack([p.poses[:, :2], np.zeros(len(p.poses))]) for p in scene.path]
+    shades = [_GREY if p.used else _RED for p in scene.path]
+    stream.log("box/path", rr.LineStrips3D(ways, colors=shades, radii=0.002), static=True)
+    bodies = np.array([_body(stop, c.T_body_cam) for stop in scene.stops]).reshape(-1, 4, 4)
+    names = [f"stop {stop.number + 1}" for stop in scene.stops]
+    stream.log(
+        "box/stops",
+        rr.Arrows3D(origins=bodies[:, :3, 3], vectors=0.09 * bodies[:, :3, 0], labels=names, colors=[_BLUE]),
+        static=True,
+    )
+    stream.log(_CAMERA, _transform(rr, c.T_body_cam), static=True)
+    K = c.camera.K
+    K[:2, 2] += _PIXEL_CORNER
+    pinhole = rr.Pinhole(image_from_camera=K, resolution=list(c.image_size), camera_xyz=rr.ViewCoordinates.RDF)
+    stream.log(f"{_CAMERA}/image", pinhole, static=True)
+
+
+def _poses(rr: Any, stream: Any, scene: Scene) -> None:
+    """Log where the robot is: at stops by the images, between them by the wheels."""
+    items = [
+        (t, _body(stop, scene.calibration.T_body_cam))
+        for stop in scene.stops
+        for t in sorted({stop.view.t_start_ns, stop.view.t_end_ns})
+    ]
+    for way in scene.path:
+        items += [(t, planar(*at)) for t, at in zip(way.t_ns[1:-1].tolist(), way.poses[1:-1], strict=True)]
+    for t, T in sorted(items, key=lambda item: item[0]):
+        _at(stream, t)
+        stream.log(_BODY, _transform(rr, T))
+
+
+def _seen(rr: Any, stream: Any, stop: SeenStop, image: tuple[int, bytes] | None) -> None:
+    """Log a stop's image with its corners: points where they were seen, lines from where they were expected."""
+    t = stop.view.t_start_ns if image is None else image[0]
+    _at(stream, t)
+    if image is not None:
+        stream.log(f"{_CAMERA}/image/picture", rr.EncodedImage(contents=image[1], media_type="image/jpeg"))
+    ahead = np.all(np.isfinite(stop.error_px), axis=1)
+    uv, error = stop.view.uv_px[ahead] + _PIXEL_CORNER, stop.error_px[ahead]
+    shades = np.round(255 * residual_colours(error, stop.used[ahead])).astype(np.uint8)
+    ids = [f"landmark {i}" for i in stop.view.landmark_ids[ahead].tolist()]
+    stream.log(f"{_CAMERA}/image/corners", rr.Points2D(uv, colors=shades, radii=1.5, labels=ids, show_labels=False))
+    ends = np.stack([uv - error, uv + (MAGNIFIED - 1) * error], axis=1)
+    stream.log(f"{_CAMERA}/image/residuals", rr.LineStrips2D(ends, colors=shades, radii=0.5))
+    stream.log("residual_px", rr.Scalars(stop.result.reprojection_rms_px))
+
+
+def _at(stream: Any, t_ns: int) -> None:
+    stream.set_time(_TIMELINE, timestamp=np.datetime64(t_ns, "ns"))
+
+
+def _body(stop: SeenStop, T_body_cam: Array) -> Array:
+    return np.asarray(stop.result.T_box_cam @ inverse(T_body_cam))
+
+
+def _transform(rr: Any, T: Array) -> Any:
+    return rr.Transform3D(translation=T[:3, 3], mat3x3=T[:3, :3])

@@ -1,0 +1,97 @@
+"""What happened on one drive, ready to be shown: stops, path over time, and how the box looks."""
+
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calib.frames import Array, inverse
+from calib.odometry import legs_between, unit_path
+from calib.report.seen import SeenStop, stops_seen
+from calib.result import Calibration
+from detect.correspondences import Correspondences
+from detect.wheels import Ids
+from target.box import Target
+
+PATH_HZ = 10.0
+"""Poses along the path a second, at most."""
+MAGNIFIED = 20.0
+"""By how much residuals are drawn longer than they are."""
+FULL_SCALE_PX = 1.0
+"""A residual of this length or more is red."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class DrivenPath:
+    """The way between two stops as the wheels tell it, from the first stop on.
+
+    Attributes
+    ----------
+    t_ns : (N,), ns
+        Ascending.
+    poses : (N, 3), m and rad
+        x, y and heading in frame ``box``.
+    used
+        False if the leg was found faulty and left out.
+    """
+
+    t_ns: Ids
+    poses: Array
+    used: bool
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Scene:
+    """One drive of a calibrated robot.
+
+    Attributes
+    ----------
+    calibration, target
+        The robot's calibration, and the box.
+    stops
+        The stops used.
+    path
+        The ways between them.
+    """
+
+    calibration: Calibration
+    target: Target
+    stops: tuple[SeenStop, ...]
+    path: tuple[DrivenPath, ...]
+
+
+def make_scene(calibration: Calibration, drive: Correspondences, target: Target) -> Scene:
+    """Return what happened on a drive that a calibration was made from."""
+    stops = stops_seen(calibration, drive, target)
+    path = tuple(_driven(calibration, drive, a, b) for a, b in pairwise(stops))
+    return Scene(calibration=calibration, target=target, stops=stops, path=path)
+
+
+def residual_colours(error_px: Array, used: NDArray[np.bool_]) -> Array:
+    """Return colours (N, 3), red, green and blue from 0 to 1: green at 0 px, red from 1 px on; magenta if not used."""
+    share = np.clip(np.linalg.norm(error_px, axis=1) / FULL_SCALE_PX, 0, 1)
+    colours = np.stack([np.minimum(1, 2 * share), np.minimum(1, 2 - 2 * share), np.zeros(len(share))], axis=1)
+    return np.where(used[:, None], colours, (1.0, 0.0, 1.0))
+
+
+def _driven(calibration: Calibration, drive: Correspondences, a: SeenStop, b: SeenStop) -> DrivenPath:
+    travel = legs_between(drive, (a.number, b.number))
+    w = calibration.wheels
+    times = [np.array([a.view.t_end_ns])]
+    for i in range(a.number, b.number):
+        inner = slice(drive.stops[i].last_sample + 1, drive.stops[i + 1].first_sample)
+        times += [drive.wheels.t_ns[inner], np.array([drive.stops[i + 1].t_start_ns])]
+    t_ns = np.concatenate(times)
+    every = np.zeros(len(t_ns), dtype=bool)
+    every[np.unique(((t_ns - t_ns[0]) * (PATH_HZ / 1e9)).astype(np.int64), return_index=True)[1]] = True
+    every[[0, -1]] = True
+    xy, heading = unit_path(replace(travel, ends=tuple(np.flatnonzero(every).tolist())), w.rR / w.b, -w.rL / w.b)
+    T = a.result.T_box_cam @ inverse(calibration.T_body_cam)
+    start = float(np.arctan2(T[1, 0], T[0, 0]))
+    c, s = np.cos(start), np.sin(start)
+    turned = w.rL * xy @ np.array([[c, s], [-s, c]]) + T[:2, 3]
+    faults = {leg.t_start_ns for leg in calibration.detail.flagged_legs} if calibration.detail else set()
+    return DrivenPath(
+        t_ns=t_ns[every], poses=np.column_stack([turned, heading + start]), used=a.view.t_end_ns not in faults
+    )
