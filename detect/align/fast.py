@@ -9,6 +9,8 @@ from detect.align.seeds import find_seeds
 from detect.corners import CornerSettings, refine
 from target.box import Target
 
+MIN_SCORE = 0.85
+"""Nothing else vouches for a previewed tag."""
 SIGMA_PX = 0.1
 """Deviation per axis that is claimed for a previewed corner; nothing in the picture is asked for it."""
 _LINES = {tone: CornerSettings(tone=tone, profiles=12, samples=13, rounds=1) for tone in ("linear", "srgb")}
@@ -21,5 +23,6 @@ def preview(grey8: NDArray[np.uint8], target: Target, tone: str, window_px: int)
     :func:`detect.corners.refine`.
     """
     seeds = consistent_seeds(target, find_seeds(grey8, target_patterns(target), (window_px,)))
+    seeds = seeds.take(seeds.score >= MIN_SCORE)
     corners, good = refine(grey8, seeds.corners_px, _LINES[tone])
     return seeds.rows[good], corners[good]

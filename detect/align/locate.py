@@ -27,7 +27,7 @@ from detect.align.verify import Limits, module_px, verified
 from detect.errors import DetectError
 from target.box import Target
 
-MODEL_ERROR_PX = 0.002
+MODEL_ERROR_PX = 0.003
 """Deviation per axis of what the model leaves out (lens, print, pixel response); no residual shows it."""
 MAX_SIDE_PX = 16_384
 FEW_TAGS = 4

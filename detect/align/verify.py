@@ -31,7 +31,7 @@ class Limits:
 
     correlation: float = 0.85
     worst_block: float = 0.3
-    worst_module: float = 0.4
+    worst_module: float = 0.5
     gain: float = 0.02
     blur_modules: float = 0.9
     spread_modules: float = 0.2
