@@ -50,6 +50,10 @@ def products(*, dpi: float = 300.0) -> tuple[Product, ...]:
         Product(name="obj", extra="", what="textured model, Wavefront OBJ with a picture a face", make=_obj),
         Product(name="landmark_box", extra="", what="model folder for Gazebo (SDF)", make=_sdf),
         Product(name="mujoco", extra="", what="model for MuJoCo (MJCF)", make=_mjcf),
+        Product(name="kalibr", extra="", what="the faces as grids in the manner of Kalibr (YAML)", make=_kalibr),
+        Product(name="cad", extra="cad", what="body, lid, pin and jointed panels: STEP, and STL to print", make=_cad),
+        Product(name="cut", extra="cad", what="panels and fold-up net for a laser cutter or plotter (DXF)", make=_cut),
+        Product(name="print", extra="cad", what="two-colour prints with the tags inlaid (3MF)", make=_print),
     )
 
 
@@ -86,6 +90,31 @@ def _mjcf(target: "Target") -> Mapping[str, bytes]:
     from target.scene.mjcf import box_mjcf  # noqa: PLC0415 - heavy
 
     return _within("mujoco", box_mjcf(target))
+
+
+def _kalibr(target: "Target") -> Mapping[str, bytes]:
+    from target.scene.kalibr import face_grids  # noqa: PLC0415 - heavy
+
+    return _within("kalibr", face_grids(target))
+
+
+def _cad(target: "Target") -> Mapping[str, bytes]:
+    from target.cad.solid import box_step, box_stls, panels_step  # noqa: PLC0415 - heavy
+
+    steps = {"box.step": box_step(target), "panels.step": panels_step(target)}
+    return _within("cad", steps | box_stls(target))
+
+
+def _cut(target: "Target") -> Mapping[str, bytes]:
+    from target.cad.cut import net_dxf, panels_dxf  # noqa: PLC0415 - heavy
+
+    return _within("cut", {"panels.dxf": panels_dxf(target), "net.dxf": net_dxf(target)})
+
+
+def _print(target: "Target") -> Mapping[str, bytes]:
+    from target.cad.inlay import prints  # noqa: PLC0415 - heavy
+
+    return _within("print", prints(target))
 
 
 def _within(folder: str, files: Mapping[str, bytes]) -> Mapping[str, bytes]:
