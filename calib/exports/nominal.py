@@ -41,7 +41,7 @@ def load_nominal(path: Path) -> Nominal:
     CalibError
         If the file is missing, too large or says nothing of the wheels: what was found and what is needed.
     """
-    urdf = path.suffix.lower() in {".urdf", ".xml"}
+    urdf = path.suffix.lower() in {".urdf", ".xml", ".xacro"}
     limit = MAX_URDF_BYTES if urdf else MAX_YAML_BYTES
     try:
         size = path.stat().st_size

@@ -22,6 +22,8 @@ _BODY, _CAMERA = "box/body", "box/body/camera"
 def write_rerun(path: Path, scene: Scene, images: Mapping[int, tuple[int, bytes]]) -> None:
     """Write a recording for the Rerun viewer (whole or not at all).
 
+    Rerun's pinhole knows no distortion: corners fit the image, the box in 3-D fits it only as far as the lens is plain.
+
     Parameters
     ----------
     path

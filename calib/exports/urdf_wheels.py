@@ -14,6 +14,7 @@ from detect.names import Side, wheel_side
 from detect.text import listed, printable
 
 _REMEDY = "give wheel_radius and wheel_separation in a YAML file instead"
+_XACRO = "{http://www.ros.org/wiki/xacro}"
 _SAME = 1e-6
 _MAX_CHAIN = 1000
 
@@ -66,6 +67,8 @@ def _parse(content: bytes, name: str) -> ET.Element:
         root = ET.fromstring(content)  # noqa: S314  (no document type, so no entities: checked above)
     except (expat.ExpatError, ET.ParseError, ValueError, LookupError) as error:
         raise CalibError(f"{name}: not a whole URDF ({error}); {_REMEDY}") from error
+    if any(str(element.tag).startswith(_XACRO) for element in root.iter()):
+        raise CalibError(f"{name}: holds xacro macros, a plain URDF is needed; expand it with xacro first")
     if root.tag != "robot":
         raise CalibError(f"{name}: its root is {printable(root.tag)}, robot is needed; {_REMEDY}")
     return root

@@ -1,5 +1,6 @@
 """compare-calibrations: what differs, what that means, and whether chance explains it."""
 
+import importlib.util
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -163,3 +164,20 @@ def test_no_verdict_gets_one_clear_line(
 def test_other_names_are_compared_when_asked_to(files: dict[str, str], capsys: pytest.CaptureFixture[str]) -> None:
     assert main([files["other"], files["a"], "--any-robot"]) == 0
     assert "\x1b" not in capsys.readouterr().out
+
+
+@pytest.mark.slow
+def test_pairs_of_simulated_drives_keep_the_level_and_turned_cameras_are_found() -> None:
+    """Of 12 pairs of the benchmark: chi-square as large as its degrees of freedom, and 0.3 deg always found."""
+    path = Path(__file__).resolve().parents[2] / "benchmarks" / "compare.py"
+    spec = importlib.util.spec_from_file_location("benchmark_compare", path)
+    assert spec is not None
+    assert spec.loader is not None
+    benchmark = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(benchmark)
+    pairs = [benchmark.pair(seed, 12) for seed in range(12)]
+    same, turned = zip(*pairs, strict=True)
+    ratio = np.mean([d.chi2 / d.dof for d in same])
+    assert abs(ratio - 1) < 4 * np.sqrt(2 / 14 / 12)
+    assert sum(d.p_value < 0.05 for d in same) <= 4  # more: 0.02 % by chance
+    assert sum(d.p_value < 0.05 for d in turned) >= 12

@@ -75,6 +75,11 @@ DOCTYPE = '<!DOCTYPE r [<!ENTITY a "{0}">]><robot name="&a;"/>'
         ("n.urdf", DOCTYPE, "document type"),
         ("n.urdf", URDF[:300], "not a whole URDF"),
         ("n.urdf", "<sdf/>", "robot is needed"),
+        (
+            "n.urdf.xacro",
+            '<robot xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:include filename="w"/></robot>',
+            "expand it with xacro first",
+        ),
         ("n.urdf", '<robot name="r"/>', "0 left wheel joints"),
         ("n.urdf", URDF.replace('<cylinder radius="0.033" length="0.02"/>', '<mesh filename="w.stl"/>'), "no cylinder"),
         ("n.urdf", URDF.replace('sphere radius="0.033"', 'sphere radius="0.034"'), "one nominal radius"),
