@@ -97,7 +97,7 @@ def _frustum(calibration: Calibration, s: SeenStop) -> Array:
 def projection_data(calibration: Calibration) -> dict[str, Any] | None:
     """Return how sure the place of a known point's image is, over the image, at some distances; None if unknown."""
     detail = calibration.detail
-    if detail is None:
+    if detail is None or not np.all(np.isfinite(detail.covariance.matrix)):
         return None
     width, height = calibration.image_size
     columns = _GRID if width >= height else max(4, round(_GRID * width / height))

@@ -210,13 +210,14 @@ def _odd_list(results: Sequence[Calibration], values: Any, odd: Any) -> list[dic
 
 
 def _steps(results: Sequence[Calibration], verdicts: Sequence[Verdict]) -> list[dict[str, Any]]:
-    """Return what to do now, each step with the robots that need it, the most frequent first."""
+    """Return what to do now, each step with the robots that need it, the worst robots' first."""
     who: dict[str, list[str]] = {}
-    for c, v in zip(results, verdicts, strict=True):
+    pressing = sorted(zip(results, verdicts, strict=True), key=lambda pair: -_rank(pair[1].level))
+    for c, v in pressing:
         if v.level is not Level.GOOD:
             for step in v.next_steps:
                 who.setdefault(step, []).append(c.robot)
-    return [{"text": text, "robots": robots} for text, robots in sorted(who.items(), key=lambda item: -len(item[1]))]
+    return [{"text": text, "robots": robots} for text, robots in who.items()]
 
 
 def _number(value: float) -> float | None:

@@ -22,7 +22,7 @@ def projection_sigma(
     lens, values
         Lens and its coefficients; those beyond kr count as exact.
     cov : (14, 14)
-        In the order and with the side that ``calib.detail`` has.
+        In the order and with the side that ``calib.detail`` has; finite.
     T_body_cam : (4, 4), m
         Mounting.
     uv_px : (N, 2), px
@@ -38,7 +38,7 @@ def projection_sigma(
     J[:, :, :5] = by_lens[:, :, :5]
     J[:, :, 8:11] = by_point @ hat(p_cam[seen])
     J[:, :, 11:] = -by_point @ T_body_cam[:3, :3].T
-    variance = np.einsum("nij,jk,nik->n", J, np.where(np.isfinite(cov), cov, 0.0), J)
+    variance = np.einsum("nij,jk,nik->n", J, cov, J)
     sigma[seen] = np.sqrt(np.maximum(variance, 0.0))
     return sigma
 

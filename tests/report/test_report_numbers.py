@@ -1,0 +1,288 @@
+"""What the report computes: residuals, gaps of legs, print scale, projection uncertainty, angles' sigmas."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import faulty
+import numpy as np
+import pytest
+
+from calib.detail import ORDER, Covariance
+from calib.estimate.lens import Lens, project_lens
+from calib.estimate.result import FlaggedCorner
+from calib.frames import Array, exp_so3, inverse
+from calib.report.drawing import projection_data, residual_data, scene_data
+from calib.report.drive import driven_legs, floor_pose
+from calib.report.parameters import Row, parameter_groups, yaw_pitch_roll_sigma
+from calib.report.print_scale import find_print_scale
+from calib.report.projection import projection_sigma, rays
+from calib.report.seen import lens_values, stops_seen
+from calib.report.tables import face_row, rms
+from calib.result import Calibration, StopResult
+from calib.simulate.drive import exact_correspondences, exact_options, simulate_drive
+from calib.table import yaw_pitch_roll
+from detect.correspondences import Correspondences
+from target.box import make_target
+from target.measured import Measured
+
+Calibrations = Callable[[str], Calibration]
+Drives = Callable[[str], Correspondences]
+
+
+@pytest.fixture(scope="module")
+def exact(calibrations: Calibrations) -> tuple[Calibration, Correspondences]:
+    """A drive without any noise, and a calibration that is the truth."""
+    rng = np.random.default_rng(11)
+    drive = simulate_drive(faulty.ROBOT, faulty.TARGET, exact_options(6), rng)
+    seen = exact_correspondences(faulty.ROBOT, faulty.TARGET, drive)
+    r = faulty.ROBOT
+    stops = tuple(
+        StopResult(
+            t_start_ns=s.t_start_ns,
+            t_end_ns=s.t_end_ns,
+            landmarks=len(s.landmark_ids),
+            reprojection_rms_px=0.0,
+            T_box_cam=T,
+        )
+        for s, T in zip(seen.stops, drive.T_box_cam, strict=True)
+    )
+    base = calibrations("good_drive")
+    wheels = replace(base.wheels, rR=r.rR, rL=r.rL, b=r.b)
+    true = replace(base, camera=r.camera, wheels=wheels, T_body_cam=r.T_body_cam, stops=stops)
+    assert true.detail is not None
+    return replace(true, detail=replace(true.detail, extra={}, lens_extra={})), seen
+
+
+def test_true_calibration_leaves_no_residual_and_no_gap(exact: tuple[Calibration, Correspondences]) -> None:
+    calibration, drive = exact
+    seen = stops_seen(calibration, drive, faulty.TARGET)
+    assert [s.number for s in seen] == list(range(6))
+    assert max(np.abs(s.error_px).max() for s in seen) < 1e-9
+    legs = driven_legs(calibration, drive, seen)
+    assert len(legs) == 5
+    assert max(np.abs(leg.gap).max() for leg in legs) < 1e-9
+    assert all(leg.rolled > 0.05 for leg in legs)
+
+
+def test_residual_is_seen_less_expected_and_gap_is_wheels_less_images(
+    exact: tuple[Calibration, Correspondences],
+) -> None:
+    calibration, drive = exact
+    moved = replace(drive.stops[2], uv_px=drive.stops[2].uv_px + np.array([0.5, -0.25]))
+    shifted = replace(drive, stops=(*drive.stops[:2], moved, *drive.stops[3:]))
+    seen = stops_seen(calibration, shifted, faulty.TARGET)
+    assert np.allclose(seen[2].error_px, (0.5, -0.25), atol=1e-9)
+    far = calibration.stops[1].T_box_cam.copy()
+    heading = floor_pose(far, calibration.T_body_cam)[2]
+    far[:2, 3] -= 0.01 * np.array([np.cos(heading), np.sin(heading)])  # images put the robot 1 cm further back
+    stops = (calibration.stops[0], replace(calibration.stops[1], T_box_cam=far), *calibration.stops[2:])
+    legs = driven_legs(replace(calibration, stops=stops), drive, stops_seen(calibration, drive, faulty.TARGET))
+    assert np.allclose(legs[0].gap, 0, atol=1e-9)  # the stops seen still carry the true poses
+    back = replace(calibration, stops=stops)
+    legs = driven_legs(back, drive, stops_seen(back, drive, faulty.TARGET))
+    assert np.allclose(legs[0].gap, (0.01, 0, 0), atol=1e-9)
+
+
+def test_face_and_stop_of_a_residual_are_its_own(exact: tuple[Calibration, Correspondences]) -> None:
+    calibration, drive = exact
+    seen = stops_seen(calibration, drive, faulty.TARGET)
+    for s in seen:
+        normals = np.array([faulty.TARGET.T_box_face(int(f))[:3, 2] for f in s.face])
+        towards = s.result.T_box_cam[:3, 3] - s.p_box
+        assert np.all(np.sum(normals * towards, axis=1) > 0)
+    rows = [face_row(f, seen) for f in range(4)]
+    assert sum(r["corners"] for r in rows if r) == sum(len(s.face) for s in seen)
+
+
+def test_wrong_corners_are_marked_and_left_out_of_the_mean(exact: tuple[Calibration, Correspondences]) -> None:
+    calibration, drive = exact
+    stop = drive.stops[1]
+    uv_px = stop.uv_px.copy()
+    uv_px[3] += 40.0
+    drive = replace(drive, stops=(drive.stops[0], replace(stop, uv_px=uv_px), *drive.stops[2:]))
+    assert calibration.detail is not None
+    flagged = FlaggedCorner(drive=0, stop=1, landmark_id=int(stop.landmark_ids[3]), error_px=(40.0, 40.0))
+    marked = replace(calibration, detail=replace(calibration.detail, flagged_corners=(flagged,)))
+    seen = stops_seen(marked, drive, faulty.TARGET)
+    assert (~seen[1].used).nonzero()[0].tolist() == [3]
+    assert rms(seen[1].error_px[seen[1].used]) < 1e-9
+    assert residual_data(marked, seen)["stops"][1]["wrong"] == [3]
+
+
+def test_shape_of_the_box_that_was_estimated_is_allowed_for(calibrations: Calibrations) -> None:
+    rng = np.random.default_rng(3)
+    box = faulty.TARGET.box
+    size = Measured(sx=1.004, sy=1.0, width=box.width, depth=box.depth, height=box.height, cov=np.eye(5) * 1e-12)
+    printed = make_target(box, size)
+    drive = simulate_drive(faulty.ROBOT, faulty.TARGET, exact_options(4), rng)
+    seen = exact_correspondences(faulty.ROBOT, printed, drive)
+    nominal = replace(seen, stops=tuple(replace(s, p_box=faulty.TARGET.p_box(s.landmark_ids)) for s in seen.stops))
+    base = calibrations("good_drive")
+    stops = tuple(
+        replace(base.stops[0], t_start_ns=s.t_start_ns, T_box_cam=T)
+        for s, T in zip(nominal.stops, drive.T_box_cam, strict=True)
+    )
+    assert base.detail is not None
+    extra = replace(base.detail, extra={"scale_x": 0.004, "scale_y": 0.0})
+    known = replace(base, camera=faulty.ROBOT.camera, stops=stops, detail=extra)
+    assert max(np.abs(s.error_px).max() for s in stops_seen(known, nominal, faulty.TARGET)) < 1e-9
+    unknown = replace(known, detail=replace(extra, extra={}))
+    assert max(np.abs(s.error_px).max() for s in stops_seen(unknown, nominal, faulty.TARGET)) > 0.2
+
+
+def test_print_scale_is_found_within_its_sigma(calibrations: Calibrations, drives: Drives) -> None:
+    c, drive = calibrations("wrong_print"), drives("wrong_print")
+    found = find_print_scale(c, stops_seen(c, drive, faulty.TARGET), faulty.TARGET)
+    assert found is not None
+    assert found.x == pytest.approx(0.01, abs=4e-4)
+    assert abs(found.y) < 4 * found.sigma_y
+    c, drive = calibrations("good_drive"), drives("good_drive")
+    found = find_print_scale(c, stops_seen(c, drive, faulty.TARGET), faulty.TARGET)
+    assert found is not None
+    assert abs(found.x) < 4 * found.sigma_x < 0.001
+    assert abs(found.y) < 4 * found.sigma_y
+
+
+def test_print_scale_sigma_is_honest(calibrations: Calibrations, drives: Drives) -> None:
+    """Its claims hold over new noise: the calibration stays, so poses and camera adapt within the one step."""
+    c, drive = calibrations("good_drive"), drives("good_drive")
+    rng, ratios = np.random.default_rng(5), []
+    for _ in range(60):
+        stops = [replace(s, uv_px=s.uv_px + faulty.SIGMA_PX * rng.standard_normal(s.uv_px.shape)) for s in drive.stops]
+        noisy = replace(drive, stops=tuple(stops))
+        clean = find_print_scale(c, stops_seen(c, drive, faulty.TARGET), faulty.TARGET)
+        found = find_print_scale(c, stops_seen(c, noisy, faulty.TARGET), faulty.TARGET)
+        assert clean is not None
+        assert found is not None
+        # The new noise alone: as large as the old, so found.sigma (of both together) is its root 2.
+        ratios.append(((found.x - clean.x) / found.sigma_x) * np.sqrt(2))
+    assert 0.7 < float(np.sqrt(np.mean(np.square(ratios)))) < 1.3
+
+
+def test_print_scale_stays_silent_where_corners_do_not_tell(calibrations: Calibrations, drives: Drives) -> None:
+    c, drive = calibrations("blurred"), drives("blurred")
+    assert find_print_scale(c, stops_seen(c, drive, faulty.TARGET), faulty.TARGET) is None
+    assert find_print_scale(c, (), faulty.TARGET) is None
+
+
+@pytest.mark.parametrize(
+    ("lens", "further"),
+    [
+        (Lens.RADIAL, []),
+        (Lens.BROWN, [0.05, 0.002, -0.001, 0.01]),
+        (Lens.RATIONAL, [0.05, 0.001, -0.001, 0.01, 0.02, 0.01, 0.0]),
+        (Lens.FISHEYE, [0.01, -0.002, 0.0]),
+    ],
+)
+def test_rays_undo_every_lens(lens: Lens, further: list[float]) -> None:
+    values = np.array([600.0, 598.0, 320.0, 240.0, -0.12, *further])
+    u, v = np.meshgrid(np.linspace(0, 639, 9), np.linspace(0, 479, 7))
+    uv_px = np.stack([u.ravel(), v.ravel()], axis=1)
+    xy = rays(lens, values, uv_px)
+    back = project_lens(lens, values, np.concatenate([xy, np.ones((len(xy), 1))], axis=1))[0]
+    assert np.allclose(back, uv_px, atol=1e-6)
+
+
+def test_pixels_that_no_ray_reaches_have_no_sigma() -> None:
+    values = np.array([300.0, 300.0, 320.0, 240.0, -0.9])
+    uv_px = np.array([[320.0, 240.0], [639.0, 479.0]])
+    sigma = projection_sigma(Lens.RADIAL, values, np.eye(14) * 1e-8, np.eye(4), uv_px=uv_px, distance=1.0)
+    assert np.isfinite(sigma[0])
+    assert np.isnan(sigma[1])
+
+
+def test_projection_sigma_agrees_with_drawn_calibrations(calibrations: Calibrations) -> None:
+    c = calibrations("good_drive")
+    assert c.detail is not None
+    lens, values = lens_values(c)
+    rng = np.random.default_rng(2)
+    cov = c.detail.covariance.matrix
+    uv_px = np.array([[10.0, 10.0], [320.0, 240.0], [600.0, 400.0]])
+    for distance in (0.5, 5.0):
+        claimed = projection_sigma(lens, values, cov, c.T_body_cam, uv_px=uv_px, distance=distance)
+        p_cam = np.concatenate([rays(lens, values, uv_px), np.ones((3, 1))], axis=1) * distance
+        p_body = p_cam @ c.T_body_cam[:3, :3].T + c.T_body_cam[:3, 3]
+        square = np.zeros(3)
+        drawn = rng.multivariate_normal(np.zeros(14), cov, size=1500)
+        for d in drawn:
+            R = c.T_body_cam[:3, :3] @ exp_so3(d[8:11])
+            p = (p_body - c.T_body_cam[:3, 3] - d[11:]) @ R
+            square += np.sum((project_lens(lens, values + d[:5], p)[0] - uv_px) ** 2, axis=1)
+        assert np.allclose(np.sqrt(square / len(drawn)), claimed, rtol=0.08)
+
+
+def test_sigmas_of_yaw_pitch_and_roll_agree_with_drawn_rotations(calibrations: Calibrations) -> None:
+    c = calibrations("good_drive")
+    assert c.detail is not None
+    cov, R = c.detail.covariance.matrix, c.T_body_cam[:3, :3]
+    rng = np.random.default_rng(4)
+    drawn = rng.multivariate_normal(np.zeros(3), cov[8:11, 8:11], size=4000)
+    spread = np.std([np.subtract(yaw_pitch_roll(R @ exp_so3(d)), yaw_pitch_roll(R)) for d in drawn], axis=0)
+    assert np.allclose(yaw_pitch_roll_sigma(R, cov), spread, rtol=0.06)
+
+
+def test_rotation_that_is_not_determined_has_infinite_sigmas(calibrations: Calibrations) -> None:
+    cov = np.eye(14)
+    cov[10, :], cov[:, 10], cov[10, 10] = np.nan, np.nan, np.inf
+    assert np.all(np.isinf(yaw_pitch_roll_sigma(np.eye(3), cov)))
+    c = calibrations("good_drive")
+    assert c.detail is not None
+    groups = parameter_groups(replace(c, detail=replace(c.detail, covariance=Covariance(matrix=cov))))
+    texts = {row.key: row.sigma_text for g in groups for row in g.rows}
+    assert texts["yaw"] == texts["roll"] == "not determined"
+    assert texts["tx"] == "1000"
+
+
+@pytest.mark.parametrize(
+    ("value", "sigma", "texts"),
+    [
+        (33.19712, 0.0123, ("33.197", "0.012")),
+        (-0.080719, 0.00049, ("\N{MINUS SIGN}0.08072", "0.00049")),
+        (613.1, 12.0, ("613", "12")),
+        (613.1234, None, ("613.12", "")),
+        (1.5, 0.0, ("1.50", "0.00")),
+    ],
+)
+def test_value_has_the_digits_that_its_sigma_leaves_meaning(
+    value: float, sigma: float | None, texts: tuple[str, str]
+) -> None:
+    row = Row(key="k", name="n", value=value, sigma=sigma, unit="", meaning="", digits=2)
+    assert (row.value_text, row.sigma_text) == texts
+
+
+def test_parameters_in_the_table_are_those_of_the_calibration(calibrations: Calibrations) -> None:
+    c = calibrations("good_drive")
+    assert c.detail is not None
+    rows = {row.key: row for g in parameter_groups(c) for row in g.rows}
+    sigma = c.detail.covariance.sigma
+    assert rows["rL"].value == pytest.approx(1e3 * c.wheels.rL, abs=1e-12)
+    assert rows["b"].sigma == pytest.approx(1e3 * sigma["b"], rel=1e-12)
+    assert rows["ty"].value == pytest.approx(1e3 * c.T_body_cam[1, 3], abs=1e-12)
+    assert rows["kr"].value == c.camera.kr
+    assert {*rows} == {*ORDER} - {"rx", "ry", "rz"} | {"yaw", "pitch", "roll"}
+
+
+def test_scene_holds_what_was_driven(exact: tuple[Calibration, Correspondences]) -> None:
+    calibration, drive = exact
+    seen = stops_seen(calibration, drive, faulty.TARGET)
+    scene = scene_data(calibration, seen, driven_legs(calibration, drive, seen), faulty.TARGET)
+    assert [s["stop"] for s in scene["stops"]] == [1, 2, 3, 4, 5, 6]
+    for stop, s in zip(scene["stops"], seen, strict=True):
+        assert np.allclose(stop["cam"], s.result.T_box_cam[:3, 3], atol=1e-4)
+        view = np.array(stop["view"]).reshape(4, 3)
+        p_cam = view @ inverse(s.result.T_box_cam)[:3, :3].T + inverse(s.result.T_box_cam)[:3, 3]
+        assert np.all(p_cam[:, 2] > 0)
+    for leg, (a, b) in zip(scene["legs"], zip(scene["stops"][:-1], scene["stops"][1:], strict=True), strict=True):
+        path: Array = np.array(leg["path"]).reshape(-1, 2)
+        assert np.allclose(path[0], a["body"][:2], atol=2e-4)
+        assert np.allclose(path[-1], b["body"][:2], atol=2e-4)
+    assert len(scene["tags"]) == 140
+
+
+def test_no_projection_map_is_drawn_where_a_parameter_is_not_determined(calibrations: Calibrations) -> None:
+    c = calibrations("good_drive")
+    assert c.detail is not None
+    matrix = c.detail.covariance.matrix.copy()
+    matrix[4, :], matrix[:, 4], matrix[4, 4] = np.nan, np.nan, np.inf
+    assert projection_data(replace(c, detail=replace(c.detail, covariance=Covariance(matrix=matrix)))) is None
+    assert projection_data(c) is not None

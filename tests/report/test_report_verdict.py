@@ -1,0 +1,304 @@
+"""The verdict: eight faulty drives and a good one, every rule at its limits, and the page that documents them."""
+
+import re
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calib.detail import Covariance, HeldOut
+from calib.errors import CalibError
+from calib.estimate.result import Direction, FlaggedCorner
+from calib.frames import rigid, rot_z
+from calib.report.judgement import LIMITS, Level, Limit, Verdict, angle, length, percent
+from calib.report.print_scale import PrintScale
+from calib.report.robot import judge
+from calib.result import Calibration
+from calib.verdict import verdict
+from detect.correspondences import Correspondences
+from target.box import make_target
+
+Calibrations = Callable[[str], Calibration]
+Drives = Callable[[str], Correspondences]
+DOCS = Path(__file__).resolve().parents[2] / "docs" / "report.md"
+
+
+def _judged(name: str, calibrations: Calibrations, drives: Drives) -> Verdict:
+    return judge(calibrations(name), drives(name), make_target())
+
+
+def _faults(found: Verdict) -> set[str]:
+    return {r.rule for r in found.reasons if r.level is not Level.GOOD}
+
+
+def test_good_drive_is_good(calibrations: Calibrations, drives: Drives) -> None:
+    found = _judged("good_drive", calibrations, drives)
+    assert found.level is Level.GOOD
+    assert _faults(found) == set()
+    assert found.next_steps == (
+        "Put it on the robot. Calibrate again after a new tyre, a knock on the camera or a change of its focus.",
+    )
+
+
+@pytest.mark.parametrize(
+    ("fault", "level", "rule", "advice"),
+    [
+        ("few_stops", Level.REDO, "stops", "at least 12 stops"),
+        ("one_side", Level.USABLE, "around", "all the way round the box"),
+        ("slipped", Level.USABLE, "legs", "Drive slower"),
+        ("box_moved", Level.USABLE, "legs", "Fasten the box"),
+        ("wrong_print", Level.REDO, "print", "Measure the print"),
+        ("blurred", Level.USABLE, "sharpness", "Stand still"),
+    ],
+)
+def test_faulty_drive_is_recognised(
+    fault: str, *, level: Level, rule: str, advice: str, calibrations: Calibrations, drives: Drives
+) -> None:
+    found = _judged(fault, calibrations, drives)
+    assert found.level is level
+    assert found.reasons[0].rule == rule
+    assert advice in found.next_steps[0]
+
+
+@pytest.mark.parametrize(
+    ("fault", "what", "do"),
+    [
+        ("no_turn", "largest turn between stops is", "add stops that face the box from other sides"),
+        ("swapped_wheels", "left and right wheel joints are swapped", "exchange --left-joint and --right-joint"),
+    ],
+)
+def test_drive_that_determines_nothing_is_refused_with_advice(
+    fault: str, what: str, do: str, calibrations: Calibrations
+) -> None:
+    with pytest.raises(CalibError) as refused:
+        calibrations(fault)
+    found, _, advice = str(refused.value).partition("; ")
+    assert what in found
+    assert do in advice
+
+
+def test_slip_and_pushed_box_are_told_apart(calibrations: Calibrations, drives: Drives) -> None:
+    slip = _judged("slipped", calibrations, drives).reasons[0].text
+    push = _judged("box_moved", calibrations, drives).reasons[0].text
+    assert "stops 6 and 7" in slip
+    assert "a wheel slipped" in slip
+    assert "stops 7 and 8" in push
+    assert "no slip explains it" in push
+    moved = re.search(r"pushed by (\d+) mm and ([\d.]+)°", push)
+    assert moved is not None
+    assert float(moved[1]) == pytest.approx(36.1, abs=4)
+    assert float(moved[2]) == pytest.approx(4.0, abs=0.4)
+
+
+def test_wrong_print_asks_for_a_ruler_and_no_new_drive(calibrations: Calibrations, drives: Drives) -> None:
+    found = _judged("wrong_print", calibrations, drives)
+    assert "+1.0% across" in found.reasons[0].text
+    assert len(found.next_steps) == 1
+    assert "no new drive is needed" in found.next_steps[0]
+
+
+def test_closed_form_is_never_good(calibrations: Calibrations) -> None:
+    found = verdict(replace(calibrations("good_drive"), detail=None))
+    assert found.level is Level.USABLE
+    assert _faults(found) == {"uncertainty"}
+
+
+def _with(c: Calibration, **changes: object) -> Calibration:
+    assert c.detail is not None
+    return replace(c, detail=replace(c.detail, **changes))  # type: ignore[arg-type]
+
+
+def _ground(c: Calibration, **changes: float) -> Calibration:
+    assert c.detail is not None
+    return _with(c, ground=replace(c.detail.ground, **changes))
+
+
+def _noise(c: Calibration, **changes: float) -> Calibration:
+    assert c.detail is not None
+    return _with(c, noise=replace(c.detail.noise, **changes))
+
+
+def _covariance(c: Calibration, name: str, sigma: float) -> Calibration:
+    assert c.detail is not None
+    matrix = np.diag([1e-18] * 14)
+    k = list(c.detail.covariance.sigma).index(name)
+    matrix[k, k] = sigma**2
+    return _with(c, covariance=Covariance(matrix=matrix))
+
+
+def _turn_back(c: Calibration, largest_deg: float) -> Calibration:
+    """All stops side by side, turned evenly by up to the angle."""
+    T = c.stops[0].T_box_cam
+    angles = np.radians(np.linspace(0, largest_deg, len(c.stops)))
+    poses = [rigid(rot_z(float(a)) @ T[:3, :3], s.T_box_cam[:3, 3]) for a, s in zip(angles, c.stops, strict=True)]
+    return replace(c, stops=tuple(replace(s, T_box_cam=T) for s, T in zip(c.stops, poses, strict=True)))
+
+
+def _gap(c: Calibration, gap_deg: float) -> Calibration:
+    """All stops evenly within what the gap leaves."""
+    around = np.radians(np.linspace(0, 360 - gap_deg, len(c.stops)))
+    poses = [
+        rigid(s.T_box_cam[:3, :3], np.array([np.cos(a), np.sin(a), 0.2])) for a, s in zip(around, c.stops, strict=True)
+    ]
+    return replace(c, stops=tuple(replace(s, T_box_cam=T) for s, T in zip(c.stops, poses, strict=True)))
+
+
+MAKERS: dict[str, Callable[[Calibration, float], Calibration]] = {
+    "straight": lambda c, v: _ground(c, straight_position=v),
+    "heading": lambda c, v: _ground(c, straight_heading=float(np.radians(v))),
+    "turn": lambda c, v: _ground(c, turn_heading=float(np.radians(v))),
+    "camera-angle": lambda c, v: _covariance(c, "ry", float(np.radians(v))),
+    "camera-place": lambda c, v: _covariance(c, "ty", v),
+    "around": _gap,
+    "turned": lambda c, v: _turn_back(c, -v),
+    "slip": lambda c, v: _noise(c, slip=v),
+    "sharpness": lambda c, v: _noise(c, pixel_px=v),
+    "fit": lambda c, v: _noise(c, pixel_factor=v),
+    "floor": lambda c, v: replace(c, quality=replace(c.quality, up_error_rad=float(np.radians(v)))),
+    "wheels": lambda c, v: replace(c, wheels=replace(c.wheels, rR=c.wheels.rL * (1 + v))),
+    "moves": lambda c, v: replace(c, quality=replace(c.quality, sigma4_sigma3=-v)),
+    "held-out": lambda c, v: _with(
+        c, held_out=(HeldOut(drive=0, stop=1, error=(0.01 * v, -0.01 * v, 0.02 * v), sigma=(0.01, 0.01, 0.02)),)
+    ),
+}
+
+
+@pytest.mark.parametrize("rule", MAKERS)
+def test_rule_holds_at_both_of_its_limits(rule: str, calibrations: Calibrations) -> None:
+    limit, good = LIMITS[rule], calibrations("good_drive")
+
+    def level(value: float) -> Level:
+        found = verdict(MAKERS[rule](good, value))
+        return next(r.level for r in found.reasons if r.rule == rule)
+
+    step = 0.01 * max(abs(limit.good), abs(limit.usable)) * 0.5
+    assert level(limit.good - step) is Level.GOOD
+    assert level(limit.good + step) is Level.USABLE
+    assert level(limit.usable - step) is Level.USABLE
+    if rule != "around":  # no gap is larger than all round
+        assert level(limit.usable + step) is Level.REDO
+
+
+@pytest.mark.parametrize(("stops", "level"), [(4, Level.REDO), (5, Level.USABLE), (7, Level.USABLE), (8, Level.GOOD)])
+def test_number_of_stops_is_judged(stops: int, level: Level, calibrations: Calibrations) -> None:
+    c = calibrations("good_drive")
+    found = verdict(replace(c, stops=c.stops[:stops]))
+    assert next(r.level for r in found.reasons if r.rule == "stops") is level
+
+
+def test_many_faulty_legs_are_worse_than_one(calibrations: Calibrations) -> None:
+    c = calibrations("slipped")
+    assert c.detail is not None
+    one = c.detail.flagged_legs
+    assert verdict(c).level is Level.USABLE
+    assert verdict(_with(c, flagged_legs=one * 4)).level is Level.REDO
+
+
+def test_share_of_wrong_corners_is_judged(calibrations: Calibrations) -> None:
+    c = calibrations("good_drive")
+    wrong = tuple(FlaggedCorner(drive=0, stop=0, landmark_id=i, error_px=(9.0, 0.0)) for i in range(4000))
+    for share, level in ((0.02, Level.GOOD), (0.05, Level.USABLE), (0.2, Level.REDO)):
+        found = verdict(_with(c, flagged_corners=wrong[: int(share * c.quality.landmarks)]))
+        assert next(r.level for r in found.reasons if r.rule == "corners") is level
+
+
+def test_what_is_not_determined_forbids_use(calibrations: Calibrations) -> None:
+    c = calibrations("good_drive")
+    text = "wheelbase is not determined by these stops; add turns on the spot"
+    open_ = Direction(parameters=(("b", 1.0),), sigma=np.inf, text=text)
+    found = verdict(_with(c, directions=(open_,)))
+    assert found.level is Level.REDO
+    assert found.reasons[0].text == "Wheelbase is not determined by these stops."
+    assert found.next_steps[0] == "Add turns on the spot."
+    weak = verdict(_with(c, directions=(replace(open_, sigma=2.0),)))
+    assert weak.level is Level.USABLE
+
+
+@pytest.mark.parametrize("name", ["straight_position", "straight_heading", "turn_heading"])
+@pytest.mark.parametrize("value", [np.inf, np.nan])
+def test_unknown_ground_error_is_never_good(name: str, value: float, calibrations: Calibrations) -> None:
+    assert verdict(_ground(calibrations("good_drive"), **{name: value})).level is Level.REDO
+
+
+@pytest.mark.parametrize(
+    ("x", "sigma", "level"),
+    [(0.001, 1e-5, Level.GOOD), (0.003, 1e-4, Level.USABLE), (0.02, 1e-4, Level.REDO), (0.004, 0.002, Level.GOOD)],
+)
+def test_print_scale_counts_once_it_is_sure(x: float, sigma: float, level: Level, calibrations: Calibrations) -> None:
+    c = calibrations("good_drive")
+    assert verdict(c, PrintScale(x=x, y=0.0, sigma_x=sigma, sigma_y=sigma)).level is level
+    assert verdict(c, PrintScale(x=0.0, y=-x, sigma_x=sigma, sigma_y=sigma)).level is level
+
+
+def test_print_scale_that_was_estimated_is_no_fault(calibrations: Calibrations) -> None:
+    c = calibrations("good_drive")
+    assert c.detail is not None
+    extra = {**c.detail.extra, "scale_x": 0.01, "scale_y": 0.0}
+    sigma = {**c.detail.extra_sigma, "scale_x": 1e-4, "scale_y": 1e-4}
+    found = verdict(_with(c, extra=extra, extra_sigma=sigma))
+    assert found.level is Level.GOOD
+    assert any("allows for it" in r.text for r in found.reasons)
+
+
+def test_reasons_stand_worst_first_and_every_fault_has_advice(calibrations: Calibrations, drives: Drives) -> None:
+    for name in ("few_stops", "one_side", "slipped", "box_moved", "wrong_print", "blurred"):
+        found = _judged(name, calibrations, drives)
+        order = [[Level.REDO, Level.USABLE, Level.GOOD].index(r.level) for r in found.reasons]
+        assert order == sorted(order)
+        assert found.level is found.reasons[0].level
+        for reason in found.reasons:
+            assert bool(reason.advice) == (reason.level is not Level.GOOD)
+            assert not reason.text[0].islower()
+            assert reason.text.endswith(".")
+
+
+def test_limit_takes_nothing_unknown_for_good() -> None:
+    limit = Limit(good=1.0, usable=2.0)
+    assert [limit.grade(v) for v in (1.0, 1.1, 2.0, 2.1, np.inf, np.nan)] == [
+        Level.GOOD,
+        Level.USABLE,
+        Level.USABLE,
+        Level.REDO,
+        Level.REDO,
+        Level.REDO,
+    ]
+
+
+def test_figures_are_said_as_people_say_them() -> None:
+    assert [length(v) for v in (0.00002, 0.0012, 0.034, 2.5, np.inf)] == [
+        "0.02 mm",
+        "1.2 mm",
+        "3.4 cm",
+        "2.5 m",
+        "an unknown length",
+    ]
+    assert [angle(v) for v in (0.0123, 0.5, 12.0, np.nan)] == ["0.012°", "0.50°", "12.00°", "an unknown angle"]
+    assert [percent(v) for v in (0.012, -0.012, 0.0001)] == ["+1.2%", "\N{MINUS SIGN}1.2%", "0.0%"]
+
+
+def test_stops_of_one_spot_leave_everything_open(calibrations: Calibrations) -> None:
+    c = calibrations("good_drive")
+    same = tuple(replace(s, T_box_cam=c.stops[0].T_box_cam) for s in c.stops)
+    faults = {r.rule: r.level for r in verdict(replace(c, stops=same)).reasons}
+    assert faults["around"] is Level.USABLE
+    assert faults["turned"] is Level.REDO
+
+
+def test_documentation_names_every_rule_and_its_limits() -> None:
+    rows = dict(re.findall(r"^\| `([a-z-]+)` \| (.*)$", DOCS.read_text(encoding="utf-8"), re.MULTILINE))
+    assert set(rows) == {*LIMITS, "open", "uncertainty"}
+    factor = {
+        "straight": 100,
+        "camera-place": 1000,
+        "slip": 1000,
+        "print": 100,
+        "legs": 100,
+        "corners": 100,
+        "wheels": 100,
+    }
+    for rule, limit in LIMITS.items():
+        good, usable = (float(x) for x in re.findall(r"[\d.]+", rows[rule].split("|")[0])[:2])
+        scale = factor.get(rule, 1)
+        assert (good, usable) == pytest.approx((abs(limit.good) * scale, abs(limit.usable) * scale)), rule
