@@ -15,8 +15,8 @@ def static_transform(calibration: Calibration) -> str:
     words += [f"--frame-id {BODY}", f"--child-frame-id {OPTICAL}"]
     lines = [
         heading(calibration, "where the camera sits"),
-        f"m; maps points of {OPTICAL} (x right, y down, z forward) to {BODY} (on the floor below the middle of the",
-        "axle, x forward, y left, z up); quaternion x, y, z, w",
+        f"m; maps points of {OPTICAL} (x right, y down, z forward) to {BODY}",
+        "(on the floor below the middle of the axle, x forward, y left, z up); quaternion x, y, z, w",
         sigma_line(calibration, ("rx", "ry", "rz", "tx", "ty", "tz")),
         "use this or the URDF, not both",
     ]

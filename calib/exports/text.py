@@ -39,7 +39,7 @@ def in_comment(text: str) -> str:
 
 def in_xml_comment(text: str) -> str:
     """Return text that neither ends an XML comment nor means anything to xacro."""
-    plain = re.sub(r"[^A-Za-z0-9 _.:;,()/+-]", "?", printable(text))
+    plain = re.sub(r"[^A-Za-z0-9 _.:;,()/+='-]", "?", text)
     return re.sub(r"-(?=-)", "- ", plain).removesuffix("-")
 
 

@@ -172,6 +172,8 @@ def test_each_file_says_its_conventions_and_how_sure_it_is() -> None:
         assert "r01" in text, name
         assert "standard deviations: " in text, name
         assert any(word in text for word in ("z up", "between the wheels' contact points", "u to the right")), name
+        assert not any(line.rstrip(" ->").endswith("...") for line in text.splitlines()), name  # nothing is cut off
+    assert "tz 0.0002 m" in exports(calibration(detail=detail()))["camera.urdf"].decode()
     assert "not estimated" in exports(calibration())["camera.urdf"].decode()
     sigma = dict(zip(ORDER, SIGMA, strict=True))
     assert f"b {sigma['b']:.2g} m" in exports(calibration(detail=detail()))["diff_drive_controller.yaml"].decode()
