@@ -3,7 +3,6 @@
 import secrets
 from collections.abc import Mapping
 from importlib import import_module
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,15 +18,13 @@ _GREY, _RED, _BLUE = (178, 178, 178), (255, 26, 26), (51, 128, 255)
 _BODY, _CAMERA = "box/body", "box/body/camera"
 
 
-def write_rerun(path: Path, scene: Scene, images: Mapping[int, tuple[int, bytes]]) -> None:
-    """Write a recording for the Rerun viewer (whole or not at all).
+def rerun_recording(scene: Scene, images: Mapping[int, tuple[int, bytes]]) -> bytes:
+    """Return a recording for the Rerun viewer (``.rrd``).
 
     Rerun's pinhole knows no distortion: corners fit the image, the box in 3-D fits it only as far as the lens is plain.
 
     Parameters
     ----------
-    path
-        The ``.rrd`` file.
     scene
         What happened.
     images
@@ -37,28 +34,20 @@ def write_rerun(path: Path, scene: Scene, images: Mapping[int, tuple[int, bytes]
     ------
     CalibError
         If Rerun is not installed.
-    OSError
-        If the file cannot be written.
     """
     try:
         rr = import_module("rerun")
     except ImportError as error:
-        raise CalibError(f"{path.name}: the rerun package is not installed; pip install 'boxcal[rerun]'") from error
-    path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.parent / f".{path.name[:40]}.{secrets.token_hex(4)}.part"
-    try:
-        part.touch()  # a folder that cannot be written to says so here, as an OSError
-        stream = rr.RecordingStream("boxcal", recording_id=f"boxcal-{secrets.token_hex(8)}")
-        stream.save(part)
-        _still(rr, stream, scene)
-        _poses(rr, stream, scene)
-        for stop in scene.stops:
-            _seen(rr, stream, stop, images.get(stop.number))
-        stream.flush()
-        stream.disconnect()
-        part.replace(path)
-    finally:
-        part.unlink(missing_ok=True)
+        raise CalibError(
+            "the rerun package is not installed; pip install 'boxcal[rerun]' or leave out --rerun"
+        ) from error
+    stream = rr.RecordingStream("boxcal", recording_id=f"boxcal-{secrets.token_hex(8)}")
+    memory = stream.memory_recording()
+    _still(rr, stream, scene)
+    _poses(rr, stream, scene)
+    for stop in scene.stops:
+        _seen(rr, stream, stop, images.get(stop.number))
+    return bytes(memory.drain_as_bytes())
 
 
 def _still(rr: Any, stream: Any, scene: Scene) -> None:
