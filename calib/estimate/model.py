@@ -23,6 +23,8 @@ REPORTED = ("fu", "fv", "cu", "cv", "kr", "rR", "rL", "b", "rx", "ry", "rz", "tx
 """Order of the reported covariance."""
 CAMERA, WHEELS, MOUNTING = slice(0, 5), slice(5, 8), slice(8, 14)
 PER_STOP = 5
+_JITTER = 1e-9
+"""Relative; sizes measured with one ruler may have a covariance that cannot be inverted."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -68,6 +70,8 @@ class Problem:
         Of the shared unknowns.
     prior : (n,)
         Standard deviations of their priors (zero mean), infinite where there is none.
+    prior_information : (n, n)
+        Information of the priors.
     box
         Landmarks and their unknowns.
     uv_px : (L, 2)
@@ -93,6 +97,7 @@ class Problem:
     lens: Lens
     names: tuple[str, ...]
     prior: Array
+    prior_information: Array
     box: BoxShape
     uv_px: Array
     whiten: Array
@@ -159,12 +164,17 @@ def build_problem(
     names += extra_names(options.lens)
     prior += [np.inf] * len(extra_names(options.lens))
     box = box_shape(options, np.concatenate([v.landmark_ids for v in views]), np.concatenate([v.p_box for v in views]))
+    prior = [*prior, *np.sqrt(np.diag(box.prior))]
+    prior_information = np.diag(1 / np.square(prior))
+    first = len(names)
+    prior_information[first:, first:] = np.linalg.inv(box.prior + _JITTER * np.diag(np.diag(box.prior)))
     counts = [len(stops) for stops in kept]
     drive = np.repeat(np.arange(len(drives)), counts)
     return Problem(
         lens=options.lens,
         names=(*names, *box.names),
-        prior=np.concatenate([prior, box.sigma]),
+        prior=np.array(prior),
+        prior_information=prior_information,
         box=box,
         uv_px=np.concatenate([v.uv_px for v in views]),
         whiten=np.linalg.inv(np.linalg.cholesky(cov)),

@@ -45,7 +45,7 @@ def natural_units(problem: Problem, state: State) -> Array:
             unit = 5e-3
         elif name.startswith("tilt") or name.endswith(("rx", "ry", "rz")):
             unit = 1e-2
-        elif name == "ink" or name.endswith(("_tx", "_ty", "_tz")):
+        elif name in {"ink", "width", "depth"} or name.endswith(("_tx", "_ty", "_tz")):
             unit = 1e-3
         elif name.startswith("scale"):
             unit = 1e-2

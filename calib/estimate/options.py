@@ -19,7 +19,12 @@ class EstimateOptions:
     tilt_sigma : rad
         Tilt of the floor against the box' base, two angles a drive.
     scale_sigma
-        Print scale in x and y, relative (needs ``target``).
+        Print scale in x and y, relative: how much the sheets may be off their description (needs ``target``).
+    size_sigma : m
+        The box' width and depth likewise (needs ``target``). With the print scale this is what bounds the size of
+        everything: no calibration is better than the box is known.
+    measured_sizes
+        Whether the covariance of measured sizes counts, where ``target`` carries one.
     ink_sigma : m
         Ink spread: how far all edges of the tags' black lie outwards (needs ``target``).
     face_sigma : (rad, m)
@@ -41,6 +46,8 @@ class EstimateOptions:
     lens: Lens = Lens.RADIAL
     tilt_sigma: float = field(default=radians(1.0))
     scale_sigma: float = 0.0
+    size_sigma: float = 0.0
+    measured_sizes: bool = True
     ink_sigma: float = 0.0
     face_sigma: tuple[float, float] = (0.0, 0.0)
     target: Target | None = None
@@ -54,6 +61,7 @@ class EstimateOptions:
         numbers = {
             "tilt_sigma": self.tilt_sigma,
             "scale_sigma": self.scale_sigma,
+            "size_sigma": self.size_sigma,
             "ink_sigma": self.ink_sigma,
             "face_sigma (rotation)": self.face_sigma[0],
             "face_sigma (translation)": self.face_sigma[1],
@@ -71,9 +79,9 @@ class EstimateOptions:
         if (self.face_sigma[0] > 0) != (self.face_sigma[1] > 0):
             raise CalibError(f"face_sigma is {self.face_sigma}: both of its numbers positive, or both 0, are needed")
         if self.target is None and self.needs_target:
-            raise CalibError("print scale, ink spread and poses of faces need the box' description; give target")
+            raise CalibError("sizes of the box, ink spread and poses of faces need the box' description; give target")
 
     @property
     def needs_target(self) -> bool:
         """Whether an unknown of the box itself is asked for."""
-        return self.scale_sigma > 0 or self.ink_sigma > 0 or self.face_sigma[1] > 0
+        return self.scale_sigma > 0 or self.size_sigma > 0 or self.ink_sigma > 0 or self.face_sigma[1] > 0

@@ -183,12 +183,12 @@ def prior_equations(problem: Problem, state: State) -> tuple[Normal, float]:
     value = np.zeros(n)
     value[problem.tilts] = state.tilt.ravel() if problem.tilt_count else 0.0
     value[problem.shapes] = state.shape
-    weight = 1 / problem.prior**2
+    weight = problem.prior_information
     D, c = np.zeros((P, PER_STOP, PER_STOP)), np.zeros((P, PER_STOP))
     D[:, 3, 3] = D[:, 4, 4] = 1.0
     c[:, 3:] = -state.readings
-    normal = Normal(A=np.diag(weight), B=np.zeros((P, n, PER_STOP)), D=D, E=np.zeros_like(D), a=-weight * value, c=c)
-    return normal, float(np.sum(weight * value**2) + np.sum(state.readings**2))
+    normal = Normal(A=weight, B=np.zeros((P, n, PER_STOP)), D=D, E=np.zeros_like(D), a=-weight @ value, c=c)
+    return normal, float(value @ weight @ value + np.sum(state.readings**2))
 
 
 def combined(corners: Normal, pixel_factor: float, legs: Normal, prior: Normal) -> Normal:

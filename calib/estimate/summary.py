@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from calib.estimate.box_shape import SIZE_NAMES
 from calib.estimate.fit import Fit
 from calib.estimate.leg_faults import flagged_legs
 from calib.estimate.lens import extra_names
@@ -147,7 +148,7 @@ def _notes(fit: Fit, legs: tuple[FlaggedLeg, ...], cov: Array) -> tuple[str, ...
     )
     for k in range(14, len(problem.names)):
         sigma = float(np.sqrt(cov[k, k]))
-        if sigma > _PRIOR_ONLY * problem.prior[k]:
+        if sigma > _PRIOR_ONLY * problem.prior[k] and problem.names[k] not in SIZE_NAMES:
             notes.append(f"{problem.names[k]} is hardly determined by the drive: its prior decides")
     if not fit.converged:
         notes.append("the noise levels had not settled when the rounds ended; take the sigmas with care")
