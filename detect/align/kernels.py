@@ -1,4 +1,4 @@
-"""The sums of :mod:`detect.align.model`, compiled by numba: the same arguments, the same results to 1e-3 of a sigma.
+"""The sums of :mod:`detect.align.model`, compiled by numba: the same arguments, the same results to half a per cent.
 
 Importing this module needs numba (the extra ``fast``); :func:`detect.align.solve.accumulator` falls back to numpy.
 """

@@ -141,18 +141,20 @@ def locate_tags(image: NDArray[np.generic], target: Target, settings: LocateSett
 def locate_copies(image: NDArray[np.generic], patterns: Patterns, settings: LocateSettings | None = None) -> Located:
     """Return every sighting of some tags in an image, whatever they are stuck on; an id may come back several times.
 
-    There is no box to predict from, so only tags are found that stand out by themselves. Arguments and errors as for
+    There is no box to predict from, so only tags are found that stand out by themselves; nor a sheet that is known to
+    be flat and evenly lit, so the limits are relaxed. Arguments and errors as for
     :func:`locate_tags`.
     """
     settings = settings or LocateSettings()
+    limits = settings.limits.relaxed()
     grey, grey8 = to_grey(image)
     seeds = search_seeds(grey8, patterns, settings, lambda _: False)
     frame = Frame(grey=grey, tone=tone_table("linear"), lens=_straight_lens(grey))
     tags = align_coarsely(Pyramid(frame), patterns, seeds.rows, seeds.corners_px)
-    tags = tags.take(verified(patterns, tags, settings.limits.relaxed()))
+    tags = tags.take(verified(patterns, tags, limits.relaxed()))
     taking = probe(frame, patterns, tags, settings.tone)
     tags = _finely(frame, frame.lens, patterns, tags, taking)
-    return _located(patterns, tags.take(verified(patterns, tags, settings.limits)), taking.tone)
+    return _located(patterns, tags.take(verified(patterns, tags, limits)), taking.tone)
 
 
 def _finely(frame: Frame, lens: Array, patterns: Patterns, tags: Aligned, taking: Taking) -> Aligned:

@@ -29,9 +29,9 @@ class Limits:
         Deviation of each corner in modules, at most.
     """
 
-    correlation: float = 0.85
-    worst_block: float = 0.3
-    worst_module: float = 0.5
+    correlation: float = 0.92
+    worst_block: float = 0.22
+    worst_module: float = 0.35
     gain: float = 0.02
     blur_modules: float = 0.9
     spread_modules: float = 0.2

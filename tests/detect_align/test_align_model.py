@@ -1,0 +1,134 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from aligned_views import PLAIN, TARGET, pose, truth, view
+
+from detect.align import model
+from detect.align.homography import fit_homographies, least_squares_homography, map_points
+from detect.align.model import GAIN, KURTOSIS, LOG_SIGMA, OFFSET, Frame
+from detect.align.pattern import target_patterns
+from detect.align.solve import align
+from detect.align.tone import tone_table
+
+PATTERNS = target_patterns(TARGET)
+LENS = np.array([325.0, 236.0, 0.012, 0.001, 1 / 320])
+
+
+def _state(azimuth_deg, tone="linear", side=1):
+    """Return the arguments of the sums for three tags of a view, all parameters off their best by some per cent."""
+    T = pose(azimuth_deg)
+    uv, seen = truth(T)
+    rows = seen[::12][:3]
+    frame = Frame(
+        grey=(view(T, replace(PLAIN, srgb=tone == "srgb")) / np.float32(255)), tone=tone_table(tone), lens=LENS
+    )
+    tags = align(frame, PATTERNS, rows, uv[rows] + 0.1, iterations=4)
+    theta = tags.theta.copy()
+    theta[:, KURTOSIS] = 0.3
+    theta[:, :8] *= 1.002
+    low, high = uv[rows].min(axis=1).astype(int) - 4, uv[rows].max(axis=1).astype(int) + 5
+    boxes = np.stack([low[:, 0], high[:, 0], low[:, 1], high[:, 1]], axis=1).astype(np.int64)
+    stride = np.tile(np.array([[1, 1, 1], [5, 3, 1]])[0 if side == 1 else 1], (3, 1))
+    return frame, PATTERNS.cells, rows, theta, tags.place, boxes, np.full(3, 0.8), stride
+
+
+def _pixels(arguments, theta):
+    return model.accumulate(*arguments[:3], theta, *arguments[4:]).stats[:, 0]
+
+
+def _cost(arguments, theta):
+    return model.accumulate(*arguments[:3], theta, *arguments[4:]).stats[:, 1] / 2
+
+
+@pytest.mark.parametrize(
+    ("azimuth_deg", "tone", "tolerance"), [(0.0, "linear", 6e-3), (38.0, "linear", 2e-2), (0.0, "srgb", 1e-2)]
+)
+def test_gradient_is_the_derivative_of_the_residuals(azimuth_deg, tone, tolerance):
+    arguments = _state(azimuth_deg, tone)
+    theta = arguments[3]
+    theta[:, 10:12] = 0
+    sums = model.accumulate(*arguments)
+    size = np.sqrt(np.einsum("nii->ni", sums.normal) * sums.stats[:, 1, None])
+    for k in range(model.PARAMETERS):
+        step = np.zeros(model.PARAMETERS)
+        step[k] = 1e-5
+        numeric = (_cost(arguments, theta + step) - _cost(arguments, theta - step)) / 2e-5
+        # a tag that a pixel has just entered or left has no derivative
+        same = _pixels(arguments, theta + step) == _pixels(arguments, theta - step)
+        assert same.sum() >= 2
+        # the analytic derivative holds the width of the blur on the tag while the homography moves
+        off = np.abs(-numeric - sums.gradient[:, k])[same]
+        np.testing.assert_array_less(off, tolerance * size[same, k] + 1e-9)
+
+
+@pytest.mark.parametrize("side", [1, 5])
+@pytest.mark.parametrize("tone", ["linear", "srgb"])
+def test_compiled_sums_are_those_of_the_reference(tone, side):
+    kernels = pytest.importorskip("detect.align.kernels", reason="numba is not installed")
+    arguments = _state(33.0, tone, side)
+    plain, fast = model.accumulate(*arguments), kernels.accumulate(*arguments)
+    np.testing.assert_array_equal(fast.stats[:, 0], plain.stats[:, 0])
+    scale = np.sqrt(np.einsum("nii,njj->nij", plain.normal, plain.normal))
+    # the tone curve is a table: at a step of its slope the two may fall on different sides
+    atol = 6e-3 if tone == "linear" else 0.03
+    np.testing.assert_allclose(fast.normal / scale, plain.normal / scale, atol=atol)
+    np.testing.assert_allclose(fast.stats, plain.stats, rtol=2e-3)
+    np.testing.assert_allclose(fast.blocks, plain.blocks, atol=0.02)
+
+
+def test_numpy_alone_aligns_as_well_as_compiled():
+    pytest.importorskip("numba", reason="numba is not installed")
+    T = pose(25.0)
+    uv, seen = truth(T)
+    rows = seen[::10]
+    frame = Frame(grey=(view(T) / np.float32(255)), tone=tone_table("linear"), lens=LENS)
+    plain = align(frame, PATTERNS, rows, uv[rows] + 0.2, sums_of=model.accumulate)
+    fast = align(frame, PATTERNS, rows, uv[rows] + 0.2)
+    np.testing.assert_allclose(plain.corners_px, fast.corners_px, atol=2e-3)
+
+
+def test_pattern_without_blur_is_the_pattern():
+    theta = np.zeros(model.PARAMETERS)
+    theta[[0, 4]] = 1.0
+    theta[[OFFSET, GAIN, LOG_SIGMA]] = 0, 1, np.log(1e-3)
+    uv = np.stack(np.meshgrid(np.arange(-1, 9) + 0.5, np.arange(-1, 9) + 0.5), -1).reshape(-1, 2)
+    p, *_ = model.pattern_value(PATTERNS.cells[7], theta, uv, uv, 1.0)
+    np.testing.assert_allclose(p.reshape(10, 10), PATTERNS.cells[7], atol=1e-12)
+
+
+def test_pattern_under_a_sheared_blur_is_the_convolution():
+    theta = np.zeros(model.PARAMETERS)
+    theta[:8] = (0.25, 0.1, 0.1, -0.05, 0.2, 0.3, 0, 0)
+    theta[LOG_SIGMA] = np.log(1.5)
+    rng = np.random.default_rng(3)
+    xy = rng.uniform(0, 25, (40, 2))
+    uv = model.apply_h(theta[None, :8], xy[None])[0]
+    inside = np.all((uv > 0) & (uv < 8), axis=1)
+    xy, uv = xy[inside], uv[inside]
+    spread = rng.standard_normal((40_000, 2)) * 1.5
+    near = model.apply_h(theta[None, :8], (xy[:, None] + spread[None]).reshape(1, -1, 2))[0].reshape(len(xy), -1, 2)
+    at = np.clip(np.floor(near + 1).astype(int), 0, 9)
+    sampled = PATTERNS.cells[7][at[..., 1], at[..., 0]].mean(axis=1)
+    p, *_ = model.pattern_value(PATTERNS.cells[7], theta, xy, uv, 1.0)
+    np.testing.assert_allclose(p, sampled, atol=0.012)
+
+
+def test_bend_undoes_straighten():
+    uv = np.random.default_rng(1).uniform(0, 600, (50, 2))
+    np.testing.assert_allclose(model.bend(LENS, model.straighten(LENS, uv)), uv, atol=1e-9)
+
+
+def test_homographies_map_their_corners_exactly():
+    rng = np.random.default_rng(2)
+    src = np.array([[0, 0], [1, 0], [1, 1], [0, 1.0]])
+    dst = src * 5 + rng.uniform(-0.5, 0.5, (6, 4, 2))
+    h = fit_homographies(np.broadcast_to(src, dst.shape), dst)
+    np.testing.assert_allclose(model.apply_h(h, np.broadcast_to(src, dst.shape)), dst, atol=1e-12)
+    H = least_squares_homography(src, dst[0])
+    np.testing.assert_allclose(map_points(H, src), dst[0], atol=1e-9)
+
+
+def test_quadrilateral_with_corners_in_line_has_no_homography():
+    src = np.array([[[0, 0], [1, 0], [2, 0], [3, 0.0]]])
+    assert np.isnan(fit_homographies(src, np.array([[0, 0], [1, 0], [1, 1], [0, 1.0]]))).all()

@@ -1,0 +1,96 @@
+import cv2
+import numpy as np
+from aligned_views import SIZE, TARGET, pose, truth, view
+
+from detect.align.guided import consistent_seeds
+from detect.align.locate import locate_tags
+from detect.align.pattern import target_patterns
+from detect.align.seeds import find_seeds
+from target.box import Box, make_target
+
+PATTERNS = target_patterns(TARGET)
+
+
+def _wrong(tags, uv):
+    return [int(t) for t, c in zip(tags.ids, tags.corners_px, strict=True) if np.abs(c - uv[t]).max() > 0.5]
+
+
+def test_covered_tags_are_rejected_and_the_others_kept():
+    T = pose(8.0, distance=0.6)
+    uv, seen = truth(T)
+    image = view(T)
+    middle = int(np.median(uv[seen][..., 0]))
+    image[:, middle:] = np.random.default_rng(1).integers(90, 130, image[:, middle:].shape)
+    tags = locate_tags(image, TARGET)
+    clear = uv[..., 0].max(axis=1) < middle - 3
+    touched = uv[..., 0].max(axis=1) > middle + 1
+    assert set(seen[clear[seen]]) <= set(tags.ids)
+    assert not touched[tags.ids].any()
+
+
+def test_finger_glare_and_wrong_bit_are_each_rejected():
+    T = pose(4.0, distance=0.5)
+    uv, seen = truth(T)
+    image = view(T)
+    spoilt = seen[[5, 12, 20]]
+    for tag, level in zip(spoilt, (30.0, 250.0, 128.0), strict=True):
+        corner, across, down = uv[tag][0], uv[tag][1] - uv[tag][0], uv[tag][3] - uv[tag][0]
+        quad = [corner + a * across + b * down for a, b in ((0.4, 0.3), (0.8, 0.3), (0.8, 0.7), (0.4, 0.7))]
+        cv2.fillPoly(image, [np.round(quad).astype(np.int32)], level)
+    tags = locate_tags(image, TARGET)
+    assert not set(spoilt) & set(tags.ids)
+    assert set(seen) - set(spoilt) <= set(tags.ids)
+
+
+def test_mirrored_picture_shows_no_tags():
+    assert len(locate_tags(np.ascontiguousarray(view(pose(20.0))[:, ::-1]), TARGET).ids) == 0
+
+
+def test_noise_text_and_squares_are_no_tags():
+    rng = np.random.default_rng(5)
+    noise = rng.integers(0, 255, SIZE[::-1], dtype=np.uint8)
+    text = np.full(SIZE[::-1], 230, np.uint8)
+    for y in range(20, 480, 25):
+        cv2.putText(text, "THE QUICK BROWN FOX 0123456789 #%&@", (3, y), 0, 0.8, 20, 2)
+    squares = np.kron(rng.random((24, 32)) < 0.5, np.ones((20, 20))).astype(np.uint8) * 200
+    for image in (noise, text, squares):
+        assert len(locate_tags(image, TARGET).ids) == 0
+
+
+def test_tags_of_other_ids_are_no_tags_of_the_target():
+    other = make_target(Box(first_id=200))
+    assert len(locate_tags(view(pose(20.0), target=other), TARGET).ids) == 0
+
+
+def test_poster_of_the_same_tags_does_not_move_the_box():
+    T = pose(8.0, distance=0.7)
+    uv, seen = truth(T)
+    image = view(T)
+    small = cv2.resize(image[150:330, 240:420], None, fx=0.55, fy=0.55, interpolation=cv2.INTER_AREA)
+    image[:99, :99] = small[:99, :99]
+    tags = locate_tags(image, TARGET)
+    assert _wrong(tags, uv) == []
+    assert set(seen[uv[seen].min(axis=(1, 2)) > 100]) <= set(tags.ids)
+
+
+def test_two_copies_of_one_tag_alone_are_both_dropped():
+    image = np.full(SIZE[::-1], 220, np.uint8)
+    marker = cv2.aruco.generateImageMarker(cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11), 3, 64)
+    image[100:164, 100:164] = image[300:364, 400:464] = marker
+    seeds = find_seeds(image, PATTERNS, (25,))
+    assert len(seeds) == 2
+    assert len(consistent_seeds(TARGET, seeds)) == 0
+    assert len(locate_tags(image, TARGET).ids) == 0
+
+
+def test_tag_pasted_elsewhere_on_the_face_is_dropped():
+    T = pose(2.0, distance=0.6, elevation_deg=5.0, roll_deg=0.0)
+    uv, seen = truth(T)
+    image = view(T)
+    target_tag, source = seen[3], seen[24]
+    a, b = np.floor(uv[target_tag].min(axis=0)).astype(int) - 3, np.floor(uv[source].min(axis=0)).astype(int) - 3
+    span = 40
+    image[a[1] : a[1] + span, a[0] : a[0] + span] = image[b[1] : b[1] + span, b[0] : b[0] + span].copy()
+    tags = locate_tags(image, TARGET)
+    assert _wrong(tags, uv) == []
+    assert target_tag not in tags.ids
