@@ -5,6 +5,22 @@ from math import isfinite, log10, pi
 
 from calib.detail import Detail
 from calib.report.judgement import LIMITS, angle, length
+from calib.result import Calibration
+
+_WAY = 10.0
+
+
+def slip_on_top(calibration: Calibration) -> str:
+    """Return what the wheels' own slip adds over 10 m, in words; empty where slip is not known.
+
+    Each wheel's way errs by slip times its root, so the heading is a random walk, and the position aside is the walk's
+    integral: a third of the way squared times the heading's variance.
+    """
+    detail = calibration.detail
+    if detail is None:
+        return ""
+    heading = detail.noise.slip * (2 * _WAY) ** 0.5 / calibration.wheels.b
+    return f"{length(heading * _WAY / 3**0.5)} and {angle(heading * 180 / pi)}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

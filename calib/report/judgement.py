@@ -28,8 +28,8 @@ class Limit:
 
 
 LIMITS = {
-    "straight": Limit(good=0.10, usable=0.30),  # m after 10 m
-    "heading": Limit(good=1.0, usable=3.0),  # deg after 10 m
+    "straight": Limit(good=0.20, usable=0.50),  # m after 10 m
+    "heading": Limit(good=2.0, usable=5.0),  # deg after 10 m
     "turn": Limit(good=1.0, usable=3.0),  # deg after a whole turn
     "camera-angle": Limit(good=0.2, usable=1.0),  # deg
     "camera-place": Limit(good=0.005, usable=0.020),  # m

@@ -5,7 +5,7 @@ import numpy as np
 from calib.report.detail_rules import held_out_ratio
 from calib.report.drawing import legs_data, projection_data, residual_data, scene_data
 from calib.report.drive import driven_legs
-from calib.report.gauges import gauges
+from calib.report.gauges import gauges, slip_on_top
 from calib.report.judgement import Level, Reason, Verdict
 from calib.report.page import page, readable_time
 from calib.report.parameters import parameter_groups
@@ -72,6 +72,7 @@ def robot_report(calibration: Calibration, drive: Correspondences, target: Targe
         verdict=judged,
         highlights=_highlights(judged),
         gauges=gauges(detail),
+        slip=slip_on_top(calibration),
         groups=parameter_groups(calibration),
         stops=[stop_row(s) for s in seen],
         faces=[row for f in range(FACES) if (row := face_row(f, seen)) is not None],

@@ -30,14 +30,14 @@ def good_drive(stops: int = 14, seed: int = 3, robot: Robot = ROBOT) -> Correspo
     return _seen(robot, drive, rng)
 
 
-def few_stops() -> Correspondences:
+def few_stops(seed: int = 5) -> Correspondences:
     """Four stops only."""
-    return good_drive(stops=4, seed=5)
+    return good_drive(stops=4, seed=seed)
 
 
-def one_side() -> Correspondences:
+def one_side(seed: int = 7) -> Correspondences:
     """Twelve stops before face 0."""
-    rng = np.random.default_rng(7)
+    rng = np.random.default_rng(seed)
     around = rng.uniform(-0.5, 0.5, 12)
     radius = rng.uniform(0.5, 0.8, 12)
     heading = around + np.pi + rng.uniform(-0.25, 0.25, 12)
@@ -45,17 +45,17 @@ def one_side() -> Correspondences:
     return _seen(ROBOT, simulate_drive(ROBOT, TARGET, DriveOptions(slip=0.0003), rng, stops), rng)
 
 
-def no_turn() -> Correspondences:
+def no_turn(seed: int = 8) -> Correspondences:
     """Ten stops before face 0, all with one heading."""
-    rng = np.random.default_rng(8)
+    rng = np.random.default_rng(seed)
     x, y = rng.uniform(0.5, 0.8, 10), rng.uniform(-0.08, 0.08, 10)
     stops = np.stack([x, y, np.full(10, np.pi)], axis=1)
     return _seen(ROBOT, simulate_drive(ROBOT, TARGET, DriveOptions(slip=0.0003), rng, stops), rng)
 
 
-def slipped() -> Correspondences:
+def slipped(seed: int = 3) -> Correspondences:
     """The right wheel spins by half a radian in the middle of the sixth leg."""
-    drive = good_drive()
+    drive = good_drive(seed=seed)
     at = (drive.stops[5].last_sample + drive.stops[6].first_sample) // 2
     phi_R = drive.wheels.phi_R.copy()
     phi_R[at:] += 0.5
@@ -63,18 +63,18 @@ def slipped() -> Correspondences:
     return replace(drive, wheels=replace(drive.wheels, phi_R=phi_R), stops=tuple(stops))
 
 
-def box_moved() -> Correspondences:
+def box_moved(seed: int = 3) -> Correspondences:
     """Somebody pushes the box after the seventh stop."""
-    rng = np.random.default_rng(3)
+    rng = np.random.default_rng(seed)
     drive = simulate_drive(ROBOT, TARGET, DriveOptions(stops=14, slip=0.0003), rng)
     T = drive.T_box_cam.copy()
     T[7:] = inverse(planar(0.03, -0.02, np.radians(4.0))) @ T[7:]
     return _seen(ROBOT, replace(drive, T_box_cam=T), rng)
 
 
-def wrong_print() -> Correspondences:
+def wrong_print(seed: int = 3) -> Correspondences:
     """The sheets came out 1 % too wide."""
-    rng = np.random.default_rng(3)
+    rng = np.random.default_rng(seed)
     drive = simulate_drive(ROBOT, TARGET, DriveOptions(stops=14, slip=0.0003), rng)
     box = TARGET.box
     size = Measured(sx=1.01, sy=1.0, width=box.width, depth=box.depth, height=box.height, cov=np.eye(5) * 1e-12)
@@ -83,16 +83,16 @@ def wrong_print() -> Correspondences:
     return replace(seen, stops=tuple(stops))
 
 
-def blurred() -> Correspondences:
+def blurred(seed: int = 3) -> Correspondences:
     """Corners err by 1.2 px."""
-    rng = np.random.default_rng(3)
+    rng = np.random.default_rng(seed)
     drive = simulate_drive(ROBOT, TARGET, DriveOptions(stops=14, slip=0.0003), rng)
     return _seen(ROBOT, drive, rng, sigma_px=1.2)
 
 
-def swapped_wheels() -> Correspondences:
+def swapped_wheels(seed: int = 3) -> Correspondences:
     """Left and right joint are taken for one another."""
-    drive = good_drive()
+    drive = good_drive(seed=seed)
     w = drive.wheels
     stops = [replace(s, phi_R=s.phi_L, phi_L=s.phi_R) for s in drive.stops]
     return replace(drive, wheels=replace(w, phi_R=w.phi_L, phi_L=w.phi_R), stops=tuple(stops))

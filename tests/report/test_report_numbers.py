@@ -1,5 +1,6 @@
 """What the report computes: residuals, gaps of legs, print scale, projection uncertainty, angles' sigmas."""
 
+import re
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -13,6 +14,7 @@ from calib.estimate.result import FlaggedCorner
 from calib.frames import Array, exp_so3, inverse
 from calib.report.drawing import projection_data, residual_data, scene_data
 from calib.report.drive import driven_legs, floor_pose
+from calib.report.gauges import slip_on_top
 from calib.report.parameters import Row, parameter_groups, yaw_pitch_roll_sigma
 from calib.report.print_scale import find_print_scale
 from calib.report.projection import projection_sigma, rays
@@ -260,6 +262,20 @@ def test_parameters_in_the_table_are_those_of_the_calibration(calibrations: Cali
     assert rows["ty"].value == pytest.approx(1e3 * c.T_body_cam[1, 3], abs=1e-12)
     assert rows["kr"].value == c.camera.kr
     assert {*rows} == {*ORDER} - {"rx", "ry", "rz"} | {"yaw", "pitch", "roll"}
+
+
+def test_slip_on_top_agrees_with_simulated_slip(calibrations: Calibrations) -> None:
+    c = calibrations("good_drive")
+    assert c.detail is not None
+    rng, slip, b = np.random.default_rng(6), c.detail.noise.slip, c.wheels.b
+    step = 0.02
+    rolled = step + slip * step**0.5 * rng.standard_normal((2000, 500, 2))
+    heading = np.cumsum((rolled[..., 0] - rolled[..., 1]) / b, axis=1)
+    aside = np.sum(rolled.mean(axis=2) * np.sin(heading), axis=1)
+    said = [float(x) for x in re.findall(r"[\d.]+", slip_on_top(c))]
+    assert said[0] == pytest.approx(100 * np.std(aside), rel=0.06)
+    assert said[1] == pytest.approx(np.degrees(np.std(heading[:, -1])), rel=0.06)
+    assert slip_on_top(replace(c, detail=None)) == ""
 
 
 def test_scene_holds_what_was_driven(exact: tuple[Calibration, Correspondences]) -> None:

@@ -5,6 +5,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+import faulty
 import numpy as np
 import pytest
 
@@ -42,17 +43,17 @@ def test_good_drive_is_good(calibrations: Calibrations, drives: Drives) -> None:
     )
 
 
-@pytest.mark.parametrize(
-    ("fault", "level", "rule", "advice"),
-    [
-        ("few_stops", Level.REDO, "stops", "at least 12 stops"),
-        ("one_side", Level.USABLE, "around", "all the way round the box"),
-        ("slipped", Level.USABLE, "legs", "Drive slower"),
-        ("box_moved", Level.USABLE, "legs", "Fasten the box"),
-        ("wrong_print", Level.REDO, "print", "Measure the print"),
-        ("blurred", Level.USABLE, "sharpness", "Stand still"),
-    ],
-)
+FAULTS = [
+    ("few_stops", Level.REDO, "stops", "at least 12 stops"),
+    ("one_side", Level.USABLE, "around", "all the way round the box"),
+    ("slipped", Level.USABLE, "legs", "Drive slower"),
+    ("box_moved", Level.USABLE, "legs", "Fasten the box"),
+    ("wrong_print", Level.REDO, "print", "Measure the print"),
+    ("blurred", Level.USABLE, "sharpness", "Stand still"),
+]
+
+
+@pytest.mark.parametrize(("fault", "level", "rule", "advice"), FAULTS)
 def test_faulty_drive_is_recognised(
     fault: str, *, level: Level, rule: str, advice: str, calibrations: Calibrations, drives: Drives
 ) -> None:
@@ -60,6 +61,21 @@ def test_faulty_drive_is_recognised(
     assert found.level is level
     assert found.reasons[0].rule == rule
     assert advice in found.next_steps[0]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(20, 26))
+def test_other_drives_get_the_same_verdicts(seed: int) -> None:
+    target = make_target()
+    drive = faulty.good_drive(seed=seed)
+    assert judge(faulty.calibrated(drive), drive, target).level is Level.GOOD
+    for fault, level, rule, _ in FAULTS:
+        drive = getattr(faulty, fault)(seed)
+        found = judge(faulty.calibrated(drive), drive, target)
+        assert (fault, found.level, found.reasons[0].rule) == (fault, level, rule)
+    for fault in ("no_turn", "swapped_wheels"):
+        with pytest.raises(CalibError):
+            faulty.calibrated(getattr(faulty, fault)(seed))
 
 
 @pytest.mark.parametrize(
