@@ -11,8 +11,9 @@ import numpy as np
 from target.box import FACES, Array, Target
 from target.cad.build import Build, build_for, check_build
 from target.cad.numbers import T_box_lid_number, face_number, lid_number_height, strokes
-from target.cad.panels import net, panels, widened
+from target.cad.panels import panels, widened
 from target.cad.tags import tag_loops
+from target.net import make_net
 
 if TYPE_CHECKING:
     from ezdxf.document import Drawing
@@ -71,14 +72,14 @@ def panels_dxf(target: Target, build: Build | None = None, *, kerf: float = 0.0)
 
 @_undated()
 def net_dxf(target: Target) -> bytes:
-    """Return the fold-up net of a box of thin card, with tags and numbers to engrave or plot."""
+    """Return the fold-up net of a box of thin card (:mod:`target.net`), with tags and numbers to engrave or plot."""
     document = _document()
-    plan = net(target.box)
-    _line(document, "CUT", plan.cut, closed=True)
+    plan = make_net(target.box)
+    _line(document, "CUT", np.array(plan.cut), closed=True)
     for fold in plan.folds:
-        _line(document, "FOLD", fold, closed=False)
-    for face in range(FACES):
-        _face(document, target, face, plan.faces[face])
+        _line(document, "FOLD", np.array(fold), closed=False)
+    for part in plan.faces:
+        _face(document, target, part.face, np.array(part.centre))
     return _bytes(document)
 
 

@@ -1,4 +1,4 @@
-"""The box as six flat panels with finger joints, and the outline of a fold-up net."""
+"""The box as six flat panels with finger joints."""
 
 from dataclasses import dataclass
 
@@ -72,41 +72,3 @@ def _breaks(length: float, build: Build) -> Array:
     between = length - 2 * build.wall
     count = 2 * max(1, round((between / build.finger - 1) / 2)) + 1
     return np.concatenate([[0.0], build.wall + between * np.arange(count + 1) / count, [length]])
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Net:
-    """The net of a box of card, seen from outside; x to the right, y up, m.
-
-    Attributes
-    ----------
-    cut : (N, 2)
-        Its outline, closed.
-    folds : (K, 2, 2)
-        Lines to fold along, away from the reader.
-    faces : (4, 2)
-        Where the middles of the four faces lie; all stand upright.
-    """
-
-    cut: Array
-    folds: Array
-    faces: Array
-
-
-def net(box: Box, flap: float = 0.015) -> Net:
-    """Return the net: the faces in a row, the top above face 1, the base below it, flaps to glue at the free edges."""
-    flap = min(flap, min(box.width, box.depth, box.height) / 3)
-    starts = np.cumsum([0.0, *(box.face_width(face) for face in range(FACES))])
-    left, right, h, d = starts[1], starts[2], box.height, box.depth
-    far, end = starts[4], starts[4] + flap
-    up = [(left, h), (left - flap, h + flap), (left - flap, h + d - flap), (left, h + d), (left + flap, h + d + flap)]
-    top = [*up, *((left + right - x, y) for x, y in reversed(up))]
-    bottom = [(x, h - y) for x, y in reversed(top)]
-    glue = [(far, h), (end, h - flap), (end, flap), (far, 0.0)]
-    cut = [(0.0, 0.0), (0.0, h), *top, *glue, *bottom]
-    lines = [((x, 0.0), (x, h)) for x in starts[1:]]
-    for y, across in ((h, (h + d)), (0.0, -d)):
-        lines += [((left, y), (right, y)), ((left, across), (right, across))]
-        lines += [((left, y), (left, across)), ((right, y), (right, across))]
-    middles = np.column_stack([(starts[:-1] + starts[1:]) / 2, np.full(FACES, h / 2)])
-    return Net(cut=np.array(cut), folds=np.array(lines), faces=middles)

@@ -3,6 +3,7 @@
 import re
 import tempfile
 from collections.abc import Mapping
+from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -23,7 +24,9 @@ _PROUD = 0.001
 _FINGER_HOLE = 0.020
 _PIN_GRIP = 0.004
 _STL_TOLERANCE_MM, _STL_ANGLE = 0.005, 0.2
-_UNDATED = rb"(FILE_NAME\('[^']*',\s*')[^']*'"
+_DATE = rb"(FILE_NAME\('[^']*',\s*')[^']*'"
+_USAGE = rb"(NEXT_ASSEMBLY_USAGE_OCCURRENCE\(')\d+'"
+"""What Open CASCADE writes anew each time: the time of day, and a count over the life of the process."""
 
 
 def box_step(target: Target, build: Build | None = None) -> bytes:
@@ -158,7 +161,9 @@ def _step(target: Target, parts: Mapping[str, "cadquery.Shape"]) -> bytes:
         path = Path(folder) / "box.step"
         whole.export(str(path))
         content = path.read_bytes()
-    return re.sub(_UNDATED, rb"\g<1>1970-01-01T00:00:00'", content, count=1)
+    content = re.sub(_DATE, rb"\g<1>1970-01-01T00:00:00'", content, count=1)
+    numbers = count(1)
+    return re.sub(_USAGE, lambda found: found[1] + b"%d'" % next(numbers), content)
 
 
 def _stl(part: "cadquery.Shape") -> bytes:

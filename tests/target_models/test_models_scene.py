@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 from target.box import Array, Box, Target, make_target
-from target.models import products
 from target.patterns import modules_per_side, tag_modules
 from target.scene.glb import box_glb
 from target.scene.mjcf import box_mjcf
@@ -252,12 +251,3 @@ def test_gltf_names_the_target_and_passes_a_strict_reader() -> None:
         size = {5126: 4, 5123: 2}[accessor.componentType] * {"SCALAR": 1, "VEC2": 2, "VEC3": 3}[accessor.type]
         assert view.byteOffset % 4 == 0
         assert size * accessor.count == view.byteLength
-
-
-@pytest.mark.parametrize("product", [p for p in products(dpi=60) if not p.extra], ids=lambda p: p.name)
-def test_products_keep_to_their_name_and_repeat_to_the_byte(product: Any) -> None:
-    target = make_target(SMALL)
-    files = product.make(target)
-    assert files
-    assert all(name == product.name or name.startswith(product.name + "/") for name in files)
-    assert product.make(target) == files
