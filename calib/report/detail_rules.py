@@ -143,19 +143,25 @@ def _corners(c: Calibration, detail: Detail) -> list[Reason]:
 
 
 def _held_out(_: Calibration, detail: Detail) -> list[Reason]:
-    if not detail.held_out:
-        return []
     ratio = held_out_ratio(detail)
+    if ratio is None:
+        return []
     text = f"Stops that were left out are predicted as well as claimed ({ratio:.1f} sigma)."
     if ratio > LIMITS["held-out"].good:
         text = f"Stops that were left out are predicted worse than claimed ({ratio:.1f} sigma)."
     return judge("held-out", ratio, text, "Look at the worst stop and leg in the report, and drive again without them.")
 
 
-def held_out_ratio(detail: Detail) -> float:
-    """Return the root mean square of the held-out errors, in the sigmas that were claimed (1 in the ideal)."""
-    errors = np.array([stop.error for stop in detail.held_out])
-    sigmas = np.array([stop.sigma for stop in detail.held_out])
+def held_out_ratio(detail: Detail) -> float | None:
+    """Return the root mean square of the held-out errors, in the sigmas that were claimed (1 in the ideal).
+
+    Stops at the end of a leg that was left out are predicted through its fault, and do not count; None if none is left.
+    """
+    faulty = {(leg.drive, leg.next_stop) for leg in detail.flagged_legs}
+    fair = [stop for stop in detail.held_out if (stop.drive, stop.stop) not in faulty]
+    if not fair:
+        return None
+    errors, sigmas = np.array([stop.error for stop in fair]), np.array([stop.sigma for stop in fair])
     return float(np.sqrt(np.mean((errors / sigmas) ** 2)))
 
 

@@ -28,7 +28,7 @@ def residual_data(calibration: Calibration, seen: Sequence[SeenStop]) -> dict[st
         error = np.clip(s.error_px[rows], -_LARGEST_PX, _LARGEST_PX)
         stops.append(
             {
-                "stop": s.number + 1,
+                "stop": s.label,
                 "u": _list(s.view.uv_px[rows, 0], 1),
                 "v": _list(s.view.uv_px[rows, 1], 1),
                 "du": _list(error[:, 0], 3),
@@ -44,7 +44,7 @@ def legs_data(legs: Sequence[DrivenLeg]) -> dict[str, Any]:
     """Return the gaps between wheels and images, in mm and degrees."""
     gaps = np.array([leg.gap for leg in legs]).reshape(-1, 3)
     return {
-        "names": [f"{leg.start + 1}\N{EN DASH}{leg.end + 1}" for leg in legs],
+        "names": [leg.name for leg in legs],
         "used": [leg.judged.used if leg.judged else leg.fault is None for leg in legs],
         "forward": _list(gaps[:, 0] * 1e3, 3),
         "left": _list(gaps[:, 1] * 1e3, 3),
@@ -64,7 +64,7 @@ def scene_data(
         "tags": [[_list(tag.ravel(), 4), int(f)] for tag, f in zip(target.tag_corners, target.tag_faces, strict=True)],
         "stops": [
             {
-                "stop": s.number + 1,
+                "stop": s.label,
                 "cam": _list(s.result.T_box_cam[:3, 3], 4),
                 "view": _list(_frustum(calibration, s).ravel(), 4),
                 "body": _list(floor_pose(s.result.T_box_cam, calibration.T_body_cam), 4),
@@ -76,7 +76,7 @@ def scene_data(
             {
                 "path": _list(leg.path.ravel(), 4),
                 "used": leg.judged.used if leg.judged else leg.fault is None,
-                "name": f"{leg.start + 1}\N{EN DASH}{leg.end + 1}",
+                "name": leg.name,
             }
             for leg in legs
         ],

@@ -1,5 +1,6 @@
 """The drive as the calibration sees it: where the robot stood, the path that its wheels describe, and their gaps."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -23,8 +24,8 @@ class DrivenLeg:
 
     Attributes
     ----------
-    start, end
-        Numbers of the stops in the drive, from 0.
+    name
+        Labels of its two stops.
     path : (N, 2), m
         Path on the floor by the wheels, from the first stop on; the gap at its end is the residual.
     gap : (3,), m and rad
@@ -39,8 +40,7 @@ class DrivenLeg:
         Why it was left out, None if it was not.
     """
 
-    start: int
-    end: int
+    name: str
     path: Array
     gap: Array
     rolled: float
@@ -55,15 +55,19 @@ def floor_pose(T_box_cam: Array, T_body_cam: Array) -> Array:
     return np.array([T[0, 3], T[1, 3], np.arctan2(T[1, 0], T[0, 0])])
 
 
-def driven_legs(calibration: Calibration, drive: Correspondences, seen: tuple[SeenStop, ...]) -> tuple[DrivenLeg, ...]:
-    """Return the legs between the stops seen, in order."""
+def driven_legs(
+    calibration: Calibration, drives: Sequence[Correspondences], seen: tuple[SeenStop, ...]
+) -> tuple[DrivenLeg, ...]:
+    """Return the legs between the stops seen, in order; drives are not connected."""
     w, detail = calibration.wheels, calibration.detail
-    judged = {leg.t_start_ns: leg for leg in detail.legs} if detail else {}
-    faults = {leg.t_start_ns: leg for leg in detail.flagged_legs} if detail else {}
-    every = max(1, len(drive.wheels) // MAX_POINTS)
+    judged = {(leg.drive, leg.t_start_ns): leg for leg in detail.legs} if detail else {}
+    faults = {(leg.drive, leg.t_start_ns): leg for leg in detail.flagged_legs} if detail else {}
+    every = max(1, sum(len(drive.wheels) for drive in drives) // MAX_POINTS)
     legs = []
     for a, b in pairwise(seen):
-        travel = legs_between(drive, (a.number, b.number))
+        if a.drive != b.drive:
+            continue
+        travel = legs_between(drives[a.drive], (a.number, b.number))
         samples = len(travel.dphi_R)
         at = (*range(0, samples, every), samples)
         xy, heading = unit_path(Legs(dphi_R=travel.dphi_R, dphi_L=travel.dphi_L, ends=at), w.rR / w.b, -w.rL / w.b)
@@ -71,17 +75,16 @@ def driven_legs(calibration: Calibration, drive: Correspondences, seen: tuple[Se
         start, end = (floor_pose(s.result.T_box_cam, calibration.T_body_cam) for s in (a, b))
         path = xy @ _rot(start[2]).T + start[:2]
         gap = np.array([*(_rot(end[2]).T @ (path[-1] - end[:2])), wrap(start[2] + heading[-1] - end[2])])
-        t = a.view.t_end_ns
+        key = (a.drive, a.view.t_end_ns)
         legs.append(
             DrivenLeg(
-                start=a.number,
-                end=b.number,
+                name=f"{a.label}\N{EN DASH}{b.label}",
                 path=path,
                 gap=gap,
                 rolled=float(np.sum(np.abs(w.rR * travel.dphi_R + w.rL * travel.dphi_L)) / 2),
                 turned=float(heading[-1]),
-                judged=judged.get(t),
-                fault=faults.get(t),
+                judged=judged.get(key),
+                fault=faults.get(key),
             )
         )
     return tuple(legs)

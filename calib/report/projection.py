@@ -28,9 +28,10 @@ def projection_sigma(
     uv_px : (N, 2), px
         Where.
     distance : m
-        Along the optical axis.
+        From the camera.
     """
-    p_cam = np.concatenate([rays(lens, values, uv_px), np.ones((len(uv_px), 1))], axis=1) * distance
+    p_cam = np.concatenate([rays(lens, values, uv_px), np.ones((len(uv_px), 1))], axis=1)
+    p_cam *= distance / np.linalg.norm(p_cam, axis=1)[:, None]
     seen = np.all(np.isfinite(p_cam), axis=1)
     sigma = np.full(len(uv_px), np.nan)
     _, by_lens, by_point = project_lens(lens, values, p_cam[seen])

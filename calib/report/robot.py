@@ -1,5 +1,7 @@
 """The report of one robot."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from calib.report.detail_rules import held_out_ratio
@@ -33,14 +35,18 @@ _TELLING = ("around", "legs", "slip", "sharpness", "fit", "print")
 """What a good verdict tells first."""
 
 
-def robot_report(calibration: Calibration, drive: Correspondences, target: Target) -> bytes:
+Drives = Correspondences | Sequence[Correspondences]
+"""One drive, or all that were solved together, in their order."""
+
+
+def robot_report(calibration: Calibration, drives: Drives, target: Target) -> bytes:
     """Return the report of one robot: one HTML file that needs nothing else.
 
     Parameters
     ----------
     calibration
         What was found; without ``detail`` (the closed form) the report says less.
-    drive
+    drives
         What the robot saw and rolled.
     target
         The landmark table that it was calibrated with.
@@ -50,8 +56,9 @@ def robot_report(calibration: Calibration, drive: Correspondences, target: Targe
     CalibError
         If the extra ``report`` is not installed.
     """
-    seen = stops_seen(calibration, drive, target)
-    legs = driven_legs(calibration, drive, seen)
+    drives = _all(drives)
+    seen = stops_seen(calibration, drives, target)
+    legs = driven_legs(calibration, drives, seen)
     detail = calibration.detail
     projection = projection_data(calibration)
     judged = verdict(calibration, find_print_scale(calibration, seen, target))
@@ -84,16 +91,20 @@ def robot_report(calibration: Calibration, drive: Correspondences, target: Targe
         growth=growth_rows(detail),
         projection=projection,
         held_out=held_out_rows(detail),
-        held_out_ratio=held_out_ratio(detail) if detail and detail.held_out else None,
+        held_out_ratio=held_out_ratio(detail) if detail else None,
         extra=extra_rows(detail),
         provenance=provenance_rows(calibration),
     )
 
 
-def judge(calibration: Calibration, drive: Correspondences, target: Target) -> Verdict:
+def judge(calibration: Calibration, drives: Drives, target: Target) -> Verdict:
     """Return the verdict that the report shows: with what the corners say about the print."""
-    seen = stops_seen(calibration, drive, target)
+    seen = stops_seen(calibration, _all(drives), target)
     return verdict(calibration, find_print_scale(calibration, seen, target))
+
+
+def _all(drives: Drives) -> tuple[Correspondences, ...]:
+    return (drives,) if isinstance(drives, Correspondences) else tuple(drives)
 
 
 def _highlights(judged: Verdict) -> tuple[list[Reason], list[Reason]]:

@@ -1,5 +1,6 @@
 """What was seen against what the calibration expects, corner by corner."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,8 +22,10 @@ class SeenStop:
 
     Attributes
     ----------
-    number
-        Of the stop in the drive, from 0.
+    drive, number
+        Of the drive, and of the stop in it, from 0.
+    label
+        How people call the stop: its number from 1, with the drive's before it where there are several.
     result, view
         What the calibration found, what the camera saw.
     p_box : (L, 3), m
@@ -37,7 +40,9 @@ class SeenStop:
         Whether the corner counted.
     """
 
+    drive: int
     number: int
+    label: str
     result: StopResult
     view: StopView
     p_box: Array
@@ -54,14 +59,20 @@ def lens_values(calibration: Calibration) -> tuple[Lens, Array]:
     return Lens(detail.lens) if detail else Lens.RADIAL, np.array([k.fu, k.fv, k.cu, k.cv, k.kr, *extra])
 
 
-def stops_seen(calibration: Calibration, drive: Correspondences, target: Target) -> tuple[SeenStop, ...]:
-    """Return the stops of a drive that the calibration used, in order."""
+def stop_label(drive: int, number: int, *, several: bool) -> str:
+    """Return how people call a stop: ``4``, or ``2.4`` where there are several drives."""
+    return f"{drive + 1}.{number + 1}" if several else str(number + 1)
+
+
+def stops_seen(calibration: Calibration, drives: Sequence[Correspondences], target: Target) -> tuple[SeenStop, ...]:
+    """Return the stops of the drives that the calibration used, in order."""
     lens, values = lens_values(calibration)
-    results = {stop.t_start_ns: stop for stop in calibration.stops}
-    wrong = {(c.stop, c.landmark_id) for c in calibration.detail.flagged_corners} if calibration.detail else set()
+    results = {(stop.drive, stop.t_start_ns): stop for stop in calibration.stops}
+    flagged = calibration.detail.flagged_corners if calibration.detail else ()
+    wrong = {(c.drive, c.stop, c.landmark_id) for c in flagged}
     seen = []
-    for number, view in enumerate(drive.stops):
-        result = results.get(view.t_start_ns)
+    for d, number, view in ((d, j, view) for d, drive in enumerate(drives) for j, view in enumerate(drive.stops)):
+        result = results.get((d, view.t_start_ns))
         if result is None or not len(view.landmark_ids):
             continue
         p_box = _landmarks(calibration, target, view)
@@ -72,14 +83,16 @@ def stops_seen(calibration: Calibration, drive: Correspondences, target: Target)
         rows = [target.row_of(int(i) // CORNERS) for i in view.landmark_ids]
         seen.append(
             SeenStop(
+                drive=d,
                 number=number,
+                label=stop_label(d, number, several=len(drives) > 1),
                 result=result,
                 view=view,
                 p_box=p_box,
                 p_cam=p_cam,
                 face=target.tag_faces[rows],
                 error_px=error,
-                used=ahead & np.array([(number, int(i)) not in wrong for i in view.landmark_ids]),
+                used=ahead & np.array([(d, number, int(i)) not in wrong for i in view.landmark_ids]),
             )
         )
     return tuple(seen)
@@ -90,9 +103,11 @@ def _landmarks(calibration: Calibration, target: Target, view: StopView) -> Arra
     extra = calibration.detail.extra if calibration.detail else {}
     options = EstimateOptions(
         scale_sigma=float("scale_x" in extra),
+        size_sigma=float("width" in extra),
+        measured_sizes=False,
         ink_sigma=float("ink" in extra),
         face_sigma=(1.0, 1.0) if "face1_tx" in extra else (0.0, 0.0),
         target=target,
     )
     shape = box_shape(options, view.landmark_ids, view.p_box)
-    return shape.landmarks(np.array([extra[name] for name in shape.names]))[0]
+    return shape.landmarks(np.array([extra.get(name, 0.0) for name in shape.names]))[0]

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from calib.detail import ORDER, Detail
+from calib.report.seen import stop_label
 
 _GROWTH = (
     ("rL", "left radius", "mm", 1e3),
@@ -55,15 +56,19 @@ def growth_rows(detail: Detail | None) -> list[dict[str, Any]]:
 
 def held_out_rows(detail: Detail | None) -> list[dict[str, Any]]:
     """Return error and sigma (mm, mm, deg) of each stop that was predicted, and their ratio."""
+    if detail is None:
+        return []
     scale = np.array([1e3, 1e3, 180 / pi])
+    faulty = {(leg.drive, leg.next_stop) for leg in detail.flagged_legs}
     return [
         {
-            "stop": h.stop + 1,
+            "stop": stop_label(h.drive, h.stop, several=any(leg.drive for leg in detail.legs)),
             "error": (np.array(h.error) * scale).tolist(),
             "sigma": (np.array(h.sigma) * scale).tolist(),
+            "faulty": (h.drive, h.stop) in faulty,
             "ratio": float(np.sqrt(np.mean((np.array(h.error) / np.array(h.sigma)) ** 2))),
         }
-        for h in (detail.held_out if detail else ())
+        for h in detail.held_out
     ]
 
 
@@ -74,6 +79,7 @@ def held_out_data(detail: Detail | None) -> dict[str, Any] | None:
         return None
     return {
         "stops": [r["stop"] for r in rows],
+        "faulty": [r["faulty"] for r in rows],
         "error": [[_number(r["error"][k]) for r in rows] for k in range(3)],
         "sigma": [[_number(r["sigma"][k]) for r in rows] for k in range(3)],
     }

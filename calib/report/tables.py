@@ -19,7 +19,7 @@ def stop_row(s: SeenStop) -> dict[str, Any]:
     """Return one stop: how long it stood, what it saw and how well that fits."""
     view = s.view
     return {
-        "number": s.number + 1,
+        "number": s.label,
         "seconds": (view.t_end_ns - view.t_start_ns) / 1e9,
         "frames": view.frames,
         "corners": len(view.landmark_ids),
@@ -53,8 +53,7 @@ def rms(error_px: Array) -> float:
 def leg_row(leg: DrivenLeg) -> dict[str, Any]:
     """Return one leg: what was driven, and wheels less images in mm, mm and deg."""
     return {
-        "start": leg.start + 1,
-        "end": leg.end + 1,
+        "name": leg.name,
         "rolled": leg.rolled,
         "turned": float(np.degrees(leg.turned)),
         "gap": (float(leg.gap[0]) * 1e3, float(leg.gap[1]) * 1e3, float(np.degrees(leg.gap[2]))),

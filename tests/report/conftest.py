@@ -44,7 +44,7 @@ def calibrations() -> Callable[[str], Calibration]:
 def full() -> tuple[Calibration, Correspondences]:
     """A calibration with all that a report can show, and its drive."""
     drive = _drive("slipped")
-    return faulty.calibrated(drive, growth=(8, 11, 14), held_out=range(14)), drive
+    return faulty.calibrated(drive, growth=(8, 11, 14), held_out=True), drive
 
 
 @pytest.fixture(scope="module")

@@ -121,7 +121,7 @@ def test_choosing_a_stop_and_a_face_shows_only_those(browser: Browser, pages: di
     every = browser.evaluate(choose % ("''", "''"))
     assert int(every.split()[0]) > 2000
     stop = browser.evaluate(choose % ("'4'", "''"))
-    counted = browser.evaluate("DATA.residuals.stops.find((s) => s.stop === 4).u.length")
+    counted = browser.evaluate("DATA.residuals.stops.find((s) => s.stop === '4').u.length")
     assert int(stop.split()[0]) == counted
     faces = [browser.evaluate(choose % ("'4'", f"'{f}'")) for f in range(4)]
     assert sum(int(t.split()[0]) for t in faces if t != "no corner") == counted

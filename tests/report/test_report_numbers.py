@@ -57,10 +57,10 @@ def exact(calibrations: Calibrations) -> tuple[Calibration, Correspondences]:
 
 def test_true_calibration_leaves_no_residual_and_no_gap(exact: tuple[Calibration, Correspondences]) -> None:
     calibration, drive = exact
-    seen = stops_seen(calibration, drive, faulty.TARGET)
+    seen = stops_seen(calibration, [drive], faulty.TARGET)
     assert [s.number for s in seen] == list(range(6))
     assert max(np.abs(s.error_px).max() for s in seen) < 1e-9
-    legs = driven_legs(calibration, drive, seen)
+    legs = driven_legs(calibration, [drive], seen)
     assert len(legs) == 5
     assert max(np.abs(leg.gap).max() for leg in legs) < 1e-9
     assert all(leg.rolled > 0.05 for leg in legs)
@@ -72,22 +72,22 @@ def test_residual_is_seen_less_expected_and_gap_is_wheels_less_images(
     calibration, drive = exact
     moved = replace(drive.stops[2], uv_px=drive.stops[2].uv_px + np.array([0.5, -0.25]))
     shifted = replace(drive, stops=(*drive.stops[:2], moved, *drive.stops[3:]))
-    seen = stops_seen(calibration, shifted, faulty.TARGET)
+    seen = stops_seen(calibration, [shifted], faulty.TARGET)
     assert np.allclose(seen[2].error_px, (0.5, -0.25), atol=1e-9)
     far = calibration.stops[1].T_box_cam.copy()
     heading = floor_pose(far, calibration.T_body_cam)[2]
     far[:2, 3] -= 0.01 * np.array([np.cos(heading), np.sin(heading)])  # images put the robot 1 cm further back
     stops = (calibration.stops[0], replace(calibration.stops[1], T_box_cam=far), *calibration.stops[2:])
-    legs = driven_legs(replace(calibration, stops=stops), drive, stops_seen(calibration, drive, faulty.TARGET))
+    legs = driven_legs(replace(calibration, stops=stops), [drive], stops_seen(calibration, [drive], faulty.TARGET))
     assert np.allclose(legs[0].gap, 0, atol=1e-9)  # the stops seen still carry the true poses
     back = replace(calibration, stops=stops)
-    legs = driven_legs(back, drive, stops_seen(back, drive, faulty.TARGET))
+    legs = driven_legs(back, [drive], stops_seen(back, [drive], faulty.TARGET))
     assert np.allclose(legs[0].gap, (0.01, 0, 0), atol=1e-9)
 
 
 def test_face_and_stop_of_a_residual_are_its_own(exact: tuple[Calibration, Correspondences]) -> None:
     calibration, drive = exact
-    seen = stops_seen(calibration, drive, faulty.TARGET)
+    seen = stops_seen(calibration, [drive], faulty.TARGET)
     for s in seen:
         normals = np.array([faulty.TARGET.T_box_face(int(f))[:3, 2] for f in s.face])
         towards = s.result.T_box_cam[:3, 3] - s.p_box
@@ -105,7 +105,7 @@ def test_wrong_corners_are_marked_and_left_out_of_the_mean(exact: tuple[Calibrat
     assert calibration.detail is not None
     flagged = FlaggedCorner(drive=0, stop=1, landmark_id=int(stop.landmark_ids[3]), error_px=(40.0, 40.0))
     marked = replace(calibration, detail=replace(calibration.detail, flagged_corners=(flagged,)))
-    seen = stops_seen(marked, drive, faulty.TARGET)
+    seen = stops_seen(marked, [drive], faulty.TARGET)
     assert (~seen[1].used).nonzero()[0].tolist() == [3]
     assert rms(seen[1].error_px[seen[1].used]) < 1e-9
     assert residual_data(marked, seen)["stops"][1]["wrong"] == [3]
@@ -127,19 +127,19 @@ def test_shape_of_the_box_that_was_estimated_is_allowed_for(calibrations: Calibr
     assert base.detail is not None
     extra = replace(base.detail, extra={"scale_x": 0.004, "scale_y": 0.0})
     known = replace(base, camera=faulty.ROBOT.camera, stops=stops, detail=extra)
-    assert max(np.abs(s.error_px).max() for s in stops_seen(known, nominal, faulty.TARGET)) < 1e-9
+    assert max(np.abs(s.error_px).max() for s in stops_seen(known, [nominal], faulty.TARGET)) < 1e-9
     unknown = replace(known, detail=replace(extra, extra={}))
-    assert max(np.abs(s.error_px).max() for s in stops_seen(unknown, nominal, faulty.TARGET)) > 0.2
+    assert max(np.abs(s.error_px).max() for s in stops_seen(unknown, [nominal], faulty.TARGET)) > 0.2
 
 
 def test_print_scale_is_found_within_its_sigma(calibrations: Calibrations, drives: Drives) -> None:
     c, drive = calibrations("wrong_print"), drives("wrong_print")
-    found = find_print_scale(c, stops_seen(c, drive, faulty.TARGET), faulty.TARGET)
+    found = find_print_scale(c, stops_seen(c, [drive], faulty.TARGET), faulty.TARGET)
     assert found is not None
     assert found.x == pytest.approx(0.01, abs=4e-4)
     assert abs(found.y) < 4 * found.sigma_y
     c, drive = calibrations("good_drive"), drives("good_drive")
-    found = find_print_scale(c, stops_seen(c, drive, faulty.TARGET), faulty.TARGET)
+    found = find_print_scale(c, stops_seen(c, [drive], faulty.TARGET), faulty.TARGET)
     assert found is not None
     assert abs(found.x) < 4 * found.sigma_x < 0.001
     assert abs(found.y) < 4 * found.sigma_y
@@ -152,8 +152,8 @@ def test_print_scale_sigma_is_honest(calibrations: Calibrations, drives: Drives)
     for _ in range(60):
         stops = [replace(s, uv_px=s.uv_px + faulty.SIGMA_PX * rng.standard_normal(s.uv_px.shape)) for s in drive.stops]
         noisy = replace(drive, stops=tuple(stops))
-        clean = find_print_scale(c, stops_seen(c, drive, faulty.TARGET), faulty.TARGET)
-        found = find_print_scale(c, stops_seen(c, noisy, faulty.TARGET), faulty.TARGET)
+        clean = find_print_scale(c, stops_seen(c, [drive], faulty.TARGET), faulty.TARGET)
+        found = find_print_scale(c, stops_seen(c, [noisy], faulty.TARGET), faulty.TARGET)
         assert clean is not None
         assert found is not None
         # The new noise alone: as large as the old, so found.sigma (of both together) is its root 2.
@@ -163,7 +163,7 @@ def test_print_scale_sigma_is_honest(calibrations: Calibrations, drives: Drives)
 
 def test_print_scale_stays_silent_where_corners_do_not_tell(calibrations: Calibrations, drives: Drives) -> None:
     c, drive = calibrations("blurred"), drives("blurred")
-    assert find_print_scale(c, stops_seen(c, drive, faulty.TARGET), faulty.TARGET) is None
+    assert find_print_scale(c, stops_seen(c, [drive], faulty.TARGET), faulty.TARGET) is None
     assert find_print_scale(c, (), faulty.TARGET) is None
 
 
@@ -202,7 +202,8 @@ def test_projection_sigma_agrees_with_drawn_calibrations(calibrations: Calibrati
     uv_px = np.array([[10.0, 10.0], [320.0, 240.0], [600.0, 400.0]])
     for distance in (0.5, 5.0):
         claimed = projection_sigma(lens, values, cov, c.T_body_cam, uv_px=uv_px, distance=distance)
-        p_cam = np.concatenate([rays(lens, values, uv_px), np.ones((3, 1))], axis=1) * distance
+        p_cam = np.concatenate([rays(lens, values, uv_px), np.ones((3, 1))], axis=1)
+        p_cam *= distance / np.linalg.norm(p_cam, axis=1)[:, None]
         p_body = p_cam @ c.T_body_cam[:3, :3].T + c.T_body_cam[:3, 3]
         square = np.zeros(3)
         drawn = rng.multivariate_normal(np.zeros(14), cov, size=1500)
@@ -280,9 +281,9 @@ def test_slip_on_top_agrees_with_simulated_slip(calibrations: Calibrations) -> N
 
 def test_scene_holds_what_was_driven(exact: tuple[Calibration, Correspondences]) -> None:
     calibration, drive = exact
-    seen = stops_seen(calibration, drive, faulty.TARGET)
-    scene = scene_data(calibration, seen, driven_legs(calibration, drive, seen), faulty.TARGET)
-    assert [s["stop"] for s in scene["stops"]] == [1, 2, 3, 4, 5, 6]
+    seen = stops_seen(calibration, [drive], faulty.TARGET)
+    scene = scene_data(calibration, seen, driven_legs(calibration, [drive], seen), faulty.TARGET)
+    assert [s["stop"] for s in scene["stops"]] == list("123456")
     for stop, s in zip(scene["stops"], seen, strict=True):
         assert np.allclose(stop["cam"], s.result.T_box_cam[:3, 3], atol=1e-4)
         view = np.array(stop["view"]).reshape(4, 3)

@@ -19,6 +19,7 @@ from hypothesis import strategies as st
 
 from calib.detail import Covariance
 from calib.errors import CalibError
+from calib.estimate import EstimateOptions
 from calib.report.fleet import fleet_report, odd_ones, robot_link
 from calib.report.page import embedded, page, readable_time
 from calib.report.robot import judge, robot_report
@@ -256,6 +257,32 @@ def test_calibration_without_its_drive_still_gets_a_report(full: tuple[Calibrati
     text = Page(robot_report(calibration, other, faulty.TARGET)).text
     assert "None of the stops of this drive is in the calibration" in text
     assert "There is no leg" in text
+
+
+def test_several_drives_of_one_robot_get_one_report(drives: Drives) -> None:
+    both = [faulty.good_drive(8, seed=1), drives("slipped")]
+    calibration = faulty.calibrated(*both)
+    html = robot_report(calibration, both, faulty.TARGET)
+    data = _data(html)
+    legs, residuals = data["legs"], data["residuals"]
+    assert isinstance(legs, dict)
+    assert isinstance(residuals, dict)
+    assert len(legs["names"]) == 7 + 13
+    assert [name for name, used in zip(legs["names"], legs["used"], strict=True) if not used] == ["2.6\u20132.7"]
+    assert [s["stop"] for s in residuals["stops"]][:9] == [f"1.{k}" for k in range(1, 9)] + ["2.1"]
+    assert "Between stops 6 and 7 of drive 2" in Page(html).text
+    assert judge(calibration, both, faulty.TARGET).reasons[0].rule == "legs"
+
+
+def test_box_that_was_estimated_is_in_the_report() -> None:
+    drive = faulty.wrong_print()
+    options = EstimateOptions(scale_sigma=0.02, ink_sigma=1e-4, target=faulty.TARGET)
+    calibration = faulty.calibrated(drive, options=options)
+    text = Page(robot_report(calibration, drive, faulty.TARGET)).text
+    assert "Good" in text
+    assert "+1.0% across" in text
+    assert "The calibration allows for it" in text
+    assert "scale_x" in text
 
 
 def test_fleet_lists_failures_with_what_to_do(fleet: Sequence[Calibration], calibrations: Calibrations) -> None:

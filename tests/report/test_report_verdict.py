@@ -13,6 +13,7 @@ from calib.detail import Covariance, HeldOut
 from calib.errors import CalibError
 from calib.estimate.result import Direction, FlaggedCorner
 from calib.frames import rigid, rot_z
+from calib.report.detail_rules import held_out_ratio
 from calib.report.judgement import LIMITS, Level, Limit, Verdict, angle, length, percent
 from calib.report.print_scale import PrintScale
 from calib.report.robot import judge
@@ -218,6 +219,20 @@ def test_share_of_wrong_corners_is_judged(calibrations: Calibrations) -> None:
     for share, level in ((0.02, Level.GOOD), (0.05, Level.USABLE), (0.2, Level.REDO)):
         found = verdict(_with(c, flagged_corners=wrong[: int(share * c.quality.landmarks)]))
         assert next(r.level for r in found.reasons if r.rule == "corners") is level
+
+
+def test_stop_behind_a_faulty_leg_does_not_count_as_badly_predicted(calibrations: Calibrations) -> None:
+    c = calibrations("slipped")
+    assert c.detail is not None
+    end = c.detail.flagged_legs[0].next_stop
+    sigma = (0.01, 0.01, 0.02)
+    far = HeldOut(drive=0, stop=end, error=(1.0, 1.0, 1.0), sigma=sigma)
+    near = HeldOut(drive=0, stop=end + 1, error=(0.01, 0.01, 0.02), sigma=sigma)
+    assert held_out_ratio(replace(c.detail, held_out=(far, near))) == pytest.approx(1.0)
+    assert held_out_ratio(replace(c.detail, held_out=(far,))) is None
+    assert held_out_ratio(replace(c.detail, held_out=(far, near), flagged_legs=())) > 40  # type: ignore[operator]
+    assert verdict(_with(c, held_out=(far, near))).level is Level.USABLE
+    assert all(r.rule != "held-out" for r in verdict(_with(c, held_out=(far,))).reasons)
 
 
 def test_what_is_not_determined_forbids_use(calibrations: Calibrations) -> None:

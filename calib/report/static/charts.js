@@ -8,7 +8,7 @@
     const wide = (W - left - right) / names.length;
     panels.forEach((panel, p) => {
       const inliers = panel.values.filter((_, i) => !out[i]).map(Math.abs);
-      const spread = panel.sigma ? panel.sigma.map((s) => 2 * (s || 0)) : [];
+      const spread = panel.sigma ? panel.sigma.filter((_, i) => !out[i]).map((s) => 2 * (s || 0)) : [];
       const limit = Math.max(quantile(inliers, 1), quantile(spread, 1), 1e-9) * 1.12;
       const y0 = p * high + top + (high - top) / 2, scale = (high - top) / 2 / limit;
       node(svg, "text", { x: left, y: p * high + 16, class: "title" }, panel.title);
@@ -21,9 +21,9 @@
         const x = left + (i + 0.5) * wide, over = Math.abs(v) > limit;
         const y = y0 - Math.max(-limit, Math.min(limit, v)) * scale;
         if (panel.sigma) {
-          const s = 2 * (panel.sigma[i] || 0) * scale;
+          const s = Math.min(2 * (panel.sigma[i] || 0), limit) * scale;
           node(svg, "path", { d: `M${x} ${y0 - s}V${y0 + s}`, class: "whisker" });
-          node(svg, "circle", { cx: x, cy: y, r: 3.6, class: "point" });
+          node(svg, "circle", { cx: x, cy: y, r: 3.6, class: out[i] ? "bar out" : "point" });
         } else {
           const w = Math.min(wide * 0.6, 26);
           node(svg, "rect", { x: x - w / 2, y: Math.min(y, y0), width: w, height: Math.max(Math.abs(y - y0), 0.8), rx: 1.5, class: out[i] ? "bar out" : "bar" });
@@ -62,7 +62,7 @@
     const h = DATA.heldOut;
     fitted(held, () => strips(held, h.stops.map(String), ["Forward, mm", "To the left, mm", "Heading, degrees"].map((title, k) => ({
       title, values: h.error[k].map((v) => v || 0), sigma: h.sigma[k],
-    })), h.stops.map(() => false)));
+    })), h.faulty));
   }
 
   const growth = document.getElementById("growth-charts");

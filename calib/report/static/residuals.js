@@ -15,7 +15,7 @@
   const fit = rms > 0 ? nice((W / 45) / rms) : 1;
 
   function draw() {
-    const stop = Number(pick("pick-stop").value) || 0;
+    const stop = pick("pick-stop").value;
     const faceText = pick("pick-face").value;
     const enlarged = Number(pick("pick-scale").value) || fit;
     const lines = ["", "", "", ""], dots = ["", "", "", ""];

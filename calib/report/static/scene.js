@@ -7,7 +7,7 @@
   const reach = Math.max(...S.stops.map((s) => Math.hypot(s.cam[0], s.cam[1])), 0.4);
   const HOME = { azimuth: -0.9, elevation: 0.62, zoom: 1 };
   let view = { ...HOME };
-  let chosen = 0;
+  let chosen = "";
   const dark = window.matchMedia("(prefers-color-scheme: dark)");
   const printing = window.matchMedia("print");
 
@@ -134,7 +134,7 @@
       for (let i = 0; i < 4; i++) add([c, v[i], v[(i + 1) % 4]], look);
       add([v[0], v[1]], { stroke: on ? k.accent : k.soft, width: 2.2, lineAlpha: on ? 1 : 0.3 });
       add([c, [c[0], c[1], 0]], { stroke: k.soft, lineAlpha: on ? 0.5 : 0.15, dash: [2, 3] });
-      add([[c[0], c[1], c[2] + 0.045]], { text: String(stop.stop), fill: on ? k.ink : k.soft, bold: chosen === stop.stop }, 0.1);
+      add([[c[0], c[1], c[2] + 0.045]], { text: stop.stop, fill: on ? k.ink : k.soft, bold: chosen === stop.stop }, 0.1);
     }
     paint(items);
   }
