@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib.errors import CalibError
-from calib.exports.scene import FULL_SCALE_PX, MAGNIFIED, residual_colours
+from calib.exports.scene import FULL_SCALE_PX, MAGNIFIED, Images, residual_colours
 from calib.frames import Array
-from calib.report.seen import SeenStop, stops_seen
+from calib.report.seen import SeenStop, stop_label, stops_seen
 from calib.result import Calibration
-from detect.correspondences import Correspondences
+from detect.correspondences import Correspondences, StopView
 from detect.extract import frames_at
 from detect.messages import Grey
 from detect.names import Topics
@@ -33,67 +33,73 @@ _WHITE, _BLACK, _CYAN = (255.0, 255.0, 255.0), (0.0, 0.0, 0.0), (255.0, 255.0, 0
 
 
 def draw_stops(
-    log: Path,
+    logs: Sequence[Path],
     target: Target,
     *,
     topics: Topics | None = None,
     calibration: Calibration | None = None,
-    drive: Correspondences | None = None,
+    drives: Sequence[Correspondences] = (),
 ) -> Iterator[tuple[str, bytes]]:
-    """Yield file name and JPEG of each stop of a log.
+    """Yield file name and JPEG of each stop of a robot's logs.
 
     With a calibration: the corners that it was made from, and where it expects them. Without one (the robot failed):
     the tags that are detected, so that a wrong board, a mirrored print or a dark image is seen.
 
     Parameters
     ----------
-    log
-        The recording (MCAP).
+    logs
+        The recordings (MCAP).
     target
         The box.
     topics
-        Names where the log is ambiguous.
-    calibration, drive
-        The robot's calibration and the correspondences that it was made from; both or none.
+        Names where a log is ambiguous.
+    calibration, drives
+        The robot's calibration and the correspondences that it was made from, one of each log; or neither.
 
     Raises
     ------
     CalibError
-        If the log is not a recording.
+        If a log is not a recording.
     DetectError
         If it cannot be read.
     """
-    if log.suffix != ".mcap":
-        raise CalibError(f"{log.name}: holds no images, a recording (.mcap) is needed to draw its stops; give that")
-    recording = open_recording(log, topics)
-    if calibration is not None and drive is not None:
-        seen = {stop.number: stop for stop in stops_seen(calibration, drive, target)}
-        for number, view in enumerate(drive.stops):
+    seen = {(s.drive, s.number): s for s in stops_seen(calibration, drives, target)} if calibration else {}
+    for d, log in enumerate(logs):
+        if log.suffix != ".mcap":
+            raise CalibError(f"{log.name}: holds no images, a recording (.mcap) is needed to draw its stops; give that")
+        recording = open_recording(log, topics)
+        views: Sequence[StopView | Stop] = (
+            drives[d].stops if calibration else find_stops(recording.wheels, None, recording.encoder_steps)
+        )
+        for j, view in enumerate(views):
             frame = stop_frame(recording, view.t_start_ns, view.t_end_ns)
-            if frame is not None:
-                yield f"stop-{number + 1:02d}.jpg", jpeg(paint_stop(frame[1], number, seen.get(number), view.uv_px))
-        return
-    for number, stop in enumerate(find_stops(recording.wheels, None, recording.encoder_steps)):
-        frame = stop_frame(recording, stop.t_start_ns, stop.t_end_ns)
-        if frame is not None:
-            tags = find_tags(frame[1], target)
-            mirrored = len(tags.ids) == 0 and len(find_tags(_mirrored(frame[1]), target).ids) >= _MIRRORED_TAGS
-            yield f"stop-{number + 1:02d}.jpg", jpeg(paint_tags(frame[1], number, tags, mirrored=mirrored))
+            if frame is None:
+                continue
+            label = stop_label(d, j, several=len(logs) > 1)
+            picture = (
+                paint_stop(frame[1], label, seen.get((d, j)), view.uv_px)
+                if isinstance(view, StopView)
+                else _paint_found(frame[1], label, target)
+            )
+            yield f"{f'drive-{d + 1}-' if len(logs) > 1 else ''}stop-{j + 1:02d}.jpg", jpeg(picture)
 
 
-def stop_jpegs(log: Path, stops: Sequence[SeenStop], *, topics: Topics | None = None) -> dict[int, tuple[int, bytes]]:
-    """Return time (ns) and JPEG of one frame of each stop, by the stop's number; none of correspondences saved before.
+def stop_jpegs(logs: Sequence[Path], stops: Sequence[SeenStop], *, topics: Topics | None = None) -> Images:
+    """Return time (ns) and JPEG of one frame of each stop; none of correspondences saved before.
 
     Raises
     ------
     DetectError
-        If the log cannot be read.
+        If a log cannot be read.
     """
-    if log.suffix != ".mcap":
-        return {}
-    recording = open_recording(log, topics)
-    frames = {s.number: stop_frame(recording, s.view.t_start_ns, s.view.t_end_ns) for s in stops}
-    return {number: (frame[0], jpeg(frame[1])) for number, frame in frames.items() if frame is not None}
+    found = {}
+    for d, log in enumerate(logs):
+        recording = open_recording(log, topics) if log.suffix == ".mcap" else None
+        for s in stops:
+            frame = stop_frame(recording, s.view.t_start_ns, s.view.t_end_ns) if recording and s.drive == d else None
+            if frame is not None:
+                found[d, s.number] = (frame[0], jpeg(frame[1]))
+    return found
 
 
 def stop_frame(recording: Recording, t_start_ns: int, t_end_ns: int) -> tuple[int, Grey] | None:
@@ -103,7 +109,7 @@ def stop_frame(recording: Recording, t_start_ns: int, t_end_ns: int) -> tuple[in
     return next(recording.read_frames(frames[[len(frames) // 2]]), None) if frames.size else None
 
 
-def paint_stop(image: Grey, number: int, seen: SeenStop | None, uv_px: Array) -> Picture:
+def paint_stop(image: Grey, label: str, seen: SeenStop | None, uv_px: Array) -> Picture:
     """Return a stop's image with its corners.
 
     Circles: detected corners. Crosses: where the calibration expects them. Lines: detected less expected, 20 times as
@@ -113,7 +119,7 @@ def paint_stop(image: Grey, number: int, seen: SeenStop | None, uv_px: Array) ->
     if seen is None:
         for at in uv_px:
             _circle(picture, at, k, _WHITE)
-        return _labelled(picture, f"stop {number + 1}: not used")
+        return _labelled(picture, f"stop {label}: not used")
     lengths = np.linalg.norm(seen.error_px, axis=1)
     colours = residual_colours(seen.error_px, seen.used)[:, ::-1] * 255
     for at, error, length, colour in zip(seen.view.uv_px, seen.error_px, lengths, colours, strict=True):
@@ -127,12 +133,12 @@ def paint_stop(image: Grey, number: int, seen: SeenStop | None, uv_px: Array) ->
     out = int(np.sum(~seen.used))
     return _labelled(
         picture,
-        f"stop {number + 1}: {len(lengths)} corners, {out} left out (magenta), {rms:.3f} px rms; "
+        f"stop {label}: {len(lengths)} corners, {out} left out (magenta), {rms:.3f} px rms; "
         f"green 0 to red {FULL_SCALE_PX:g} px, lines x {MAGNIFIED:g}",
     )
 
 
-def paint_tags(image: Grey, number: int, tags: Tags, *, mirrored: bool = False) -> Picture:
+def paint_tags(image: Grey, label: str, tags: Tags, *, mirrored: bool = False) -> Picture:
     """Return a stop's image with the tags detected in it: outlines, first corners and ids.
 
     ``mirrored`` says that tags were found in the mirror image only.
@@ -146,12 +152,18 @@ def paint_tags(image: Grey, number: int, tags: Tags, *, mirrored: bool = False) 
         cv2.putText(picture, str(int(tag)), (x - 10, y + 5), cv2.FONT_HERSHEY_SIMPLEX, 0.45, _CYAN, 1, cv2.LINE_AA)
     foreign = f", {len(tags.foreign_ids)} tags of another target" if len(tags.foreign_ids) else ""
     mirror = "; the tags are MIRRORED, print them again" if mirrored else ""
-    return _labelled(picture, f"stop {number + 1}: {len(tags.ids)} tags of the target{foreign}{mirror}; no calibration")
+    return _labelled(picture, f"stop {label}: {len(tags.ids)} tags of the target{foreign}{mirror}; no calibration")
 
 
 def jpeg(picture: NDArray[np.uint8]) -> bytes:
     """Return an image as JPEG."""
     return cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, 90])[1].tobytes()
+
+
+def _paint_found(image: Grey, label: str, target: Target) -> Picture:
+    tags = find_tags(image, target)
+    mirrored = len(tags.ids) == 0 and len(find_tags(_mirrored(image), target).ids) >= _MIRRORED_TAGS
+    return paint_tags(image, label, tags, mirrored=mirrored)
 
 
 def _mirrored(image: Grey) -> Grey:

@@ -1,14 +1,13 @@
-"""``--rerun``: what happened on a drive, for the Rerun viewer, on the log's time line (extra ``rerun``)."""
+"""``--rerun``: what happened on a robot's drives, for the Rerun viewer, on the log's time line (extra ``rerun``)."""
 
 import secrets
-from collections.abc import Mapping
 from importlib import import_module
 from typing import Any
 
 import numpy as np
 
 from calib.errors import CalibError
-from calib.exports.scene import MAGNIFIED, Scene, residual_colours
+from calib.exports.scene import MAGNIFIED, Images, Scene, residual_colours
 from calib.frames import Array, inverse, planar
 from calib.report.seen import SeenStop
 
@@ -18,7 +17,7 @@ _GREY, _RED, _BLUE = (178, 178, 178), (255, 26, 26), (51, 128, 255)
 _BODY, _CAMERA = "box/body", "box/body/camera"
 
 
-def rerun_recording(scene: Scene, images: Mapping[int, tuple[int, bytes]]) -> bytes:
+def rerun_recording(scene: Scene, images: Images) -> bytes:
     """Return a recording for the Rerun viewer (``.rrd``).
 
     Rerun's pinhole knows no distortion: corners fit the image, the box in 3-D fits it only as far as the lens is plain.
@@ -28,7 +27,7 @@ def rerun_recording(scene: Scene, images: Mapping[int, tuple[int, bytes]]) -> by
     scene
         What happened.
     images
-        Time (ns) and JPEG of a frame by number of the stop, as :func:`calib.draw.stop_jpegs` gives them.
+        Time (ns) and JPEG of a frame of each stop, as :func:`calib.draw.stop_jpegs` gives them.
 
     Raises
     ------
@@ -46,7 +45,7 @@ def rerun_recording(scene: Scene, images: Mapping[int, tuple[int, bytes]]) -> by
     _still(rr, stream, scene)
     _poses(rr, stream, scene)
     for stop in scene.stops:
-        _seen(rr, stream, stop, images.get(stop.number))
+        _seen(rr, stream, stop, images.get((stop.drive, stop.number)))
     return bytes(memory.drain_as_bytes())
 
 
@@ -64,7 +63,7 @@ def _still(rr: Any, stream: Any, scene: Scene) -> None:
     shades = [_GREY if p.used else _RED for p in scene.path]
     stream.log("box/path", rr.LineStrips3D(ways, colors=shades, radii=0.002), static=True)
     bodies = np.array([_body(stop, c.T_body_cam) for stop in scene.stops]).reshape(-1, 4, 4)
-    names = [f"stop {stop.number + 1}" for stop in scene.stops]
+    names = [f"stop {stop.label}" for stop in scene.stops]
     stream.log(
         "box/stops",
         rr.Arrows3D(origins=bodies[:, :3, 3], vectors=0.09 * bodies[:, :3, 0], labels=names, colors=[_BLUE]),

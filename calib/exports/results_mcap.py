@@ -1,8 +1,8 @@
-"""``--results-mcap``: what happened on a drive, as Foxglove messages on the log's time line."""
+"""``--results-mcap``: what happened on a robot's drives, as Foxglove messages on the log's time line."""
 
 import io
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -11,7 +11,7 @@ from mcap.writer import CompressionType, Writer
 from calib.exports import foxglove as fox
 from calib.exports.foxglove_schemas import SCHEMAS
 from calib.exports.lens_models import ros_distortion
-from calib.exports.scene import MAGNIFIED, Scene, residual_colours
+from calib.exports.scene import MAGNIFIED, Images, Scene, residual_colours
 from calib.exports.urdf import BODY, OPTICAL
 from calib.frames import Array, inverse, planar, rigid
 from calib.report.seen import SeenStop
@@ -30,7 +30,7 @@ Item = tuple[int, str, fox.Message]
 """Time (ns), topic, message."""
 
 
-def results_mcap(scene: Scene, images: Mapping[int, tuple[int, bytes]]) -> bytes:
+def results_mcap(scene: Scene, images: Images) -> bytes:
     """Return an MCAP file.
 
     Parameters
@@ -38,11 +38,11 @@ def results_mcap(scene: Scene, images: Mapping[int, tuple[int, bytes]]) -> bytes
     scene
         What happened.
     images
-        Time (ns) and JPEG of a frame by number of the stop, as :func:`calib.draw.stop_jpegs` gives them.
+        Time (ns) and JPEG of a frame of each stop, as :func:`calib.draw.stop_jpegs` gives them.
     """
     items = [*_still(scene), *_poses(scene)]
     for stop in scene.stops:
-        items.extend(_seen(stop, *images.get(stop.number, (stop.view.t_start_ns, b""))))
+        items.extend(_seen(stop, *images.get((stop.drive, stop.number), (stop.view.t_start_ns, b""))))
     out = io.BytesIO()
     writer: Any = Writer(out, compression=CompressionType.ZSTD)
     writer.start(library="boxcal")
@@ -88,7 +88,7 @@ def _still(scene: Scene) -> Iterator[Item]:
         fox.lines(np.column_stack([p.poses[:, :2], np.zeros(len(p.poses))]), _GREY if p.used else _RED, fox.STRIP)
         for p in scene.path
     ]
-    bodies = [(s.number, s.result.T_box_cam @ inverse(c.T_body_cam)) for s in scene.stops]
+    bodies = [(s.label, s.result.T_box_cam @ inverse(c.T_body_cam)) for s in scene.stops]
     arrows = [
         {
             "pose": fox.pose(T),
@@ -100,7 +100,7 @@ def _still(scene: Scene) -> Iterator[Item]:
         }
         for _, T in bodies
     ]
-    names = [fox.text(T[:3, 3] + (0.0, 0.0, 0.02), f"stop {number + 1}") for number, T in bodies]
+    names = [fox.text(T[:3, 3] + (0.0, 0.0, 0.02), f"stop {label}") for label, T in bodies]
     entities = [
         fox.entity(t, BOX, "box", cubes=[cube], lines=[fox.lines(outlines, (0, 0, 0), fox.LIST, 1.0)]),
         fox.entity(t, BOX, "path", lines=ways),
@@ -131,7 +131,7 @@ def _seen(stop: SeenStop, t: int, jpeg: bytes) -> Iterator[Item]:
         fox.points_annotation(t, fox.POINTS, uv, colours, 4.0),
         fox.points_annotation(t, fox.LINE_LIST, _lines_of(uv, error), colours, 1.0),
     ]
-    words = f"stop {stop.number + 1}: {stop.result.reprojection_rms_px:.3f} px rms, lines x {MAGNIFIED:g}"
+    words = f"stop {stop.label}: {stop.result.reprojection_rms_px:.3f} px rms, lines x {MAGNIFIED:g}"
     texts = [fox.text_annotation(t, (4.0, 18.0), words)]
     yield t, "/camera/annotations", {"circles": [], "points": points, "texts": texts}
 

@@ -1,5 +1,6 @@
-"""What happened on one drive, ready to be shown: stops, path over time, and how the box looks."""
+"""What happened on a robot's drives, ready to be shown: stops, path over time, and how the box looks."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -20,6 +21,9 @@ MAGNIFIED = 20.0
 """By how much residuals are drawn longer than they are."""
 FULL_SCALE_PX = 1.0
 """A residual of this length or more is red."""
+
+Images = Mapping[tuple[int, int], tuple[int, bytes]]
+"""Time (ns) and JPEG of a frame, by number of the drive and of the stop in it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -43,7 +47,7 @@ class DrivenPath:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Scene:
-    """One drive of a calibrated robot.
+    """The drives of a calibrated robot.
 
     Attributes
     ----------
@@ -52,7 +56,7 @@ class Scene:
     stops
         The stops used.
     path
-        The ways between them.
+        The ways between them; those of different drives are not connected.
     """
 
     calibration: Calibration
@@ -61,10 +65,10 @@ class Scene:
     path: tuple[DrivenPath, ...]
 
 
-def make_scene(calibration: Calibration, drive: Correspondences, target: Target) -> Scene:
-    """Return what happened on a drive that a calibration was made from."""
-    stops = stops_seen(calibration, drive, target)
-    path = tuple(_driven(calibration, drive, a, b) for a, b in pairwise(stops))
+def make_scene(calibration: Calibration, drives: Sequence[Correspondences], target: Target) -> Scene:
+    """Return what happened on the drives that a calibration was made from."""
+    stops = stops_seen(calibration, drives, target)
+    path = tuple(_driven(calibration, drives[a.drive], a, b) for a, b in pairwise(stops) if a.drive == b.drive)
     return Scene(calibration=calibration, target=target, stops=stops, path=path)
 
 
@@ -91,7 +95,9 @@ def _driven(calibration: Calibration, drive: Correspondences, a: SeenStop, b: Se
     start = float(np.arctan2(T[1, 0], T[0, 0]))
     c, s = np.cos(start), np.sin(start)
     turned = w.rL * xy @ np.array([[c, s], [-s, c]]) + T[:2, 3]
-    faults = {leg.t_start_ns for leg in calibration.detail.flagged_legs} if calibration.detail else set()
+    faults = {(leg.drive, leg.t_start_ns) for leg in calibration.detail.flagged_legs} if calibration.detail else set()
     return DrivenPath(
-        t_ns=t_ns[every], poses=np.column_stack([turned, heading + start]), used=a.view.t_end_ns not in faults
+        t_ns=t_ns[every],
+        poses=np.column_stack([turned, heading + start]),
+        used=(a.drive, a.view.t_end_ns) not in faults,
     )

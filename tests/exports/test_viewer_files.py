@@ -65,7 +65,7 @@ def _true(**changes: Any) -> Calibration:
 
 @pytest.fixture(scope="module")
 def scene() -> Scene:
-    return make_scene(_true(), VIEWS, TARGET)
+    return make_scene(_true(), [VIEWS], TARGET)
 
 
 def test_the_path_shown_is_the_path_driven(scene: Scene) -> None:
@@ -75,6 +75,21 @@ def test_the_path_shown_is_the_path_driven(scene: Scene) -> None:
         assert np.abs(way.poses[:, :2] - true[:, :2]).max() < 1e-6
         assert np.abs(np.sin((way.poses[:, 2] - true[:, 2]) / 2)).max() < 1e-6
         assert np.all(np.diff(way.t_ns) > 0)
+
+
+def test_drives_of_one_robot_are_shown_together_and_not_connected() -> None:
+    """Two drives that differ in time only: twice the stops and ways, none from one drive to the other."""
+    one = _true()
+    both = _true(stops=(*one.stops, *(replace(stop, drive=1) for stop in one.stops)))
+    scene = make_scene(both, [VIEWS, VIEWS], TARGET)
+    assert [stop.label for stop in scene.stops] == [f"{d}.{k}" for d in (1, 2) for k in (1, 2, 3, 4)]
+    assert len(scene.path) == 6
+    content = results_mcap(scene, {(1, 0): (VIEWS.stops[0].t_start_ns, JPEG)})
+    assert sum(s is not None and s.name.endswith("CompressedImage") for s, _, _ in _messages(content)) == 1
+
+
+def _messages(content: bytes) -> list[Any]:
+    return list(make_reader(io.BytesIO(content)).iter_messages())
 
 
 def test_colours_go_from_green_to_red_and_left_out_is_magenta() -> None:
@@ -92,8 +107,8 @@ def test_pictures_show_corners_in_the_colour_of_their_residual() -> None:
     drive = replace(VIEWS, stops=(views, *VIEWS.stops[1:]))
     flagged = FlaggedCorner(drive=0, stop=0, landmark_id=int(views.landmark_ids[20]), error_px=(0.0, 0.0))
     made = _true(detail=replace(detail(), flagged_corners=(flagged,)))
-    seen = make_scene(made, drive, TARGET).stops[0]
-    picture = paint_stop(np.full((480, 640), 90, dtype=np.uint8), 0, seen, views.uv_px)
+    seen = make_scene(made, [drive], TARGET).stops[0]
+    picture = paint_stop(np.full((480, 640), 90, dtype=np.uint8), "1", seen, views.uv_px)
     assert picture.shape == (2 * 480 + 24, 1280, 3)
 
     def colours_about(at: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
@@ -125,14 +140,14 @@ def _log(path: Path, mirrored: bool) -> Path:
 def test_stops_are_drawn_with_and_without_a_calibration(tmp_path: Path) -> None:
     """A picture a stop; without a calibration the tags stand out, and mirrored ones are told in words."""
     log = _log(tmp_path / "r.mcap", mirrored=False)
-    found = dict(draw_stops(log, TARGET, calibration=_true(), drive=VIEWS))
+    found = dict(draw_stops([log], TARGET, calibration=_true(), drives=[VIEWS]))
     assert list(found) == [f"stop-{k:02d}.jpg" for k in (1, 2, 3, 4)]
     assert _share(found["stop-01.jpg"], green=True) > 1e-3  # the corners, in green: no residual
-    assert set(stop_jpegs(log, make_scene(_true(), VIEWS, TARGET).stops)) == {0, 1, 2, 3}
-    bare = dict(draw_stops(log, TARGET))
+    assert set(stop_jpegs([log], make_scene(_true(), [VIEWS], TARGET).stops)) == {(0, k) for k in range(4)}
+    bare = dict(draw_stops([log], TARGET))
     assert list(bare) == list(found)
     assert _share(bare["stop-01.jpg"]) > 1e-3  # outlines in cyan
-    mirror = dict(islice(draw_stops(_log(tmp_path / "m.mcap", mirrored=True), TARGET), 1))
+    mirror = dict(islice(draw_stops([_log(tmp_path / "m.mcap", mirrored=True)], TARGET), 1))
     assert _share(mirror["stop-01.jpg"]) < 1e-4
     words = [cv2.imdecode(np.frombuffer(b["stop-01.jpg"], np.uint8), 0)[-24:] for b in (bare, mirror)]
     assert (words[1] > 128).sum() > 1.3 * (words[0] > 128).sum()  # it says more: MIRRORED, print them again
@@ -146,14 +161,14 @@ def _share(content: bytes, *, green: bool = False) -> float:
 
 def test_saved_correspondences_hold_no_images(tmp_path: Path) -> None:
     with pytest.raises(CalibError, match=r"c\.npz: holds no images"):
-        next(draw_stops(tmp_path / "c.npz", TARGET))
-    assert stop_jpegs(tmp_path / "c.npz", ()) == {}
+        next(draw_stops([tmp_path / "c.npz"], TARGET))
+    assert stop_jpegs([tmp_path / "c.npz"], ()) == {}
 
 
 def test_foxglove_messages_validate_and_read_back(scene: Scene) -> None:
     """Every message fits its schema; transforms, corners and images are the scene's."""
     t0 = VIEWS.stops[0].t_start_ns + 5
-    content = results_mcap(scene, {0: (t0, JPEG)})
+    content = results_mcap(scene, {(0, 0): (t0, JPEG)})
     read = defaultdict(list)
     for schema, channel, message in make_reader(io.BytesIO(content)).iter_messages():
         assert schema is not None
@@ -188,7 +203,7 @@ def test_foxglove_messages_validate_and_read_back(scene: Scene) -> None:
 
 def test_results_of_a_drive_without_images_or_stops_are_written_too() -> None:
     for stops in ((), _true().stops[:1]):
-        made = make_scene(_true(stops=stops), VIEWS, TARGET)
+        made = make_scene(_true(stops=stops), [VIEWS], TARGET)
         assert list(make_reader(io.BytesIO(results_mcap(made, {}))).iter_messages())
 
 
@@ -197,7 +212,7 @@ def test_rerun_recordings_read_back(scene: Scene, tmp_path: Path) -> None:
     from rerun.chunk import RrdReader  # noqa: PLC0415
 
     path = tmp_path / "drive.rrd"
-    path.write_bytes(rerun_recording(scene, {0: (VIEWS.stops[0].t_start_ns, JPEG)}))
+    path.write_bytes(rerun_recording(scene, {(0, 0): (VIEWS.stops[0].t_start_ns, JPEG)}))
     chunks = {c.entity_path: c for c in RrdReader(path).stream()}
     assert chunks["/box/body/camera/image/picture"].num_rows == 1
     assert chunks["/box/body/camera/image/corners"].num_rows == len(VIEWS.stops)
