@@ -51,6 +51,7 @@ def products(*, dpi: float = 300.0) -> tuple[Product, ...]:
         Product(name="landmark_box", extra="", what="model folder for Gazebo (SDF)", make=_sdf),
         Product(name="mujoco", extra="", what="model for MuJoCo (MJCF)", make=_mjcf),
         Product(name="kalibr", extra="", what="the faces as grids in the manner of Kalibr (YAML)", make=_kalibr),
+        Product(name="pictures", extra="", what="pictures of the assembled box", make=_pictures),
         Product(name="cad", extra="cad", what="body, lid, pin and jointed panels: STEP, and STL to print", make=_cad),
         Product(name="cut", extra="cad", what="panels and fold-up net for a laser cutter or plotter (DXF)", make=_cut),
         Product(name="print", extra="cad", what="two-colour prints with the tags inlaid (3MF)", make=_print),
@@ -96,6 +97,12 @@ def _kalibr(target: "Target") -> Mapping[str, bytes]:
     from target.scene.kalibr import face_grids  # noqa: PLC0415 - heavy
 
     return _within("kalibr", face_grids(target))
+
+
+def _pictures(target: "Target") -> Mapping[str, bytes]:
+    from target.pictures import box_pictures  # noqa: PLC0415 - heavy
+
+    return _within("pictures", box_pictures(target))
 
 
 def _cad(target: "Target") -> Mapping[str, bytes]:

@@ -86,9 +86,11 @@ def net_dxf(target: Target) -> bytes:
 def _face(document: "Drawing", target: Target, face: int, middle: Array) -> None:
     for loop in tag_loops(target, face):
         _line(document, "ENGRAVE", loop + middle, closed=True)
-    place, height = face_number(target.box, face)
-    for line in strokes(face, height):
-        _line(document, "ENGRAVE", line + place + middle, closed=False)
+    number = face_number(target.box, face)
+    if number is not None:
+        place, height = number
+        for line in strokes(face, height):
+            _line(document, "ENGRAVE", line + place + middle, closed=False)
 
 
 def _lid_numbers(document: "Drawing", target: Target, middle: Array) -> None:

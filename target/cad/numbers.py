@@ -6,6 +6,7 @@ import numpy as np
 
 from target.box import Array, Box
 from target.cad.build import margins
+from target.patterns import modules_per_side
 
 _A, _B, _C, _D, _E, _F = (0.0, 1.0), (0.5, 1.0), (0.5, 0.5), (0.5, 0.0), (0.0, 0.0), (0.0, 0.5)
 _STROKES = {
@@ -16,6 +17,8 @@ _STROKES = {
 }
 TALLEST = 0.010
 """Height of a number, m, where there is room."""
+_LEAST = 0.002
+"""Room below the tags that a number needs, m."""
 _BREADTH = 0.12
 """Breadth of a stroke, as a share of the height."""
 
@@ -35,10 +38,16 @@ def bars(digit: int, height: float) -> tuple[tuple[Array, Array], ...]:
     return tuple(found)
 
 
-def face_number(box: Box, face: int) -> tuple[Array, float]:
-    """Return where a face's number stands, (2,) m in frame ``face``, and its height: below the tags."""
+def face_number(box: Box, face: int) -> tuple[Array, float] | None:
+    """Return where a face's number stands, (2,) m in frame ``face``, and its height: below the tags' white border.
+
+    None where the tags leave no room to read it.
+    """
     _, below = margins(box, face)
-    return np.array([0.0, (below - box.height) / 2]), min(0.6 * below, TALLEST)
+    room = below - box.tag_size / modules_per_side(box.dictionary)
+    if room < _LEAST:
+        return None
+    return np.array([0.0, (room - box.height) / 2]), min(0.8 * room, TALLEST)
 
 
 def T_box_lid_number(box: Box, face: int) -> Array:

@@ -32,9 +32,9 @@ _USAGE = rb"(NEXT_ASSEMBLY_USAGE_OCCURRENCE\(')\d+'"
 def box_step(target: Target, build: Build | None = None) -> bytes:
     """Return the box as one STEP file of two solids, body and lid, in place: frame ``box``, millimetres.
 
-    The outside is that of the box's figures; sheets are glued on it. Each wall has the number of its face engraved
-    below the tags, and holes for pins at the sheet's corners (see :func:`target.cad.build.pin_places`); the lid
-    carries the four numbers beside their faces.
+    The outside is that of the box's figures; sheets are glued on it. Where the tags leave room, each
+    wall has the number of its face engraved below them, and holes for pins at the sheet's corners (see
+    :func:`target.cad.build.pin_places`); the lid carries the four numbers beside their faces.
     """
     build = build or build_for(target.box)
     return _step(target, {"body": _body(target, build), "lid": _lid(target, build)})
@@ -74,10 +74,12 @@ def _body(target: Target, build: Build) -> "cadquery.Shape":
     tools: list[cadquery.Shape] = []
     for face in range(FACES):
         T = box.T_box_face(face)
-        place, height = face_number(box, face)
-        tools += _engraved(face, height, T @ _shift(place), build.engraving)
+        number = face_number(box, face)
+        if number is not None:
+            tools += _engraved(face, number[1], T @ _shift(number[0]), build.engraving)
         tools += [_hole(T @ _shift(pin), build) for pin in pin_places(box, build, face)]
-    return shell.fuse(*tabs).cut(*tools).clean()
+    body = shell.fuse(*tabs)
+    return (body.cut(*tools) if tools else body).clean()
 
 
 def _lid(target: Target, build: Build) -> "cadquery.Shape":

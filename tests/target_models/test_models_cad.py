@@ -53,7 +53,9 @@ def body_volume_mm3(box: Box, build: Build) -> float:
     t, tab = build.wall * 1e3, build.tab * 1e3
     volume = w * d * h - (w - 2 * t) * (d - 2 * t) * (h - t) + 4 * tab**3 / 6
     for face in range(4):
-        volume -= digit_area_mm2(face, face_number(box, face)[1]) * build.engraving * 1e3
+        number = face_number(box, face)
+        if number is not None:
+            volume -= digit_area_mm2(face, number[1]) * build.engraving * 1e3
         radius, depth = (build.pin + build.pin_play) * 500, (build.wall - build.pin_floor) * 1e3
         volume -= len(pin_places(box, build, face)) * np.pi * radius**2 * depth
     return float(volume)
@@ -188,8 +190,28 @@ def test_pins_stay_clear_of_tags_and_of_each_other() -> None:
     points = np.concatenate(ends)
     apart = np.linalg.norm(points[:, None] - points, axis=2)[~np.eye(len(points), dtype=bool)]
     assert apart.min() > build.wall + hole
-    crowded = Box(width=0.12, depth=0.12, height=0.12, columns=1, rows=1, tag_size=0.119 * 0.8, pitch=0.12)
-    assert len(pin_places(crowded, Build(pin=0.02), 0)) == 0
+
+
+@pytest.mark.parametrize("box", [Box(), SMALL, LARGE])
+def test_numbers_leave_the_tags_their_white_border(box: Box) -> None:
+    module = box.tag_size / modules_per_side(box.dictionary)
+    for face in range(4):
+        number = face_number(box, face)
+        assert number is not None
+        place, height = number
+        top = max(place[1] + high[1] for _, high in bars(face, height))
+        low = min(place[1] + low[1] for low, _ in bars(face, height))
+        assert -box.height / 2 < low
+        assert top <= box.grid_corners()[..., 1].min() - module + 1e-12
+
+
+def test_a_box_full_of_tags_is_built_without_numbers_and_pins(tmp_path: Path) -> None:
+    box = Box(width=0.0927, depth=0.0927, height=0.0927, columns=4, rows=4, tag_size=0.02, pitch=0.0225)
+    build = build_for(box)
+    assert face_number(box, 0) is None
+    assert not any(len(pin_places(box, build, face)) for face in range(4))
+    body = read_step(box_step(make_target(box)), tmp_path)["body"]
+    assert volume_mm3(body) == pytest.approx(body_volume_mm3(box, build), rel=1e-6)
 
 
 def polylines(content: bytes) -> dict[str, list[Array]]:
