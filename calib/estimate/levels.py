@@ -25,7 +25,7 @@ SMALLEST_PX = 1e-5
 """No corner is taken as better than this (px, standard deviation): exact data end here."""
 _QUIET = 0.02
 """Slip of nought is taken as this share of what equals the quantisation, so that covariances stay invertible."""
-_NO_SLIP = 1.0
+_NO_SLIP = 3.0
 """Prior weight of no slip at all, in units of one in the logarithm of the variance."""
 _POINTS = 17
 _ZOOMS = 4

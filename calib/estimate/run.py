@@ -78,7 +78,14 @@ def fit_cameras(drives: Sequence[Correspondences], cameras: CameraStart, options
     if count < MIN_STOPS:
         raise CalibError(f"{count} usable stops, at least {MIN_STOPS} are needed; add stops")
     problem = build_problem(drives, cameras.kept, options, step)
-    fits = [solve_likelihood(problem, state, options) for state in first_states(problem, drives, cameras, options.lens)]
+    states = first_states(problem, drives, cameras, options.lens)
+    try:
+        fits = [solve_likelihood(problem, state, options) for state in states]
+    except np.linalg.LinAlgError as error:
+        raise CalibError(
+            f"the equations of {count} stops cannot be solved ({error}): a stop is held by neither images nor wheels; "
+            "leave out stops that show few tags"
+        ) from error
     return max(fits, key=_log_evidence)
 
 
@@ -113,9 +120,9 @@ def solve_likelihood(problem: Problem, state: State, options: EstimateOptions) -
     levels = Levels(pixel_factor=factor, slip=slip)
     converged = False
     hopeless: Ids = np.zeros(0, dtype=np.int64)
-    iterations, factor_sigma = 0, 0.0
+    iterations, factor_sigma, fresh = 0, 0.0, True
     for round_ in range(_ROUNDS):
-        at, steps = maximise(problem, at.state, levels, weights)
+        at, steps = maximise(problem, at if fresh else at.state, levels, weights)
         iterations += steps
         new = weights
         if options.find_faults:
@@ -125,7 +132,7 @@ def solve_likelihood(problem: Problem, state: State, options: EstimateOptions) -
             corners, hopeless = flag_corners(problem, at.residual_px, spread, options.false_alarm)
             new = replace(new, corners=corners)
         if round_ == 0 and not np.array_equal(new.corners, weights.corners):
-            weights = new
+            weights, fresh = new, False
             continue
         if options.slip is None and N:
             profile = slip_profile(problem, at, levels.pixel_factor, weights)
@@ -136,7 +143,8 @@ def solve_likelihood(problem: Problem, state: State, options: EstimateOptions) -
         tests = leg_tests(problem, at, weights, profile)
         if options.find_faults:
             new = replace(new, legs=flag_legs(problem, tests, weights, options.false_alarm))
-        same = np.array_equal(new.corners, weights.corners) and np.array_equal(new.legs, weights.legs)
+        fresh = np.array_equal(new.corners, weights.corners)
+        same = fresh and np.array_equal(new.legs, weights.legs)
         settled = abs(factor / levels.pixel_factor - 1) < max(_CLOSE * factor_sigma / factor, 1e-6) and (
             abs(np.log(profile.typical / levels.slip)) < max(_CLOSE, 0.2 * profile.sigma / profile.typical)
         )

@@ -117,7 +117,7 @@ def equations(problem: Problem, at: Linearised, pixel_factor: float, information
 
 
 def maximise(
-    problem: Problem, state: State, levels: Levels, weights: Weights, tolerance: float = CONVERGED
+    problem: Problem, start: State | Linearised, levels: Levels, weights: Weights, tolerance: float = CONVERGED
 ) -> tuple[Linearised, int]:
     """Return the likelihood linearised at its maximum, and how many steps that took.
 
@@ -125,14 +125,14 @@ def maximise(
 
     Parameters
     ----------
-    problem, state
-        The data and where to start.
+    problem, start
+        The data and where to start: a state, or the likelihood linearised there with the same weights of corners.
     levels, weights
         Noise levels and weights, held.
     tolerance
         Promised decrease of the weighted sum of squares at which to stop.
     """
-    at = linearise(problem, state, weights)
+    at = start if isinstance(start, Linearised) else linearise(problem, start, weights)
     information = leg_information(problem, at.legs, weights, np.array(levels.slip))
     normal, cost = equations(problem, at, levels.pixel_factor, information)
     lam, growth, steps = _FIRST_DAMPING, 2.0, 0
