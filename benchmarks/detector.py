@@ -3,7 +3,8 @@
 python benchmarks/detector.py --quick
 
 Every figure of docs/detector.md is printed by this command without --quick. Peers come with the extra ``bench``; those
-that are not installed are named as absent. One thread each.
+that are not installed are named as absent. One thread each; times are the processor's, the least of some runs, so that
+other work on the machine disturbs them little.
 """
 
 import argparse
@@ -301,9 +302,9 @@ def run(detect: Detector, made: Sequence[Scene], repeat: int = 1) -> Score:
     for scene in made:
         times = []
         for _ in range(repeat):
-            start = time.perf_counter()
+            start = time.process_time()
             ids, corners, cov = detect(scene.image)
-            times.append(time.perf_counter() - start)
+            times.append(time.process_time() - start)
         score.seconds.append(min(times))
         known = ids < len(scene.uv_px)
         score.wrong += int(np.sum(~known))

@@ -29,6 +29,8 @@ from target.box import Target
 
 MODEL_ERROR_PX = 0.003
 """Deviation per axis of what the model leaves out (lens, print, pixel response); no residual shows it."""
+SYSTEMATIC_PX, SYSTEMATIC_PX2 = 0.033, 0.38
+"""Of tags of any width, and times the inverse of the width."""
 MAX_SIDE_PX = 16_384
 FEW_TAGS = 4
 STOP_PX = 0.03
@@ -36,7 +38,7 @@ LARGE_MODULE_PX = 6.0
 """Where modules are wider than this, the lens bends a tag enough to be fitted once more."""
 FINE_SIDE_PX = 28.0
 """Tags twice as large are aligned on every second pixel both ways, and so on."""
-_LEAST_SIDE_PX = 8
+LEAST_SIDE_PX = 8
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -92,6 +94,18 @@ class Located:
     correlation: Array
     blur_px: Array
     tone: str
+
+    @property
+    def systematic_px(self) -> Array:
+        """Deviation per axis (N,), px, of what is the same in every picture of a tag from one place.
+
+        Measured on path-traced sRGB JPEG logs against their truth (docs/detector.md); rendered views show a tenth.
+        """
+        a, b = self.corners_px[:, 2] - self.corners_px[:, 0], self.corners_px[:, 3] - self.corners_px[:, 1]
+        area = 0.5 * np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
+        longest = np.linalg.norm(self.corners_px - np.roll(self.corners_px, -1, axis=1), axis=2).max(axis=1, initial=0)
+        width = np.maximum(area / np.maximum(longest, 1e-9), 1.0)
+        return np.asarray(np.hypot(SYSTEMATIC_PX, SYSTEMATIC_PX2 / width))
 
 
 def locate_tags(image: NDArray[np.generic], target: Target, settings: LocateSettings | None = None) -> Located:
@@ -179,7 +193,7 @@ def to_grey(image: NDArray[np.generic], bits: int | None = None) -> tuple[NDArra
     """Return an image as grey levels 0..1 (H, W) and in 8 bits; ``bits`` is what full scale of uint16 has (16)."""
     if image.ndim not in {2, 3} or (image.ndim == 3 and image.shape[2] not in {1, 3, 4}):
         raise DetectError(f"an image of shape {image.shape}: (H, W) or (H, W, 3) is needed; convert it first")
-    if not all(_LEAST_SIDE_PX <= s <= MAX_SIDE_PX for s in image.shape[:2]):
+    if not all(LEAST_SIDE_PX <= s <= MAX_SIDE_PX for s in image.shape[:2]):
         raise DetectError(f"an image of {image.shape[1]} x {image.shape[0]} px: 8 to {MAX_SIDE_PX} a side are needed")
     scale = {"uint8": 255.0, "uint16": 2.0 ** (bits or 16) - 1, "float32": 1.0, "float64": 1.0}.get(image.dtype.name)
     if scale is None:

@@ -20,6 +20,7 @@ ITERATIONS = 14
 FOCAL_LENGTHS = (1.1, 0.6, 2.2)
 """Where fits start, image widths."""
 LEAST_SIGMA_PX = 0.05
+LEAST_DEPTH = 0.02
 _PRIORS = np.array([0.7, 0.05, 0.05, 0.15, 0.05])
 """Deviations of log f, centre (image widths), a1 and a2."""
 _CAMERA = 5
@@ -140,12 +141,14 @@ def _refine(
     """Levenberg-Marquardt on reweighted squares; the residuals are those of undistorted corners."""
     focal, lens, T = start[0], start[1].copy(), start[2].copy()
     p_box, uv = target.tag_corners[rows].reshape(-1, 3), corners_px.reshape(-1, 2)
+    # a start from tags that are not on one plane may have corners behind the camera
+    T[2, 3] += max(0.0, LEAST_DEPTH - float((p_box @ T[2, :3] + T[2, 3]).min()))
     reference = np.array([np.log(1.1 * max(image_size)), (image_size[0] - 1) / 2, (image_size[1] - 1) / 2, 0, 0])
     prior = np.zeros(_CAMERA + 6)
     prior[:_CAMERA] = (sigma_px / (_PRIORS * (1, max(image_size), max(image_size), 1, 1))) ** 2
     damping, cost = 1e-4, np.inf
     kept = (focal, lens, T)
-    information = np.eye(_CAMERA + 6)
+    information, gradient = np.eye(_CAMERA + 6), np.zeros(_CAMERA + 6)
     off = np.zeros(len(uv))
     for _ in range(ITERATIONS):
         p_cam = p_box @ T[:3, :3].T + T[:3, 3]
