@@ -7,7 +7,10 @@ from aligned_views import PLAIN, TARGET, pose, truth, view, width_px
 
 from detect.align.locate import LocateSettings, locate_copies, locate_tags, to_grey
 from detect.align.pattern import family_patterns
+from detect.corners import CornerSettings
 from detect.errors import DetectError
+from detect.tags import TagSettings, find_tags
+from detect.tone import choose_tone
 from target.box import Box, make_target
 from target.projection import Intrinsics
 
@@ -148,3 +151,31 @@ def test_what_is_no_image_is_refused_with_a_reason(image, says):
 def test_unknown_tone_is_refused():
     with pytest.raises(DetectError, match="linear, srgb"):
         LocateSettings(tone="gamma")
+
+
+def test_extraction_aligns_by_default_and_tells_both_kinds_of_error():
+    T = pose(20.0)
+    uv, _ = truth(T)
+    tags = find_tags(view(T), TARGET, TagSettings(corners=CornerSettings(tone="linear")))
+    assert _rms(tags.corners_px - uv[tags.ids]) < 0.03
+    assert tags.cov_px2.shape == (len(tags.ids), 4, 2, 2)
+    assert np.all(np.sqrt(np.trace(tags.cov_px2, axis1=2, axis2=3)) < 0.1)
+    assert np.all((tags.sigma_px > 0.03) & (tags.sigma_px < 0.08))
+
+
+@pytest.mark.parametrize("srgb", [True, False])
+def test_tone_curve_of_a_log_is_told_with_aligned_corners(srgb):
+    images = [view(pose(a), replace(PLAIN, srgb=srgb)) for a in (10.0, 40.0)]
+    assert choose_tone(images, TARGET, TagSettings()) == ("srgb" if srgb else "linear")
+
+
+def test_all_tags_of_real_photographs_are_found(shared_data):
+    patterns = family_patterns("DICT_APRILTAG_36h11", np.arange(1))
+    for path in sorted((shared_data / "photos").glob("*.jpg")):
+        lines = [line for line in path.with_suffix(".txt").read_text().split("\n") if line.strip()]
+        numbers = [line.replace("(", " ").replace(")", " ").replace(",", " ").split()[1:] for line in lines]
+        centres = np.array(numbers, dtype=float).reshape(-1, 4, 2).mean(axis=1) - 0.5
+        found = locate_copies(cv2.imread(str(path)), patterns).corners_px.mean(axis=1)
+        off = np.linalg.norm(found[:, None] - centres[None], axis=2).min(axis=0)
+        assert off.max() < 2.0
+        assert np.median(off) < 0.4

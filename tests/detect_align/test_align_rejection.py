@@ -94,3 +94,18 @@ def test_tag_pasted_elsewhere_on_the_face_is_dropped():
     tags = locate_tags(image, TARGET)
     assert _wrong(tags, uv) == []
     assert target_tag not in tags.ids
+
+
+def test_seeds_that_no_box_explains_do_no_harm():
+    rng = np.random.default_rng(4)
+    dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
+    for _ in range(12):
+        image = np.full(SIZE[::-1], 225, np.uint8)
+        for y in range(20, 400, 90):
+            for x in range(20, 560, 90):
+                side = int(rng.integers(24, 70))
+                tag = cv2.aruco.generateImageMarker(dictionary, int(rng.integers(140)), side)
+                image[y : y + side, x : x + side] = np.rot90(tag, int(rng.integers(4)))
+        tags = locate_tags(image, TARGET)
+        assert len(np.unique(tags.ids)) == len(tags.ids)
+        assert np.isfinite(tags.corners_px).all()
