@@ -26,7 +26,11 @@ SMALLEST_PX = 1e-5
 _QUIET = 0.02
 """Slip of nought is taken as this share of what equals the quantisation, so that covariances stay invertible."""
 _NO_SLIP = 3.0
-"""Prior weight of no slip at all, in units of one in the logarithm of the variance."""
+"""Prior weight of no slip at all, in units of one in the logarithm of the variance.
+
+A compromise from simulations with 5 stops: less makes the sigmas of wheels that never slip too large (by 5 % at 1),
+more makes those of a slip too small to be told from the cameras' noise (0.1 mm/sqrt(m)) too small in rare runs.
+"""
 _POINTS = 17
 _ZOOMS = 4
 
