@@ -33,7 +33,6 @@ class Browser:
         self._events: list[dict[str, Any]] = []
         self._rest = b""
         self._session: str | None = None
-        self.load_s = 0.0
 
     def __enter__(self) -> Self:
         ours_in, theirs_out = os.pipe()
@@ -124,7 +123,6 @@ class Browser:
                 raise TimeoutError(f"{path.name} did not load")
             self._events += self._read()
         self.evaluate("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(() => done(1))))")
-        self.load_s = time.monotonic() - begun
 
     def evaluate(self, script: str) -> Any:
         """Run a script in the page and return its value."""

@@ -42,11 +42,14 @@
   // Drawn anew whenever the place for it becomes wider or narrower, so that its text keeps its size.
   function fitted(where, draw) {
     let last = 0;
-    new ResizeObserver(() => {
+    function fit() {
       if (where.clientWidth === last) return;
       last = where.clientWidth;
       draw();
-    }).observe(where);
+    }
+    // In the next frame: drawing changes heights, which must not happen while sizes are being told.
+    new ResizeObserver(() => requestAnimationFrame(fit)).observe(where);
+    fit();
   }
 
   const bars = document.getElementById("leg-bars");

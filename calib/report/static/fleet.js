@@ -57,8 +57,9 @@
       node(svg, "path", { d: `M${x(v)} ${top - 4}V${base}`, class: "hair" });
       node(svg, "text", { x: x(v), y: base + 16, "text-anchor": "middle" }, tickText(v, t.step));
     });
-    const middle = quantile(panel.value, 0.5);
-    node(svg, "path", { d: `M${x(middle)} ${top - 4}V${base}`, class: "final" });
+    const sorted = [...panel.value].sort((a, b) => a - b);
+    const middle = (sorted[(n - 1) >> 1] + sorted[n >> 1]) / 2;
+    if (n > 2) node(svg, "path", { d: `M${x(middle)} ${top - 4}V${base}`, class: "final" });
     const step = Math.min(9, (base - top) / Math.max(n, 1));
     panel.value.forEach((v, i) => {
       const y = top + ((i * 0.618034) % 1) * (base - top - 4) * (n > 1) + (n === 1) * 20;

@@ -4,7 +4,9 @@
   if (!canvas || !DATA.scene.stops.length) return;
   const context = canvas.getContext("2d");
   const S = DATA.scene;
-  const reach = Math.max(...S.stops.map((s) => Math.hypot(s.cam[0], s.cam[1])), 0.4);
+  let reach = 0.4;
+  for (const s of S.stops) reach = Math.max(reach, Math.hypot(s.cam[0], s.cam[1]));
+  for (const leg of S.legs) for (let i = 0; i < leg.path.length; i += 2) reach = Math.max(reach, Math.hypot(leg.path[i], leg.path[i + 1]));
   const HOME = { azimuth: -0.9, elevation: 0.62, zoom: 1 };
   let view = { ...HOME };
   let chosen = "";
@@ -34,7 +36,7 @@
     context.clearRect(0, 0, width, height);
     const k = colours(), cam = camera();
     const distance = 4.5 * reach / view.zoom;
-    const focal = Math.min(width, height * 1.55) * 1.72;
+    const focal = Math.min(width, height * 1.55) * 1.66;
     const dot = (a, p) => a[0] * p[0] + a[1] * p[1] + a[2] * p[2];
     const centre = [0, 0, S.box[2] / 3];
     const items = [];
