@@ -52,13 +52,11 @@ def panels_3mf(target: Target, build: Build | None = None, *, bed: float = inf) 
 
 
 def prints(target: Target, *, bed: float = BED) -> Mapping[str, bytes]:
-    """Return what of both fits a bed: ``box.3mf`` and ``panel-*.3mf``; a note if nothing does."""
+    """Return ``box.3mf`` and ``panel-*.3mf`` for a bed, m; a note in their place if they are too large for it."""
     box = target.box
     files: dict[str, bytes] = {}
     if max(box.width, box.depth, box.height) <= bed:
-        files["box.3mf"] = box_3mf(target, bed=bed)
-    if max(box.width, box.depth, box.height) <= bed:
-        files |= panels_3mf(target, bed=bed)
+        files = {"box.3mf": box_3mf(target, bed=bed), **panels_3mf(target, bed=bed)}
     if not files:
         size = " x ".join(f"{length * _MM:g}" for length in (box.width, box.depth, box.height))
         files["too-large.txt"] = (

@@ -240,18 +240,20 @@ def ink_area_mm2(target: Target, face: int) -> float:
 
 def is_inked(loops: list[Array], points: Array) -> Array:
     """Whether points (N, 2) lie within the loops, even-odd."""
-    inside = np.zeros(len(points), dtype=bool)
-    for loop in loops:
-        for (x0, y0), (x1, y1) in pairwise(loop):
-            if y0 != y1:
-                crossed = (points[:, 1] >= min(y0, y1)) & (points[:, 1] < max(y0, y1))
-                inside ^= crossed & (points[:, 0] < x0 + (points[:, 1] - y0) * (x1 - x0) / (y1 - y0))
-    return inside
+    (x0, y0), (x1, y1) = (np.concatenate([loop[part] for loop in loops]).T for part in (np.s_[:-1], np.s_[1:]))
+    x0, y0, x1, y1 = (v[y0 != y1] for v in (x0, y0, x1, y1))
+    x, y = points[:, :1], points[:, 1:]
+    crossed = (y >= np.minimum(y0, y1)) & (y < np.maximum(y0, y1)) & (x < x0 + (y - y0) * (x1 - x0) / (y1 - y0))
+    return np.asarray(crossed.sum(axis=1) % 2 == 1)
 
 
 def tags_read_from(loops: list[Array], target: Target, face: int, middle_mm: Array) -> None:
-    """Check that each module of a face's tags is inked, or not, where the target's corners put it."""
+    """Check that each module of a face's tags is inked, or not, where the target's corners put it.
+
+    Looked at 0.1 mm from the middle of each module's sides, so that a shift of more than that is found.
+    """
     T = target.box.T_box_face(face)
+    middles = np.array([(loop.min(axis=0) + loop.max(axis=0)) / 2 for loop in loops])
     for row in np.flatnonzero(target.tag_faces == face):
         white = tag_modules(target.box.dictionary, int(target.tag_ids[row]))
         corners = ((target.tag_corners[row] - T[:3, 3]) @ T[:3, :3])[:, :2] * 1e3 + middle_mm
@@ -261,8 +263,11 @@ def tags_read_from(loops: list[Array], target: Target, face: int, middle_mm: Arr
             + steps[None, :, None] * (corners[1] - corners[0])
             + steps[:, None, None] * (corners[3] - corners[0])
         )
-        near = [loop for loop in loops if np.all(np.abs(loop - corners.mean(axis=0)) < np.ptp(corners, axis=0).max())]
-        assert np.array_equal(is_inked(near, points.reshape(-1, 2)), ~white.ravel())
+        close = np.abs(middles - corners.mean(axis=0)).max(axis=1) < np.ptp(corners, axis=0).max() / 2
+        near = [loops[k] for k in np.flatnonzero(close)]
+        half = np.linalg.norm(corners[1] - corners[0]) / len(white) / 2 - 0.1
+        for shift in ((0, 0), (half, 0), (-half, 0), (0, half), (0, -half)):
+            assert np.array_equal(is_inked(near, (points + shift).reshape(-1, 2)), ~white.ravel())
 
 
 @pytest.mark.parametrize("case", ["small", "built wrong"])
@@ -353,8 +358,14 @@ def test_two_colours_tile_the_box(box: Box) -> None:
     ink = sum(ink_area_mm2(target, face) for face in range(4)) * build.line * 1e3
     assert bodies["black"].volume() == pytest.approx(ink, rel=1e-3)
     assert bodies["black"].volume() < ink, "diagonal corners are not parted"
+    for face in range(4):
+        T_face_box = np.linalg.inv(box.T_box_face(face))
+        T_face_box[:3, 3] *= 1e3
+        loops = bodies["black"].transform(T_face_box[:3]).slice(-build.line * 500).to_polygons()
+        tags_read_from([np.vstack([loop, loop[:1]]) for loop in loops], target, face, np.zeros(2))
 
 
+@pytest.mark.slow
 def test_two_colours_tile_every_panel_and_lie_face_down_in_the_first_layer() -> None:
     target, build = make_target(), Build()
     outlines = {panel.name: panel.outline * 1e3 for panel in panels(target.box, build)}
