@@ -62,6 +62,14 @@ def _parser() -> argparse.ArgumentParser:
         help="all logs are drives of one robot around the same box, solved together and named as the first log",
     )
     parser.add_argument("--validate", action="store_true", help="hold every stop out in turn and predict it")
+    files = parser.add_argument_group("what is written besides calibration.json and the files for ROS and Kalibr")
+    files.add_argument("--no-report", action="store_true", help="no report.html of every robot and fleet.html")
+    files.add_argument("--draw", action="store_true", help="each stop's picture with detected and reprojected corners")
+    files.add_argument(
+        "--nominal", type=Path, metavar="FILE", help="data sheet's wheels (YAML, JSON or URDF), for the multipliers"
+    )
+    files.add_argument("--rerun", type=Path, metavar="FILE.rrd", help="one robot's drive for the Rerun viewer")
+    files.add_argument("--results-mcap", type=Path, metavar="FILE.mcap", help="the same for Foxglove")
     model = parser.add_argument_group("what is solved for")
     model.add_argument(
         "--per-stop",
@@ -148,7 +156,14 @@ def _run(args: argparse.Namespace, command: str) -> int:
             file=sys.stderr,
         )
         return 2
-    settings = _settings(args, target)
+    if len(robots) > 1 and (args.rerun or args.results_mcap):
+        print("fleet-calibrate: --rerun and --results-mcap show one robot; give one robot's logs", file=sys.stderr)
+        return 2
+    try:
+        settings = _settings(args, target)
+    except CalibError as error:
+        print(f"fleet-calibrate: {error}", file=sys.stderr)
+        return 2
     jobs = [
         Job(robot=name, logs=logs, target=target, settings=settings, out=args.out, command=command)
         for name, logs in robots
@@ -160,7 +175,7 @@ def _run(args: argparse.Namespace, command: str) -> int:
         verdict = "calibrated" if outcome.calibration else "FAILED"
         say(f"[{len(outcomes)}/{len(jobs)}] {listed(outcome.job.logs)}: {verdict} in {outcome.seconds:.1f} s")
     outcomes.sort(key=lambda o: names.index(o.job.robot))
-    return _report(outcomes, out=args.out, truth=args.truth)
+    return _report(outcomes, out=args.out, truth=args.truth, report=settings.report)
 
 
 def _settings(args: argparse.Namespace, target: "Target") -> "Settings":
@@ -168,6 +183,7 @@ def _settings(args: argparse.Namespace, target: "Target") -> "Settings":
 
     from calib.camera import CameraMode
     from calib.estimate import Lens
+    from calib.exports.nominal import load_nominal
     from calib.fleet import Settings
     from detect.names import Topics
 
@@ -189,7 +205,22 @@ def _settings(args: argparse.Namespace, target: "Target") -> "Settings":
         face_prior=(args.face_prior_mm * 1e-3 / half_face, args.face_prior_mm * 1e-3),
         encoder_step=None if args.encoder_step_deg is None else radians(args.encoder_step_deg),
         slip=None if args.slip_mm is None else args.slip_mm * 1e-3,
+        report=not args.no_report and _has_report(),
+        draw=args.draw,
+        nominal=load_nominal(args.nominal) if args.nominal else None,
+        rerun=args.rerun,
+        results_mcap=args.results_mcap,
     )
+
+
+def _has_report() -> bool:
+    """Tell whether the extra ``report`` is installed; say so on stderr if not."""
+    from importlib.util import find_spec
+
+    if find_spec("jinja2") is None:
+        print("fleet-calibrate: no reports without the extra: pip install 'boxcal[report]'", file=sys.stderr)
+        return False
+    return True
 
 
 def _target(path: Path | None) -> "Target":
@@ -199,39 +230,76 @@ def _target(path: Path | None) -> "Target":
     return make_target() if path is None else load_target(path)
 
 
-def _report(outcomes: "list[Outcome]", *, out: Path, truth: bool) -> int:
+def _write_fleet(outcomes: "list[Outcome]", out: Path, report: bool) -> bool:
+    """Write what is about all robots; tell whether that worked."""
+    from calib.exports.fleet_csv import fleet_csv
+    from calib.fleet import listed
+    from calib.report.fleet import fleet_report
+    from target.files import write_atomically
+
+    good = [o for o in outcomes if o.calibration is not None]
+    results = [o.calibration for o in good if o.calibration is not None]
+    try:
+        write_atomically(out / "fleet.csv", fleet_csv(results))
+        if report:
+            failures = [(listed(o.job.logs), o.error) for o in outcomes if o.calibration is None]
+            verdicts = [o.verdict for o in good if o.verdict is not None]
+            write_atomically(out / "fleet.html", fleet_report(results, failures, verdicts))
+    except OSError as error:
+        print(f"fleet-calibrate: {out}: {error.strerror or error}", file=sys.stderr)
+        return False
+    print(f"\nwritten: {out}/<robot>/calibration.json and files for ROS and Kalibr, {out}/fleet.csv")
+    if report:
+        print(f"reports: {out}/fleet.html, {out}/<robot>/report.html")
+    return True
+
+
+def _report(outcomes: "list[Outcome]", *, out: Path, truth: bool, report: bool) -> int:
+    """Print results, errors against truth and failures; write what is about all robots; return the exit status."""
+    whole = True
+    if any(o.calibration is not None for o in outcomes):
+        _print_results(outcomes)
+        whole = _write_fleet(outcomes, out, report)
+    if truth:
+        whole = _print_errors(outcomes) and whole
+    failed = [o for o in outcomes if o.calibration is None]
+    for o in failed:
+        print(f"fleet-calibrate: {o.error}", file=sys.stderr)
+        if o.details:
+            print(o.details, file=sys.stderr)
+    if failed:
+        print(f"fleet-calibrate: {len(failed)} of {len(outcomes)} robots failed", file=sys.stderr)
+    return 0 if whole and not failed else 1
+
+
+def _print_results(outcomes: "list[Outcome]") -> None:
+    from calib.table import results_table
+
+    print(results_table([o.calibration for o in outcomes if o.calibration is not None]) + "\n")
+    for o in outcomes:
+        if o.calibration is not None and o.verdict is not None:
+            print(f"{o.calibration.robot}: {o.verdict.level} - {o.verdict.headline}")
+            for note in o.calibration.notes:
+                print(f"  {note}")
+
+
+def _print_errors(outcomes: "list[Outcome]") -> bool:
+    """Print how far every calibration is from its truth; tell whether there was a truth for each."""
     from calib.errors import CalibError
-    from calib.table import errors_table, results_table
+    from calib.table import errors_table
     from calib.truth import compare, load_truth, truth_path
 
-    failed = False
-    results = [o.calibration for o in outcomes if o.calibration is not None]
-    if results:
-        print(results_table(results))
-        for result in results:
-            for note in result.notes:
-                print(f"{result.robot}: {note}")
-        print(f"\nwritten: {out}/<robot>/calibration.json")
-    if truth:
-        errors = []
-        for o in outcomes:
-            if o.calibration is not None:
-                try:
-                    errors.append((o.calibration.robot, compare(o.calibration, load_truth(truth_path(o.job.logs[0])))))
-                except CalibError as error:
-                    failed = True
-                    print(f"fleet-calibrate: {error}", file=sys.stderr)
-        if errors:
-            print("\n" + errors_table(errors))
+    errors, whole = [], True
     for o in outcomes:
-        if o.calibration is None:
-            failed = True
-            print(f"fleet-calibrate: {o.error}", file=sys.stderr)
-            if o.details:
-                print(o.details, file=sys.stderr)
-    if len(results) < len(outcomes):
-        print(f"fleet-calibrate: {len(outcomes) - len(results)} of {len(outcomes)} robots failed", file=sys.stderr)
-    return 1 if failed else 0
+        if o.calibration is not None:
+            try:
+                errors.append((o.calibration.robot, compare(o.calibration, load_truth(truth_path(o.job.logs[0])))))
+            except CalibError as error:
+                whole = False
+                print(f"fleet-calibrate: {error}", file=sys.stderr)
+    if errors:
+        print("\n" + errors_table(errors))
+    return whole
 
 
 if __name__ == "__main__":

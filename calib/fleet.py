@@ -17,10 +17,19 @@ import numpy as np
 
 from calib.assemble import closed_form, refined
 from calib.camera import CameraMode
+from calib.draw import draw_stops, stop_jpegs
 from calib.errors import CalibError
 from calib.estimate import Estimate, EstimateOptions, Lens, estimate
 from calib.estimate.validate import validate
+from calib.exports.files import exports
+from calib.exports.nominal import Nominal
+from calib.exports.rerun import rerun_recording
+from calib.exports.results_mcap import results_mcap
+from calib.exports.scene import make_scene
 from calib.four_steps import FourSteps, solve_four_steps
+from calib.growth import grow
+from calib.report.judgement import Verdict
+from calib.report.robot import judge, robot_report
 from calib.result import Calibration, Provenance, save_calibration
 from detect.correspondences import Correspondences, load_correspondences
 from detect.errors import DetectError
@@ -28,6 +37,7 @@ from detect.extract import extract
 from detect.names import Topics
 from target.box import Target
 from target.errors import TargetError
+from target.files import write_atomically
 
 CORRESPONDENCES = ".npz"
 """Suffix of a correspondence file, which stands for a log that was read before."""
@@ -63,6 +73,14 @@ class Settings:
         Found from the samples if None.
     slip : m/sqrt(m), optional
         Estimated if None.
+    report
+        Write ``report.html`` for every robot (and let the caller write the fleet's).
+    draw
+        Write each stop's picture with detected and reprojected corners.
+    nominal
+        What a data sheet says of the wheels, for diff_drive_controller's multipliers.
+    rerun, results_mcap
+        Files for the Rerun viewer and for Foxglove.
     """
 
     topics: Topics = field(default_factory=Topics)
@@ -76,6 +94,11 @@ class Settings:
     face_prior: tuple[float, float] = (0.0, 0.0)
     encoder_step: float | None = None
     slip: float | None = None
+    report: bool = True
+    draw: bool = False
+    nominal: Nominal | None = None
+    rerun: Path | None = None
+    results_mcap: Path | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -93,7 +116,7 @@ class Job:
     settings
         What the user chose.
     out
-        Folder that gets ``<robot>/calibration.json`` and the correspondences; None writes nothing.
+        Folder that gets ``<robot>/calibration.json`` and what is made from it; None writes nothing.
     command
         The command line, for the provenance.
     """
@@ -116,6 +139,8 @@ class Outcome:
         What was to be done.
     calibration
         The result, None if it failed.
+    verdict
+        Whether it can be used and why, None if it failed.
     error
         One line for the user, empty if all went well.
     details
@@ -126,6 +151,7 @@ class Outcome:
 
     job: Job
     calibration: Calibration | None
+    verdict: Verdict | None = None
     error: str = ""
     details: str = ""
     seconds: float = 0.0
@@ -145,8 +171,8 @@ def robot_name(log: Path) -> str:
     return name
 
 
-def calibrate_robot(job: Job, progress: Callable[[str], None] | None = None) -> Calibration:
-    """Return the calibration of one robot, and write it where the job says.
+def calibrate_robot(job: Job, progress: Callable[[str], None] | None = None) -> tuple[Calibration, Verdict]:
+    """Return the calibration of one robot and whether it can be used, and write both where the job says.
 
     Raises
     ------
@@ -160,12 +186,35 @@ def calibrate_robot(job: Job, progress: Callable[[str], None] | None = None) -> 
         result = solve(job, drives)
     except CalibError as error:
         raise CalibError(f"{listed(job.logs)}: {error}") from error
+    judged = judge(result, drives, job.target)
     if job.out is not None:
+        folder = job.out / job.robot
         for k, drive in enumerate(drives):
             number = f"-{k + 1}" if len(drives) > 1 else ""
-            drive.save(job.out / job.robot / f"correspondences{number}{CORRESPONDENCES}")
-        save_calibration(result, job.out / job.robot / "calibration.json")
-    return result
+            drive.save(folder / f"correspondences{number}{CORRESPONDENCES}")
+        for name, content in exports(result, job.settings.nominal).items():
+            write_atomically(folder / name, content)
+        if job.settings.report:
+            write_atomically(folder / "report.html", robot_report(result, drives, job.target))
+        if job.settings.draw:
+            pictures = draw_stops(job.logs, job.target, topics=job.settings.topics, calibration=result, drives=drives)
+            for name, content in pictures:
+                write_atomically(folder / "stops" / name, content)
+        save_calibration(result, folder / "calibration.json")
+    _write_viewer_files(job, result, drives)
+    return result, judged
+
+
+def _write_viewer_files(job: Job, result: Calibration, drives: list[Correspondences]) -> None:
+    settings = job.settings
+    if settings.rerun is None and settings.results_mcap is None:
+        return
+    scene = make_scene(result, drives, job.target)
+    images = stop_jpegs(job.logs, scene.stops, topics=settings.topics)
+    if settings.rerun is not None:
+        write_atomically(settings.rerun, rerun_recording(scene, images))
+    if settings.results_mcap is not None:
+        write_atomically(settings.results_mcap, results_mcap(scene, images))
 
 
 def read_drive(log: Path, job: Job, progress: Callable[[str], None] | None = None) -> Correspondences:
@@ -193,7 +242,7 @@ def solve(job: Job, drives: list[Correspondences]) -> Calibration:
             **{drive.source.log: drive.source.sha256 for drive in drives},
             "target": drives[0].source.target_sha256,
         },
-        settings=asdict(settings),
+        settings={name: _plain(value) for name, value in asdict(settings).items()},
     )
     if settings.closed_form:
         return closed_form(job.robot, drives, steps, provenance)
@@ -210,7 +259,13 @@ def solve(job: Job, drives: list[Correspondences]) -> Calibration:
     found = estimate(drives, steps, options)
     _check_one_robot(job, steps, found)
     held_out = validate(drives, steps, options) if settings.validate else None
-    return refined(job.robot, drives, steps, found, provenance, validation=held_out)
+    grown = grow(drives[0], steps[0], found, options) if settings.report and len(drives) == 1 else ()
+    return refined(job.robot, drives, steps, found, provenance, validation=held_out, growth=grown)
+
+
+def _plain(value: object) -> object:
+    """Return a setting as JSON has it; of a path only its name."""
+    return value.name if isinstance(value, Path) else value
 
 
 def _check_one_robot(job: Job, steps: Sequence[FourSteps], found: Estimate) -> None:
@@ -281,8 +336,9 @@ def attempt(job: Job, progress: Callable[[str], None] | None = None) -> Outcome:
     start = time.monotonic()
     error, details = "", ""
     calibration: Calibration | None = None
+    verdict: Verdict | None = None
     try:
-        calibration = calibrate_robot(job, progress)
+        calibration, verdict = calibrate_robot(job, progress)
     except (DetectError, TargetError, CalibError) as problem:
         error = str(problem)
     except OSError as problem:
@@ -290,4 +346,11 @@ def attempt(job: Job, progress: Callable[[str], None] | None = None) -> Outcome:
     except Exception as problem:  # our own bug: told in full with the other robots calibrated
         error = f"{listed(job.logs)}: unexpected {type(problem).__name__}: {problem}; please report it"
         details = traceback.format_exc()
-    return Outcome(job=job, calibration=calibration, error=error, details=details, seconds=time.monotonic() - start)
+    return Outcome(
+        job=job,
+        calibration=calibration,
+        verdict=verdict,
+        error=error,
+        details=details,
+        seconds=time.monotonic() - start,
+    )

@@ -1,6 +1,7 @@
 """fleet-calibrate: good robots come out right, bad logs get one clear line, and never hide the others."""
 
 import json
+import re
 import shutil
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -322,6 +323,40 @@ def test_drives_of_two_robots_given_as_one_are_refused(
     assert "not drives of one robot" in err
 
 
+def test_everything_that_users_take_away_is_written(
+    good: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "nominal.yaml").write_text("wheel_radius: 0.021\nwheel_separation: 0.09\n")
+    out = tmp_path / "out"
+    viewer = ("--results-mcap", tmp_path / "drive.mcap")
+    status, text, err = _run(
+        capsys, good, "--out", out, "--draw", "--validate", "--nominal", tmp_path / "nominal.yaml", *viewer
+    )
+    assert status == 0, err
+    assert re.search(r"^good: (good|usable|redo) - ", text, flags=re.MULTILINE)
+    assert {p.name for p in out.iterdir()} == {"good", "fleet.csv", "fleet.html"}
+    names = {p.name for p in (out / "good").iterdir()}
+    assert {"calibration.json", "correspondences.npz", "report.html", "camera_info.yaml", "camera.urdf"} <= names
+    assert {"static_transform.sh", "diff_drive_controller.yaml", "camchain.yaml", "stops"} <= names
+    assert "wheel_radius: 0.021" in (out / "good" / "diff_drive_controller.yaml").read_text()
+    assert len(list((out / "good" / "stops").iterdir())) == 7
+    result = load_calibration(out / "good" / "calibration.json")
+    assert result.detail is not None
+    assert len(result.detail.held_out) == 6
+    assert [g.stops for g in result.detail.growth][-1] == 7
+    with (tmp_path / "drive.mcap").open("rb") as file:
+        assert make_reader(file).get_summary() is not None
+
+
+def test_no_report_is_written_when_none_is_wanted(
+    good: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    status, out, _ = _run(capsys, good, "--no-report", "--out", tmp_path, "--quiet")
+    assert status == 0
+    assert "reports:" not in out
+    assert not list(tmp_path.rglob("*.html"))
+
+
 @pytest.mark.parametrize(
     ("words", "status", "message"),
     [
@@ -331,6 +366,9 @@ def test_drives_of_two_robots_given_as_one_are_refused(
         (["x.mcap", "--target", "none.json"], 2, "none.json: cannot be read"),
         (["a/x.mcap", "b/x.mcap"], 2, "several logs are named x"),
         (["a/...mcap"], 2, "no name for a robot"),
+        (["a.mcap", "b.mcap", "--rerun", "x.rrd"], 2, "show one robot"),
+        (["a.mcap", "--nominal", "none.yaml"], 2, "none.yaml"),
+        (["a.mcap", "--tilt-prior-deg", "-1"], 2, "not a number from 0 on"),
     ],
 )
 def test_wrong_usage_is_said_with_exit_status_2(
