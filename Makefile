@@ -5,6 +5,9 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
+ALL_INSTALLED := $(VENV)/.installed-all
+EXTRAS ?= dev,fast,cad,models-test
+INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable
 
 .PHONY: demo test lint format printables clean
 
@@ -14,15 +17,16 @@ demo: $(INSTALLED)
 	$(BIN)/simulate-fleet demo/robots --robots 3 --stops 12 --seed 1
 	$(BIN)/fleet-calibrate demo/robots/*.mcap --target demo/box/target.json --out demo/calibration --truth
 
+# Without the CAD kernel and the readers of models (some 500 MB) their tests skip: `make test EXTRAS=dev`.
 test: lint
 	$(BIN)/python -m pytest -n 2 --dist worksteal
 
-lint: $(INSTALLED)
+lint: $(ALL_INSTALLED)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
-format: $(INSTALLED)
+format: $(ALL_INSTALLED)
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
@@ -33,8 +37,12 @@ printables: $(INSTALLED)
 $(INSTALLED): pyproject.toml constraints.txt
 	$(PYTHON) -c 'import sys; sys.exit("Python 3.11 or newer is needed: make PYTHON=python3.11 ...") if sys.version_info < (3, 11) else None'
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev]'
+	$(INSTALL) '.[report]'
 	touch $(INSTALLED)
+
+$(ALL_INSTALLED): $(INSTALLED)
+	$(INSTALL) '.[$(EXTRAS)]'
+	touch $(ALL_INSTALLED)
 
 clean:
 	rm -rf demo build dist .mypy_cache .ruff_cache .pytest_cache .hypothesis

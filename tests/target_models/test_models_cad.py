@@ -11,7 +11,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 import pytest
 
-pytest.importorskip("cadquery", reason="the extra 'cad' is not installed")
+pytest.importorskip("cadquery", reason="the extra 'cad' is not installed", exc_type=ImportError)
 ezdxf = pytest.importorskip("ezdxf", reason="the extra 'cad' is not installed")
 m3 = pytest.importorskip("manifold3d", reason="the extra 'cad' is not installed")
 

@@ -121,7 +121,7 @@ def test_another_renderer_sees_the_glb_as_ours_does(  # noqa: PLR0917 - fixtures
     averaged: Callable[..., Any],
     tmp_path: Path,
 ) -> None:
-    vtk = pytest.importorskip("vtk")
+    vtk = pytest.importorskip("vtk", exc_type=ImportError)
     numpy_support = pytest.importorskip("vtk.util.numpy_support")
     target, T_cam_box = wrong_target if case == "built wrong" else make_target(), poses[view]
     path = tmp_path / "box.glb"
@@ -166,7 +166,7 @@ def test_another_renderer_sees_the_glb_as_ours_does(  # noqa: PLR0917 - fixtures
 
 
 def mujoco_scene(target: Target) -> Any:
-    mujoco = pytest.importorskip("mujoco")
+    mujoco = pytest.importorskip("mujoco", exc_type=ImportError)
     files = box_mjcf(target)
     return mujoco.MjSpec.from_string(
         files["box.xml"].decode(), assets={name: data for name, data in files.items() if name != "box.xml"}
@@ -182,7 +182,7 @@ def test_mujoco_sees_the_box_as_our_renderer_does(  # noqa: PLR0917 - fixtures
     worst_corner_px: Callable[..., float],
     averaged: Callable[..., Any],
 ) -> None:
-    mujoco = pytest.importorskip("mujoco")
+    mujoco = pytest.importorskip("mujoco", exc_type=ImportError)
     target, T_cam_box = wrong_target if case == "built wrong" else make_target(), poses[view]
     spec = mujoco_scene(target)
     visual = spec.visual.global_
@@ -210,7 +210,7 @@ def test_mujoco_sees_the_box_as_our_renderer_does(  # noqa: PLR0917 - fixtures
 
 
 def test_mujoco_lets_things_rest_on_the_lid() -> None:
-    mujoco = pytest.importorskip("mujoco")
+    mujoco = pytest.importorskip("mujoco", exc_type=ImportError)
     spec = mujoco_scene(make_target(SMALL))
     ball = spec.worldbody.add_body(name="ball", pos=[0, 0, SMALL.height + 0.05])
     ball.add_freejoint()
