@@ -124,7 +124,7 @@ def _one(  # noqa: PLR0912, PLR0915, PLR0917 - one loop over pixels, all of it h
     for row in range(box[2], box[3]):
         first = box[0] + (row * shift) % every
         for column in range(box[0], box[1]):
-            chosen = (column - first) % every == 0
+            chosen = every == 1 or (column - first) % every == 0
             if not chosen and (column + row) % every_near != 0:
                 continue
             dx, dy = column - lens[0], row - lens[1]

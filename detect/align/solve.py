@@ -18,9 +18,9 @@ KURTOSIS_PRIOR, KURTOSIS_RANGE = 0.5, (-1.3, 1.5)
 MARGIN_MODULES = 0.9
 ITERATIONS = 10
 STOP_PX = 0.02
-EDGE_SIDE_PX = 80.0
+EDGE_SIDE_PX = 30.0
 """Of tags larger than this not even the pixels at edges are all used."""
-MUCH = 0.3
+MUCH = 0.6
 """A step that explains this share of the squared residuals is not the last."""
 _DAMPING, _FIRST_DAMPING = 1e-6, 1e-3
 
