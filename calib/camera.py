@@ -6,6 +6,7 @@ intrinsics averaged; a stop that cannot be calibrated alone is left out and name
 
 from dataclasses import dataclass
 from enum import StrEnum
+from itertools import pairwise
 
 import cv2
 import numpy as np
@@ -13,12 +14,14 @@ import numpy as np
 from calib.errors import CalibError
 from calib.first_camera import camera_matrix_guesses, face_homographies, planar_groups
 from calib.frames import Array, rigid
-from calib.reprojection import left_pose_jacobian, move_left, project_with_jacobians, transform
+from calib.reprojection import move_left, project_with_jacobians, transform
 from detect.correspondences import StopView
 from target.projection import Intrinsics, project
 
 MIN_LANDMARKS = 6
 _ITERATIONS = 100
+_STOPS_FOR_GUESS = 10
+"""How many stops, spread over the drive, the first guess of the camera is taken from."""
 _NAMES = ("fu", "fv", "cu", "cv", "kr")
 
 
@@ -133,19 +136,18 @@ def _step(
 
 def _solve(stops: list[StopView], image_size: tuple[int, int]) -> tuple[Intrinsics, Array]:
     """Return the camera and poses (P, 4, 4) that minimise the reprojection error, from scratch."""
-    homographies = [H for stop in stops for H in face_homographies(stop)]
+    some = np.unique(np.linspace(0, len(stops) - 1, min(len(stops), _STOPS_FOR_GUESS)).round().astype(int))
+    homographies = [H for j in some for H in face_homographies(stops[j])]
     if not homographies:
         raise CalibError("no face of the box shows two tags at once: a larger or nearer view of the box is needed")
-    best: tuple[float, Intrinsics, Array] | None = None
+    starts = []
     for K in camera_matrix_guesses(homographies, image_size):
         guess = Intrinsics(fu=K[0, 0], fv=K[1, 1], cu=K[0, 2], cv=K[1, 2], kr=0.0)
         poses = np.array([locate(guess, stop) for stop in stops])
-        camera, poses, cost = minimise_reprojection(guess, poses, stops)
-        if best is None or cost < best[0]:
-            best = (cost, camera, poses)
-    if best is None:
-        raise CalibError("no first guess of the camera: faces seen at a slant are needed")
-    return best[1], best[2]
+        starts.append((_linearise(guess, poses, stops).cost, guess, poses))
+    _, guess, poses = min(starts, key=lambda start: start[0])
+    camera, poses, _ = minimise_reprojection(guess, poses, stops)
+    return camera, poses
 
 
 def locate(camera: Intrinsics, stop: StopView) -> Array:
@@ -205,9 +207,15 @@ def _linearise(camera: Intrinsics, poses: Array, stops: list[StopView]) -> _Syst
     uv, d_camera, d_point = project_with_jacobians(camera, p_cam)
     r = np.concatenate([stop.uv_px for stop in stops]) - uv
     cost = float(np.sum(r * r)) if np.all(p_cam[:, 2] > 0) else np.inf
-    J = np.concatenate([d_camera, d_point @ left_pose_jacobian(p_cam)], axis=2)
-    H = np.add.reduceat(np.swapaxes(J, 1, 2) @ J, starts)
-    g = np.add.reduceat((np.swapaxes(J, 1, 2) @ r[:, :, None])[:, :, 0], starts)
+    J = np.empty((len(r), 2, 12))
+    J[..., :5] = d_camera
+    J[..., 5:8] = np.cross(p_cam[:, None, :], d_point)  # d_point @ -hat(p_cam)
+    J[..., 8:11] = d_point
+    J[..., 11] = r
+    rows = J.reshape(-1, 12)
+    ends = 2 * np.append(starts, len(r))
+    N = np.array([rows[a:b].T @ rows[a:b] for a, b in pairwise(ends)])
+    H, g = N[:, :11, :11], N[:, :11, 11]
     return _System(
         A=H[:, :5, :5].sum(axis=0), B=H[:, :5, 5:], C=H[:, 5:, 5:], a=g[:, :5].sum(axis=0), c=g[:, 5:], cost=cost
     )

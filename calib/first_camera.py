@@ -24,23 +24,20 @@ def planar_groups(landmark_ids: Ids, p_box: Array) -> list[Ids]:
         ``4 * tag id + corner``.
     p_box : (L, 3), m
     """
-    normals: list[Array] = []
-    members: list[list[int]] = []
-    tags, starts = np.unique(landmark_ids // 4, return_index=True)
-    for rows in np.split(np.arange(len(landmark_ids)), starts[1:]) if len(tags) else []:
-        if len(rows) < 3:
-            continue
-        p = p_box[rows]
-        normal = np.cross(p[1] - p[0], p[2] - p[0])
-        normal /= np.linalg.norm(normal)
-        for known, member in zip(normals, members, strict=True):
-            if normal @ known > _SAME_PLANE:
-                member.extend(rows)
-                break
-        else:
-            normals.append(normal)
-            members.append(list(rows))
-    return [np.array(member) for member in members]
+    tags, starts, counts = np.unique(landmark_ids // 4, return_index=True, return_counts=True)
+    whole = np.flatnonzero(counts >= 3)
+    first = starts[whole]
+    p = p_box[first]
+    normals = np.cross(p_box[first + 1] - p, p_box[first + 2] - p)
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    tag_of_row = np.repeat(np.arange(len(tags)), counts)
+    out = []
+    left = np.ones(len(whole), dtype=bool)
+    while np.any(left):
+        alike = left & (normals @ normals[int(np.argmax(left))] > _SAME_PLANE)
+        out.append(np.flatnonzero(np.isin(tag_of_row, whole[alike])))
+        left &= ~alike
+    return out
 
 
 def face_homographies(stop: StopView) -> list[Array]:

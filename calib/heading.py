@@ -14,9 +14,9 @@ USUAL_RMS = float(np.radians(0.2))
 """With turns as good as this, moves that still leave a large standard error are too much alike."""
 MAX_RELATIVE_SIGMA = 0.1
 """Largest standard error of aR or aL, relative to its size."""
-_SHORTEST = 12
+_SHORTEST = 10
 _WINDINGS = np.array([(k, m) for k in (-1, 0, 1) for m in (-1, 0, 1)], dtype=np.float64)
-_CANDIDATES = 12
+_CANDIDATES = 8
 _EQUAL_FIT = 1.5
 _ALIKE = 0.2
 
