@@ -226,7 +226,7 @@ def load_calibration(path: Path) -> Calibration:
             robot=str(document["robot"]),
             image_size=(int(document["image_size"][0]), int(document["image_size"][1])),
             camera=Intrinsics(**{k: _number(v) for k, v in document["camera"].items()}),
-            wheels=Wheels(**{k: _number(v) for k, v in document["wheels"].items()}),
+            wheels=Wheels(**{k: _positive(v) for k, v in document["wheels"].items()}),
             T_body_cam=_motion(document["T_body_cam"]),
             quality=Quality(**document["quality"]),
             stops=tuple(StopResult(**{**stop, "T_box_cam": _motion(stop["T_box_cam"])}) for stop in document["stops"]),
@@ -245,8 +245,21 @@ def _number(value: object) -> float:
     return float(value)
 
 
+def _positive(value: object) -> float:
+    number = _number(value)
+    if number <= 0:
+        raise ValueError(f"{value!r} is not a positive length")
+    return number
+
+
 def _motion(rows: object) -> Array:
     T = np.asarray(rows, dtype=np.float64)
-    if T.shape != (4, 4) or not np.allclose(T[:3, :3] @ T[:3, :3].T, np.eye(3), atol=1e-6):
+    rigid = (
+        T.shape == (4, 4)
+        and np.allclose(T[:3, :3] @ T[:3, :3].T, np.eye(3), atol=1e-6)
+        and np.linalg.det(T[:3, :3]) > 0
+        and np.array_equal(T[3], [0, 0, 0, 1])
+    )
+    if not rigid:
         raise ValueError("a pose is not a rigid motion of 4 rows of 4")
     return T

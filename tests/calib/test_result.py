@@ -119,6 +119,8 @@ def test_the_closed_form_alone_has_no_sigma(exact: Any, tmp_path: Path) -> None:
         (lambda d: {k: v for k, v in d.items() if k != "wheels"}, "not a calibration"),
         (lambda d: {**d, "wheels": {"rR": "0.02", "rL": 0.02, "b": 0.1}}, "not a finite number"),
         (lambda d: {**d, "T_body_cam": [[1, 0, 0, 0]] * 4}, "not a rigid motion"),
+        (lambda d: {**d, "T_body_cam": np.diag([1.0, 1, -1, 1]).tolist()}, "not a rigid motion"),
+        (lambda d: {**d, "wheels": {"rR": 0.0, "rL": 0.02, "b": 0.1}}, "not a positive length"),
         (lambda d: {**d, "T_body_cam": "eye"}, "not a calibration"),
         (lambda d: {**d, "camera": {**d["camera"], "hack": 1.0}}, "not a calibration"),
         (lambda d: [d], "no calibration in it"),
