@@ -115,7 +115,26 @@ def _leave_one_out(runs: list[CapturedRun], seed: int) -> str:
         f"**{nominal / ours:.1f} times better**. {inside} of {len(endings)} ends lie inside their 95 % ellipse; error "
         f"over sigma {whole:.2f} (rms). Calibration without {endings[-1].run}: rR {1e3 * last.rR:.3f} ± "
         f"{1e3 * last.sigma['rR']:.3f}, rL {1e3 * last.rL:.3f} ± {1e3 * last.sigma['rL']:.3f}, b {1e3 * last.b:.2f} ± "
-        f"{1e3 * last.sigma['b']:.2f} mm, slip {1e3 * last.noise.slip:.1f} mm/sqrt(m)."
+        f"{1e3 * last.sigma['b']:.2f} mm, slip {1e3 * last.noise.slip:.1f} mm/sqrt(m). "
+        f"{_turn_errors(runs, last)}"
+    )
+
+
+def _turn_errors(runs: list[CapturedRun], found: Estimate) -> str:
+    """Return in words how the errors of single seconds' turns add up over a run."""
+    square, whole = 0.0, []
+    for run in runs:
+        turn = run.pose[:, 2] - run.phi @ np.array([found.rR, -found.rL]) / found.b
+        each = np.diff(turn[::20])
+        square += float(each @ each)
+        whole.append(float(each.sum()))
+    seconds = sum(len(run.t) // 20 for run in runs)
+    single, total, independent = np.degrees(
+        [np.sqrt(square / seconds), np.sqrt(np.mean(np.square(whole))), np.sqrt(square / len(runs))]
+    )
+    return (
+        f"Turns of single seconds differ by {single:.2f} deg (rms) between wheels and capture; over a run that adds up "
+        f"to {total:.1f} deg, where independent errors would to {independent:.1f} deg."
     )
 
 

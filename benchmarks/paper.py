@@ -65,16 +65,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     tables = {
         "claims": claims(found, drives),
         "errors": errors({name: found[name] for name in ("P = 5", "P = 5, random routes", "P = 15")}),
-        "slip": errors({name: found[name] for name in cases if name.endswith("slip")}),
+        "slip": errors({name: found[name] for name in cases if name.endswith("slip")}) + least_ratios(found),
         "experiment": experiment(drives),
     }
     print(f"{runs} runs of each setting; runs without a result (paper's procedure, likelihood): ", end="")
     print("; ".join(f"{name} {r.failed[0]}, {r.failed[1]}" for name, r in found.items()))
     for name, text in tables.items():
         print(f"\n{name}\n{text}")
-    least = {name: float(ratio(found[name])[list(MOTION)].min()) for name in ("P = 15, slip", "P = 20, slip")}
-    print("\nat 1 mm/sqrt(m) of slip, least ratio over rR, rL, b, a1, tx, ty:", end=" ")
-    print(", ".join(f"{name.removesuffix(', slip')}: {value:.1f}" for name, value in least.items()))
     if out:
         for name, text in tables.items():
             fill(out / "paper.md", name, text)
@@ -105,6 +102,13 @@ def section_5(stops: list[int], seed: int) -> list[Growth]:
     options = EstimateOptions(target=target, ink_sigma=1e-4)
     stops = [P for P in stops if len(log.stops) >= P]
     return [*found, grow("log khepera.mcap (rendered frames)", log, true, options, stops)]
+
+
+def least_ratios(found: dict[str, Runs]) -> str:
+    """Return the least gain over the parameters that slip spoils, in words."""
+    least = {name: float(ratio(found[name])[list(MOTION)].min()) for name in found if name.endswith("slip")}
+    text = ", ".join(f"{value:.1f} at {name.removesuffix(', slip')}" for name, value in least.items())
+    return f"\n\nLeast ratio over rR, rL, b, a1, tx and ty, which slip spoils: {text}."
 
 
 def ratio(runs: Runs) -> Array:
