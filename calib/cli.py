@@ -79,9 +79,9 @@ def _parser() -> argparse.ArgumentParser:
     model.add_argument("--closed-form", action="store_true", help="the paper's four steps alone: no sigmas, no tests")
     model.add_argument(
         "--lens",
-        choices=("radial", "brown", "rational", "fisheye"),
+        choices=("radial", "brown", "rational", "fisheye", "auto"),
         default="radial",
-        help="the paper's one coefficient, OpenCV's 5 or 8, or its equidistant fisheye (radial)",
+        help="the paper's one coefficient, OpenCV's 5 or 8, or its equidistant fisheye; auto: by BIC (radial)",
     )
     model.add_argument("--tilt-prior-deg", type=_size, default=1.0, metavar="DEG", help="floor against box (1)")
     model.add_argument("--ink-prior-mm", type=_size, default=0.1, metavar="MM", help="spread of the print's ink (0.1)")
@@ -94,6 +94,9 @@ def _parser() -> argparse.ArgumentParser:
         default=0.0,
         metavar="MM",
         help="places of faces 1 to 3 against face 0, and as much over a face's half width in angle (0: exact)",
+    )
+    model.add_argument(
+        "--size-prior-mm", type=_size, default=0.0, metavar="MM", help="width and depth of the box (0: exact)"
     )
     model.add_argument("--encoder-step-deg", type=_size, metavar="DEG", help="found from the samples if not given")
     model.add_argument("--slip-mm", type=_size, metavar="MM", help="of a wheel per root metre; estimated if not given")
@@ -198,10 +201,11 @@ def _settings(args: argparse.Namespace, target: "Target") -> "Settings":
         camera_mode=CameraMode.PER_STOP if args.per_stop else CameraMode.JOINT,
         closed_form=args.closed_form,
         validate=args.validate,
-        lens=Lens(args.lens),
+        lens=None if args.lens == "auto" else Lens(args.lens),
         tilt_prior=radians(args.tilt_prior_deg),
         ink_prior=args.ink_prior_mm * 1e-3,
         scale_prior=args.scale_prior_percent * 1e-2,
+        size_prior=args.size_prior_mm * 1e-3,
         face_prior=(args.face_prior_mm * 1e-3 / half_face, args.face_prior_mm * 1e-3),
         encoder_step=None if args.encoder_step_deg is None else radians(args.encoder_step_deg),
         slip=None if args.slip_mm is None else args.slip_mm * 1e-3,

@@ -6,7 +6,7 @@ import traceback
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
 from math import radians
@@ -19,7 +19,7 @@ from calib.assemble import closed_form, refined
 from calib.camera import CameraMode
 from calib.draw import draw_stops, stop_jpegs
 from calib.errors import CalibError
-from calib.estimate import Estimate, EstimateOptions, Lens, estimate
+from calib.estimate import Estimate, EstimateOptions, Lens, choose_lens, estimate
 from calib.estimate.validate import validate
 from calib.exports.files import exports
 from calib.exports.nominal import Nominal
@@ -60,13 +60,15 @@ class Settings:
     validate
         Hold every stop out in turn and predict it.
     lens
-        Lens model.
+        Lens model; None lets an information criterion choose, and says how all models did.
     tilt_prior : rad
         Standard deviation of the floor's tilt against the box.
     ink_prior : m
         Of the ink's spread: how far all edges of the tags' black lie outwards. A camera's tone curve looks the same.
     scale_prior
         Of the print's scale in x and y, relative; 0 takes the target's figures as exact.
+    size_prior : m
+        Of the box' width and depth; 0 takes the target's figures as exact.
     face_prior : (rad, m)
         Of the poses of faces 1 to 3 against face 0; zeros take the target's figures as exact.
     encoder_step : rad, optional
@@ -87,10 +89,11 @@ class Settings:
     camera_mode: CameraMode = CameraMode.JOINT
     closed_form: bool = False
     validate: bool = False
-    lens: Lens = Lens.RADIAL
+    lens: Lens | None = Lens.RADIAL
     tilt_prior: float = radians(1.0)
     ink_prior: float = 1e-4
     scale_prior: float = 0.0
+    size_prior: float = 0.0
     face_prior: tuple[float, float] = (0.0, 0.0)
     encoder_step: float | None = None
     slip: float | None = None
@@ -247,16 +250,23 @@ def solve(job: Job, drives: list[Correspondences]) -> Calibration:
     if settings.closed_form:
         return closed_form(job.robot, drives, steps, provenance)
     options = EstimateOptions(
-        lens=settings.lens,
+        lens=settings.lens or Lens.RADIAL,
         tilt_sigma=settings.tilt_prior,
         ink_sigma=settings.ink_prior,
         scale_sigma=settings.scale_prior,
+        size_sigma=settings.size_prior,
         face_sigma=settings.face_prior,
         encoder_step=settings.encoder_step,
         slip=settings.slip,
         target=job.target,
     )
-    found = estimate(drives, steps, options)
+    if settings.lens is None:
+        choice = choose_lens(drives, steps, options)
+        found, options = choice.best, replace(options, lens=choice.best.lens)
+        scores = ", ".join(f"{score.lens} {score.bic - choice.scores[0].bic:+.1f}" for score in choice.scores)
+        found = replace(found, notes=(*found.notes, f"lens chosen by BIC (difference to the best): {scores}"))
+    else:
+        found = estimate(drives, steps, options)
     _check_one_robot(job, steps, found)
     held_out = validate(drives, steps, options) if settings.validate else None
     grown = grow(drives[0], steps[0], found, options) if settings.report and len(drives) == 1 else ()

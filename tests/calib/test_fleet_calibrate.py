@@ -348,6 +348,32 @@ def test_everything_that_users_take_away_is_written(
         assert make_reader(file).get_summary() is not None
 
 
+def test_every_prior_and_lens_is_taken(good: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([str(good), "--out", str(tmp_path / "a"), "--quiet", "--no-report"]) == 0
+    saved = tmp_path / "a" / "good" / "correspondences.npz"
+    for words, unknown in (
+        (("--lens", "auto"), ""),
+        (("--lens", "brown"), "k2"),
+        (("--scale-prior-percent", "0.5"), "scale_x"),
+        (("--size-prior-mm", "0.5"), "depth"),
+        (("--face-prior-mm", "0.5"), "face"),
+        (("--ink-prior-mm", "0", "--tilt-prior-deg", "0"), ""),
+        (("--encoder-step-deg", "0.1302", "--slip-mm", "0.2"), ""),
+    ):
+        status, out, err = _run(capsys, saved, *words, "--out", tmp_path / "b", "--quiet", "--no-report")
+        assert status == 0, err
+        detail = load_calibration(tmp_path / "b" / "good" / "calibration.json").detail
+        assert detail is not None
+        names = [*detail.extra, *detail.lens_extra]
+        assert any(unknown in name for name in names) or not unknown, (words, names)
+        if words[1] == "auto":
+            assert "lens chosen by BIC" in out
+        if words[0] == "--ink-prior-mm":
+            assert not detail.extra
+        if words[0] == "--encoder-step-deg":
+            assert detail.noise.slip == pytest.approx(2e-4)
+
+
 def test_no_report_is_written_when_none_is_wanted(
     good: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
