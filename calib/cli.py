@@ -135,8 +135,9 @@ def _size(text: str) -> float:
 
 def _run(args: argparse.Namespace, command: str) -> int:
     from calib.errors import CalibError
-    from calib.fleet import Job, calibrate_fleet, listed, robot_name
+    from calib.fleet import FLEET, Job, calibrate_fleet, check_folder, fleet_record, listed, robot_name
     from target.errors import TargetError
+    from target.files import write_atomically
 
     def say(line: str) -> None:
         if not args.quiet:
@@ -163,6 +164,7 @@ def _run(args: argparse.Namespace, command: str) -> int:
         print("fleet-calibrate: --rerun and --results-mcap show one robot; give one robot's logs", file=sys.stderr)
         return 2
     try:
+        check_folder(args.out, target)
         settings = _settings(args, target)
     except CalibError as error:
         print(f"fleet-calibrate: {error}", file=sys.stderr)
@@ -178,7 +180,13 @@ def _run(args: argparse.Namespace, command: str) -> int:
         verdict = "calibrated" if outcome.calibration else "FAILED"
         say(f"[{len(outcomes)}/{len(jobs)}] {listed(outcome.job.logs)}: {verdict} in {outcome.seconds:.1f} s")
     outcomes.sort(key=lambda o: names.index(o.job.robot))
-    return _report(outcomes, out=args.out, truth=args.truth, report=settings.report)
+    status = _report(outcomes, out=args.out, truth=args.truth, report=settings.report)
+    try:
+        write_atomically(args.out / FLEET, fleet_record(outcomes, target, command))
+    except OSError as error:
+        print(f"fleet-calibrate: {args.out / FLEET}: {error.strerror or error}", file=sys.stderr)
+        return 1
+    return status
 
 
 def _settings(args: argparse.Namespace, target: "Target") -> "Settings":

@@ -1,5 +1,6 @@
 """Many robots, one target frame: every log is calibrated, and failures are kept apart."""
 
+import json
 import os
 import time
 import traceback
@@ -38,7 +39,11 @@ from detect.names import Topics
 from target.box import Target
 from target.errors import TargetError
 from target.files import write_atomically
+from target.landmarks import target_sha256
 
+FLEET = "fleet.json"
+"""What a folder of results says of itself."""
+MAX_FLEET_BYTES = 16 << 20
 CORRESPONDENCES = ".npz"
 """Suffix of a correspondence file, which stands for a log that was read before."""
 _SAME_ROBOT = 3.0
@@ -292,6 +297,43 @@ def _check_one_robot(job: Job, steps: Sequence[FourSteps], found: Estimate) -> N
 def listed(logs: Sequence[Path]) -> str:
     """Return the names of logs in one line."""
     return ", ".join(log.name for log in logs)
+
+
+def check_folder(out: Path, target: Target) -> None:
+    """Refuse a folder that holds the results of another fleet: one that drove around another box.
+
+    Raises
+    ------
+    CalibError
+        If its ``fleet.json`` names another target, or is no such file.
+    """
+    try:
+        content = (out / FLEET).read_bytes()[:MAX_FLEET_BYTES]
+    except (FileNotFoundError, NotADirectoryError):
+        return
+    try:
+        found = str(json.loads(content)["target"])
+    except (ValueError, KeyError, TypeError, RecursionError) as error:
+        raise CalibError(f"{out / FLEET}: not what fleet-calibrate writes; give another folder with --out") from error
+    if found != target_sha256(target):
+        raise CalibError(
+            f"{out}: holds the results of a fleet with another target ({found[:8]}, now {target_sha256(target)[:8]}); "
+            "give another folder with --out"
+        )
+
+
+def fleet_record(outcomes: Sequence[Outcome], target: Target, command: str) -> bytes:
+    """Return the content of ``fleet.json``: what a folder holds, and the failures."""
+    document = {
+        "schema": 1,
+        "version": boxcal_version(),
+        "command": command,
+        "created": datetime.now(UTC).isoformat(timespec="seconds"),
+        "target": target_sha256(target),
+        "robots": {o.job.robot: str(o.verdict.level) for o in outcomes if o.verdict is not None},
+        "failed": {o.job.robot: o.error for o in outcomes if o.calibration is None},
+    }
+    return (json.dumps(document, indent=2) + "\n").encode()
 
 
 def boxcal_version() -> str:

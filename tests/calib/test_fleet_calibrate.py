@@ -334,7 +334,7 @@ def test_everything_that_users_take_away_is_written(
     )
     assert status == 0, err
     assert re.search(r"^good: (good|usable|redo) - ", text, flags=re.MULTILINE)
-    assert {p.name for p in out.iterdir()} == {"good", "fleet.csv", "fleet.html"}
+    assert {p.name for p in out.iterdir()} == {"good", "fleet.csv", "fleet.html", "fleet.json"}
     names = {p.name for p in (out / "good").iterdir()}
     assert {"calibration.json", "correspondences.npz", "report.html", "camera_info.yaml", "camera.urdf"} <= names
     assert {"static_transform.sh", "diff_drive_controller.yaml", "camchain.yaml", "stops"} <= names
@@ -372,6 +372,21 @@ def test_every_prior_and_lens_is_taken(good: Path, tmp_path: Path, capsys: pytes
             assert not detail.extra
         if words[0] == "--encoder-step-deg":
             assert detail.noise.slip == pytest.approx(2e-4)
+
+
+def test_a_folder_with_another_fleets_results_is_not_touched(
+    good: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    assert _run(capsys, good, "--out", out, "--quiet", "--no-report")[0] == 0
+    save_target(make_target(Box(first_id=140)), tmp_path / "other.json")
+    before = {p: p.read_bytes() for p in out.rglob("*") if p.is_file()}
+    status, _, err = _run(capsys, good, "--target", tmp_path / "other.json", "--out", out)
+    assert status == 2
+    assert "holds the results of a fleet with another target" in err
+    assert before == {p: p.read_bytes() for p in out.rglob("*") if p.is_file()}
+    (out / "fleet.json").write_text("[1]")
+    assert _run(capsys, good, "--out", out)[0] == 2
 
 
 def test_no_report_is_written_when_none_is_wanted(
@@ -413,8 +428,8 @@ def test_the_target_file_decides_what_is_looked_for(
 ) -> None:
     save_target(make_target(), tmp_path / "same.json")
     save_target(make_target(Box(first_id=140)), tmp_path / "other.json")
-    assert _run(capsys, good, "--target", tmp_path / "same.json", "--out", tmp_path, "--quiet")[0] == 0
-    status, _, err = _run(capsys, good, "--target", tmp_path / "other.json", "--out", tmp_path, "--quiet")
+    assert _run(capsys, good, "--target", tmp_path / "same.json", "--out", tmp_path / "a", "--quiet")[0] == 0
+    status, _, err = _run(capsys, good, "--target", tmp_path / "other.json", "--out", tmp_path / "b", "--quiet")
     assert status == 1
     assert "good.mcap" in err
 
