@@ -27,6 +27,10 @@ from detect.encoder import encoder_step
 from detect.wheels import Ids
 
 MIN_STOPS = 3
+ASSUMED_SLIP = 1e-3
+"""Slip (m/sqrt(m)) where there are too few legs to estimate it: a careful figure for small robots on hard floors."""
+LEGS_FOR_SLIP = 3
+"""Two legs fit any wheels and mounting exactly: nothing is left over to tell slip from."""
 _ROUNDS = 25
 _CLOSE = 0.02
 _CORNER_LEFT_OUT, _LEG_LEFT_OUT = 12.0, 10.0
@@ -57,7 +61,15 @@ def estimate(
     CalibError
         If the drives do not determine the calibration: what is missing.
     """
-    return summarise(fit(drives, start, options), drives)
+    found = fit(drives, start, options)
+    result = summarise(found, drives)
+    if found.options.slip is not None and (options is None or options.slip is None):
+        legs = len(found.problem.leg_stop)
+        note = (
+            f"{legs} legs do not show how much the wheels slip: {1e3 * ASSUMED_SLIP:g} mm/sqrt(m) is assumed; add stops"
+        )
+        result = replace(result, notes=(*result.notes, note))
+    return result
 
 
 def fit(
@@ -78,6 +90,8 @@ def fit_cameras(drives: Sequence[Correspondences], cameras: CameraStart, options
     if count < MIN_STOPS:
         raise CalibError(f"{count} usable stops, at least {MIN_STOPS} are needed; add stops")
     problem = build_problem(drives, cameras.kept, options, step)
+    if options.slip is None and 0 < len(problem.leg_stop) < LEGS_FOR_SLIP:
+        options = replace(options, slip=ASSUMED_SLIP)
     states = first_states(problem, drives, cameras, options.lens)
     try:
         fits = [solve_likelihood(problem, state, options) for state in states]
@@ -86,7 +100,12 @@ def fit_cameras(drives: Sequence[Correspondences], cameras: CameraStart, options
             f"the equations of {count} stops cannot be solved ({error}): a stop is held by neither images nor wheels; "
             "leave out stops that show few tags"
         ) from error
-    return max(fits, key=_log_evidence)
+    forward = [found for found in fits if np.all(found.at.state.wheels > 0)]
+    if not forward:
+        raise CalibError(
+            f"{count} stops fit wheels of negative size best: the moves do not tell forward from backward; add stops"
+        )
+    return max(forward, key=_log_evidence)
 
 
 def _log_evidence(fit: Fit) -> float:

@@ -20,8 +20,8 @@ from calib.estimate.residuals import leg_covariance, leg_residuals
 from calib.four_steps import FourSteps
 from calib.frames import Array, inverse, rigid, rot_y, rot_z, wrap
 from calib.heading import MAX_CONDITION, solve_heading
-from calib.mounting import solve_mounting
-from calib.odometry import Legs, legs_between, unit_path
+from calib.mounting import solve_mounting, upright_translations
+from calib.odometry import Legs, legs_between, pair_displacements, unit_path
 from detect.correspondences import Correspondences
 from detect.wheels import Ids
 from target.projection import Intrinsics
@@ -123,7 +123,18 @@ def first_states(problem: Problem, drives: Sequence[Correspondences], camera: Ca
     radial = np.array([k.fu, k.fv, k.cu, k.cv, k.kr])
     found: list[tuple[float, State]] = []
     for aR, aL in _headings(turn, problem):
-        rL, tx, ty, a1 = _planar(_displacements(legs, aR, aL), turn, u, aR=aR, aL=aL, size=_rolled(problem))
+        if len(i) == 2 and len(legs) == 1:  # nothing to be robust with
+            x, y = np.triu_indices(3, 1)
+            step = solve_mounting(
+                beta=pair_displacements(*unit_path(legs[0], aR, aL)),
+                theta=wrap(psi[x] - psi[y]),
+                u=upright_translations(camera.T_cam_box, a2, a3),
+                aR=aR,
+                aL=aL,
+            )
+            rL, tx, ty, a1 = step.rL, step.tx, step.ty, step.a1
+        else:
+            rL, tx, ty, a1 = _planar(_displacements(legs, aR, aL), turn, u, aR=aR, aL=aL, size=_rolled(problem))
         rR = -aR / aL * rL
         theta = psi - a1
         ct, st = np.cos(theta), np.sin(theta)
@@ -176,6 +187,9 @@ def _headings(turn: Array, problem: Problem) -> list[tuple[float, float]]:
     if len(phi) < 2 or singular[1] * MAX_CONDITION < singular[0]:
         solve_heading(turn, phi, moves=len(phi))  # says what is missing
         raise CalibError(f"{len(phi)} legs between stops, at least 2 that differ are needed; add stops")
+    if len(phi) == 2:  # any windings fit two legs exactly: the four steps' rule decides
+        step = solve_heading(np.append(turn, turn.sum()), np.vstack([phi, phi.sum(axis=0)]), moves=2)
+        return [(step.aR, step.aL)]
     i, j = _couples(len(phi), size)
     pairs = phi[np.stack([i, j], axis=1)]
     det, lengths = np.abs(np.linalg.det(pairs)), np.linalg.norm(pairs, axis=2)
