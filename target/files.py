@@ -2,7 +2,10 @@
 
 import os
 import tempfile
+from collections.abc import Mapping
 from pathlib import Path
+
+from target.errors import TargetError
 
 
 def write_atomically(path: Path, content: bytes) -> None:
@@ -24,3 +27,33 @@ def write_atomically(path: Path, content: bytes) -> None:
     except BaseException:
         Path(name).unlink(missing_ok=True)
         raise
+
+
+def write_together(folder: Path, files: Mapping[str, bytes]) -> None:
+    """Write files so that a full disk leaves none of them half written, nor some without the others.
+
+    Parameters
+    ----------
+    folder
+        Made if it is missing.
+    files
+        By their paths within the folder.
+
+    Raises
+    ------
+    TargetError
+        If a folder stands where a file is to be written.
+    OSError
+        As the file system does.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    for name in files:
+        if (folder / name).is_dir():
+            raise TargetError(f"{folder / name}: is a folder, a file is to be written there; name another FOLDER")
+    with tempfile.TemporaryDirectory(dir=folder, prefix=".make-target.") as staging:
+        for name, content in files.items():
+            write_atomically(Path(staging) / name, content)
+        for name in files:
+            (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        for name in files:
+            (Path(staging) / name).replace(folder / name)

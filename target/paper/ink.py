@@ -68,14 +68,19 @@ def draw_tags(canvas: "Canvas", target: Target, face: int, centre: Point) -> Non
     ids = target.tag_ids[target.tag_faces == face]
     for tag_id, corners in zip(ids, box.grid_corners(), strict=True):
         left, top = corners[0] + centre
-        path = canvas.beginPath()
-        for loop in _tag_outline(box.dictionary, int(tag_id)):
-            points = [((left + x * module) / POINT, (top - y * module) / POINT) for x, y in loop]
-            path.moveTo(*points[0])
-            for point in points[1:]:
-                path.lineTo(*point)
-            path.close()
-        canvas.drawPath(path, stroke=0, fill=1, fillMode=_EVEN_ODD)
+        fill_loops(canvas, _tag_outline(box.dictionary, int(tag_id)), left, top, module)
+
+
+def fill_loops(canvas: "Canvas", loops: Sequence[Loop], left: float, top: float, module: float) -> None:
+    """Fill closed loops of grid corners (in modules, y down from the top left) as one even-odd path."""
+    path = canvas.beginPath()
+    for loop in loops:
+        points = [((left + x * module) / POINT, (top - y * module) / POINT) for x, y in loop]
+        path.moveTo(*points[0])
+        for point in points[1:]:
+            path.lineTo(*point)
+        path.close()
+    canvas.drawPath(path, stroke=0, fill=1, fillMode=_EVEN_ODD)
 
 
 @cache

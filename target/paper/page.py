@@ -165,7 +165,7 @@ def _check_fit(box: Box, face: int, paper: Paper, width: float, height: float) -
         if size > room + TINY:
             raise TargetError(
                 f"{paper.name} ({width * 1e3:g} x {height * 1e3:g} mm): the {name} of face {face} is {size * 1e3:g} "
-                f"mm, {room * 1e3:g} mm fit this paper; reduce {name} or print on other paper"
+                f"mm, {room * 1e3:g} mm fit this paper; reduce {name}, print on larger paper or in tiles (--tile)"
             )
 
 
