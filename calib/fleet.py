@@ -14,13 +14,11 @@ from math import radians
 from multiprocessing import get_context
 from pathlib import Path
 
-import numpy as np
-
 from calib.assemble import closed_form, refined
 from calib.camera import CameraMode
 from calib.draw import draw_stops, stop_jpegs
 from calib.errors import CalibError
-from calib.estimate import Estimate, EstimateOptions, Lens, choose_lens, estimate
+from calib.estimate import EstimateOptions, Lens, choose_lens, estimate
 from calib.estimate.validate import validate
 from calib.exports.files import exports
 from calib.exports.nominal import Nominal
@@ -46,8 +44,8 @@ FLEET = "fleet.json"
 MAX_FLEET_BYTES = 16 << 20
 CORRESPONDENCES = ".npz"
 """Suffix of a correspondence file, which stands for a log that was read before."""
-_SAME_ROBOT = 3.0
-"""How many times worse a drive may fit together with others than by itself."""
+_ONE_LENS, _ONE_BASE = 0.03, 0.4
+"""How far focal length and wheelbase of one robot's drives may differ; slip makes the closed form's wheels rough."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -242,6 +240,7 @@ def solve(job: Job, drives: list[Correspondences]) -> Calibration:
     """
     settings = job.settings
     steps = [solve_four_steps(drive, settings.camera_mode) for drive in drives]
+    _check_one_robot(job, steps)
     provenance = Provenance(
         version=boxcal_version(),
         command=job.command,
@@ -272,7 +271,6 @@ def solve(job: Job, drives: list[Correspondences]) -> Calibration:
         found = replace(found, notes=(*found.notes, f"lens chosen by BIC (difference to the best): {scores}"))
     else:
         found = estimate(drives, steps, options)
-    _check_one_robot(job, steps, found)
     held_out = validate(drives, steps, options) if settings.validate else None
     grown = grow(drives[0], steps[0], found, options) if settings.report and len(drives) == 1 else ()
     return refined(job.robot, drives, steps, found, provenance, validation=held_out, growth=grown)
@@ -283,15 +281,18 @@ def _plain(value: object) -> object:
     return value.name if isinstance(value, Path) else value
 
 
-def _check_one_robot(job: Job, steps: Sequence[FourSteps], found: Estimate) -> None:
-    """Refuse drives of different robots: together they fit far worse than each by itself."""
-    for log, step, drive in zip(job.logs, steps, found.drives, strict=True):
-        together = float(np.sqrt(np.mean(drive.stop_rms_px**2)))
-        if len(steps) > 1 and together > _SAME_ROBOT * step.camera.rms_px:
-            raise CalibError(
-                f"{log.name} fits {step.camera.rms_px:.2f} px by itself and {together:.2f} px with the others: "
-                "not drives of one robot with one camera mounting and lens setting; calibrate them one by one"
-            )
+def _check_one_robot(job: Job, steps: Sequence[FourSteps]) -> None:
+    """Refuse drives of different robots: what the four steps find in each is too far apart for one."""
+    for log, step in zip(job.logs[1:], steps[1:], strict=True):
+        for what, found, first, limit in (
+            ("focal length", step.camera.camera.fu, steps[0].camera.camera.fu, _ONE_LENS),
+            ("wheelbase", step.mounting.b, steps[0].mounting.b, _ONE_BASE),
+        ):
+            if abs(found / first - 1) > limit:
+                raise CalibError(
+                    f"{log.name}: not drives of one robot with one lens setting: {what} {found:.4g}, "
+                    f"{job.logs[0].name} has {first:.4g}; leave it out or calibrate each by itself"
+                )
 
 
 def listed(logs: Sequence[Path]) -> str:

@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from detect.errors import DetectError
-from target.box import Target, make_target
 from target.errors import TargetError
 from target.files import write_atomically
 
 if TYPE_CHECKING:
     from detect.align.locate import Located
+    from target.box import Target
 
 SCHEMA = 1
 MAX_FILE_BYTES = 1 << 29
@@ -69,13 +69,14 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _target(name: str | None) -> Target:
+def _target(name: str | None) -> "Target":
+    from target.box import make_target
     from target.landmarks import load_target
 
     return make_target() if name is None else load_target(Path(name))
 
 
-def _one(path: Path, target: Target, args: argparse.Namespace, number: int) -> tuple[dict[str, Any], str]:
+def _one(path: Path, target: "Target", args: argparse.Namespace, number: int) -> tuple[dict[str, Any], str]:
     """Return what a picture shows, as JSON and as a line of text; draw it if that is asked for."""
     from detect.align.locate import LocateSettings, locate_tags
 
@@ -118,7 +119,7 @@ def _read(path: Path) -> Any:
     return image
 
 
-def _summary(tags: "Located", target: Target) -> str:
+def _summary(tags: "Located", target: "Target") -> str:
     import numpy as np
 
     if len(tags.ids) == 0:
@@ -156,7 +157,7 @@ def _document(path: Path, image: Any, tags: "Located") -> dict[str, Any]:
     }
 
 
-def _write_json(name: str, target: Target, documents: list[dict[str, Any]]) -> bool:
+def _write_json(name: str, target: "Target", documents: list[dict[str, Any]]) -> bool:
     from target.landmarks import target_sha256
 
     text = json.dumps(
