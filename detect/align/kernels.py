@@ -1,6 +1,11 @@
 """The sums of :mod:`detect.align.model`, compiled by numba: the same arguments, the same results to half a per cent.
 
 Importing this module needs numba (the extra ``fast``); :func:`detect.align.solve.accumulator` falls back to numpy.
+
+A tag's pixels are first collected, then summed in blocks: every loop over a block is short, without branches and in
+single precision, so that the compiler turns it into vector instructions. Module edges near a pixel enter by partial
+summation, ``sum_k E_k (Phi_k - Phi_k+1) = E_0 + sum_e Phi_e (E_e+1 - E_e)``, which needs the differences of the
+modules along u, along v and along both only.
 """
 
 from typing import Any
@@ -8,22 +13,26 @@ from typing import Any
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
-from scipy.special import ndtr
 
 from detect.align.model import NEAR_SIGMAS, PARAMETERS, Frame, Sums, no_sums
 from detect.align.pattern import Array
 
-_REACH = 3.7
-_LAST = 1024
-_TABLE_AT = np.linspace(-_REACH, _REACH, _LAST + 1)
-_STEPS: Array = np.asarray(ndtr(_TABLE_AT))
-_STEPS[0], _STEPS[-1] = 0.0, 1.0
-_BELLS: Array = np.exp(-0.5 * _TABLE_AT**2) / np.sqrt(2 * np.pi)
-_BELLS[0] = _BELLS[-1] = 0.0
 _NEAR = 3.5
-_MOST = 24
-_PADDED = 16
-"""Row length of the normal matrix while it is summed: whole vector registers."""
+_REACH = np.float32(4.5)
+_BLOCK = 64
+_MOST = 16
+"""Edges across a tag, at most."""
+_ROWS = 16
+"""Rows of the Jacobian: the parameters, the residual, and one that stays zero."""
+_OF_EDGE = 6
+"""Rows an edge takes: Phi with its kurtosis, its slope, widening, tail, density, distance."""
+_F0, _F05, _F1, _F2, _F3, _F6 = (np.float32(x) for x in (0, 0.5, 1, 2, 3, 6))
+_F24TH, _ROOT = np.float32(1 / 24), np.float32(1 / np.sqrt(2 * np.pi))
+# Abramowitz and Stegun 26.2.17, |error| < 7.5e-8
+_P = np.float32(0.2316419)
+_B1, _B2, _B3, _B4, _B5 = (np.float32(x) for x in (0.319381530, -0.356563782, 1.781477937, -1.821255978, 1.330274429))
+_32ND = np.float32(-1 / 32)
+_E2, _E3, _E4, _E5, _E6 = (np.float32(x) for x in (1 / 2, 1 / 6, 1 / 24, 1 / 120, 1 / 720))
 
 
 def accumulate(  # noqa: PLR0917 - as the reference
@@ -38,96 +47,58 @@ def accumulate(  # noqa: PLR0917 - as the reference
 ) -> Sums:
     """Return the normal equations of tags at their present parameters; see :func:`detect.align.model.accumulate`."""
     sums = no_sums(len(rows), cells)
-    linear = len(frame.tone) == 2 and frame.tone[0] == 0 and frame.tone[1] == 1
     _run(
-        frame.grey, frame.tone, linear, frame.lens, cells, rows, theta, place, boxes, margin, stride, _STEPS, _BELLS,
+        frame.grey, frame.tone, _is_linear(frame.tone), frame.lens, cells, rows, theta, place, boxes, margin, stride,
         sums.normal, sums.gradient, sums.stats, sums.blocks,
     )  # fmt: skip
     return sums
+
+
+def _is_linear(tone: Array) -> bool:
+    return bool(len(tone) == 2 and tone[0] == 0 and tone[1] == 1)
 
 
 @njit(cache=True, fastmath=True, nogil=True, error_model="numpy", boundscheck=False)
 def _run(  # noqa: PLR0917 - arrays in, arrays out
     grey: Any, tone: Any, linear: Any, lens: Any, cells: Any, rows: Any, theta: Any, place: Any, boxes: Any,
     margin: Any,
-    stride: Any, steps: Any, bells: Any, normal: Any, gradient: Any, stats: Any, blocks: Any,
+    stride: Any, normal: Any, gradient: Any, stats: Any, blocks: Any,
 ) -> None:  # fmt: skip
     for k in range(len(rows)):
         _one(
-            grey, tone, linear, lens, cells[rows[k]], theta[k], place[k], boxes[k], margin[k], stride[k], steps, bells,
+            grey, tone, linear, lens, cells[rows[k]], theta[k], place[k], boxes[k], margin[k], stride[k],
             normal[k], gradient[k], stats[k], blocks[k],
         )  # fmt: skip
 
 
-@njit(cache=True, fastmath=True, nogil=True, error_model="numpy", inline="always")
-def _edges(  # noqa: PLR0917
-    u: Any, s: Any, first: Any, count: Any, k: Any, steps: Any, bells: Any, work: Any
-) -> None:
-    """Fill what ``count`` module edges from the first on do to a place: weight, slope, widening, density, distance."""
-    inverse = 1 / s
-    before, before_bell, before_wide, before_tail = 1.0, 0.0, 0.0, 0.0
-    for e in range(count):
-        a = min(max((u - (first + e)) * inverse, -_REACH), _REACH)
-        t = (a + _REACH) * (_LAST / (2 * _REACH))
-        i = min(int(t), _LAST - 1)
-        f = t - i
-        step = steps[i] + f * (steps[i + 1] - steps[i])
-        density = bells[i] + f * (bells[i + 1] - bells[i])
-        a2 = a * a
-        tail = -(a2 - 3) * a * density * (1 / 24)
-        full = density * (1 + k * (1 / 24) * (a2 * (a2 - 6) + 3))
-        step += k * tail
-        wide = -a * full
-        work[0, e] = before - step
-        work[1, e] = (before_bell - full) * inverse
-        work[2, e] = before_wide - wide
-        work[3, e] = density
-        work[4, e] = a
-        work[5, e] = before_tail - tail
-        before, before_bell, before_wide, before_tail = step, full, wide, tail
-    work[0, count] = before
-    work[1, count] = before_bell * inverse
-    work[2, count] = before_wide
-    work[5, count] = before_tail
-
-
 @njit(cache=True, fastmath=True, nogil=True, error_model="numpy")
-def _one(  # noqa: PLR0912, PLR0915, PLR0917 - one loop over pixels, all of it hot
-    grey: Any, tone: Any, linear: Any, lens: Any, cells: Any, theta: Any, place: Any, box: Any, margin: Any,
-    stride: Any, steps: Any, bells: Any, normal: Any, gradient: Any, stats: Any, blocks: Any,
-) -> None:  # fmt: skip
+def _collect(  # noqa: PLR0917
+    grey: Any, lens: Any, cells: Any, theta: Any, place: Any, box: Any, margin: Any, stride: Any, near_u: Any,
+    near_v: Any, into: Any,
+) -> int:  # fmt: skip
+    """Write x, y, u, v and grey level of the pixels that count; return how many."""
     modules = cells.shape[0] - 2
     h0, h1, h2, h3, h4, h5, h6, h7 = theta[0], theta[1], theta[2], theta[3], theta[4], theta[5], theta[6], theta[7]
-    offset, gain, slope_x, slope_y = theta[8], theta[9], theta[10], theta[11]
-    kappa = offset / gain if abs(gain) > 1e-9 else 0.0
-    scale = place[2]
-    sigma = np.exp(theta[12]) * scale
-    kurtosis = theta[13]
-    work_u, work_v = np.zeros((6, _MOST)), np.zeros((6, _MOST))
-    # edges in reach of a place, by the blur at the tag's centre
-    ux, uy = h0 - h2 * h6, h1 - h2 * h7
-    vx, vy = h3 - h5 * h6, h4 - h5 * h7
-    wide_u = sigma * np.sqrt(ux * ux + uy * uy)
-    wide_v = sigma * np.sqrt(vx * vx + vy * vy)
-    count_u = min(int(2 * _NEAR * wide_u) + 1, modules + 1, _MOST - 1)
-    count_v = min(int(2 * _NEAR * wide_v) + 1, modules + 1, _MOST - 1)
-    vertex = np.empty((modules + 1, modules + 1))
-    for j in range(modules + 1):
-        for i in range(modules + 1):
-            vertex[j, i] = cells[j + 1, i + 1] - cells[j + 1, i] - cells[j, i + 1] + cells[j, i]
-    jac = np.zeros(_PADDED)
-    local = np.zeros((PARAMETERS, _PADDED))
-    last = len(tone) - 1
-    top = blocks.shape[0] - 1
     every, shift, every_near = stride[0], stride[1], stride[2]
-    near_u, near_v = NEAR_SIGMAS * wide_u, NEAR_SIGMAS * wide_v
+    scale = place[2]
+    n = 0
     for row in range(box[2], box[3]):
-        first = box[0] + (row * shift) % every
-        for column in range(box[0], box[1]):
-            chosen = every == 1 or (column - first) % every == 0
-            if not chosen and (column + row) % every_near != 0:
+        to_chosen = (row * shift) % every
+        to_near = (every_near - (box[0] + row) % every_near) % every_near
+        column = box[0]
+        while column < box[1]:
+            ahead = min(to_chosen, to_near)
+            if ahead > 0:
+                column += ahead
+                to_chosen -= ahead
+                to_near -= ahead
                 continue
-            dx, dy = column - lens[0], row - lens[1]
+            chosen = to_chosen == 0
+            at = column
+            column += 1
+            to_chosen = every - 1 if chosen else to_chosen - 1
+            to_near = every_near - 1 if to_near == 0 else to_near - 1
+            dx, dy = at - lens[0], row - lens[1]
             q = (dx * dx + dy * dy) * lens[4] * lens[4]
             f = 1 + q * (lens[2] + q * lens[3])
             x = (lens[0] + dx * f - place[0]) * scale
@@ -154,86 +125,240 @@ def _one(  # noqa: PLR0912, PLR0915, PLR0917 - one loop over pixels, all of it h
                 )
                 if not crossed:
                     continue
-            ux, uy = (h0 - u * h6) * w, (h1 - u * h7) * w
-            vx, vy = (h3 - v * h6) * w, (h4 - v * h7) * w
-            uu, vv = ux * ux + uy * uy, vx * vx + vy * vy
-            s_u, s_v = np.sqrt(uu) * sigma, np.sqrt(vv) * sigma
-            first_u = min(max(int(u + (64 + 1 - 0.5 * count_u)) - 64, 0), modules + 1 - count_u)
-            first_v = min(max(int(v + (64 + 1 - 0.5 * count_v)) - 64, 0), modules + 1 - count_v)
-            _edges(u, s_u, first_u, count_u, kurtosis, steps, bells, work_u)
-            _edges(v, s_v, first_v, count_v, kurtosis, steps, bells, work_v)
-            rho = min(max((ux * vx + uy * vy) / np.sqrt(uu * vv), -0.9), 0.9)
-            p, p_u, p_v, p_s, p_k = 0.0, 0.0, 0.0, 0.0, 0.0
-            for j in range(count_v + 1):
-                c, c_u, c_s, c_k = 0.0, 0.0, 0.0, 0.0
-                for i in range(count_u + 1):
-                    e = cells[first_v + j, first_u + i]
-                    c += e * work_u[0, i]
-                    c_u += e * work_u[1, i]
-                    c_s += e * work_u[2, i]
-                    c_k += e * work_u[5, i]
-                p += work_v[0, j] * c
-                p_u += work_v[0, j] * c_u
-                p_v += work_v[1, j] * c
-                p_s += work_v[0, j] * c_s + work_v[2, j] * c
-                p_k += work_v[0, j] * c_k + work_v[5, j] * c
-            for j in range(count_v):
-                vertical = rho * work_v[3, j]
-                bj = work_v[4, j]
-                for i in range(count_u):
-                    c = vertical * work_u[3, i] * vertex[first_v + j, first_u + i]
-                    ai = work_u[4, i]
-                    p += c * (1 + 0.5 * rho * ai * bj)
-                    p_u -= c * ai / s_u
-                    p_v -= c * bj / s_v
-                    p_s += c * (ai * ai + bj * bj)
-            slope = slope_x * x + slope_y * y
-            light = offset + gain * p + slope * (p + kappa)
+            into[0, n], into[1, n], into[2, n], into[3, n], into[4, n] = x, y, u, v, grey[row, at]
+            n += 1
+    return n
+
+
+@njit(cache=True, fastmath=True, nogil=True, error_model="numpy")
+def _edge(place: Any, inverse: Any, first: Any, e: Any, k: Any, out: Any) -> None:  # noqa: PLR0917
+    """Fill what a module edge does to each pixel of a block, a row for each of the six figures."""
+    shift, k24 = np.float32(e), np.float32(k) * _F24TH
+    for p in range(_BLOCK):
+        a = min(max((place[p] - (first[p] + shift)) * inverse[p], -_REACH), _REACH)
+        a2 = a * a
+        x = a2 * _32ND
+        g = _F1 + x * (_F1 + x * (_E2 + x * (_E3 + x * (_E4 + x * (_E5 + x * _E6)))))
+        g = g * g
+        g = g * g
+        g = g * g
+        density = g * g * _ROOT
+        t = _F1 / (_F1 + _P * abs(a))
+        far = density * t * (_B1 + t * (_B2 + t * (_B3 + t * (_B4 + t * _B5))))
+        step = _F1 - far if a > _F0 else far
+        tail = -(a2 - _F3) * a * density * _F24TH
+        full = density * (_F1 + k24 * (a2 * (a2 - _F6) + _F3))
+        out[0, p] = step + np.float32(k) * tail
+        out[1, p] = full
+        out[2, p] = -a * full
+        out[3, p] = tail
+        out[4, p] = density
+        out[5, p] = a
+
+
+@njit(cache=True, fastmath=True, nogil=True, error_model="numpy")
+def _across(weight: Any, edge: Any, sums: Any) -> None:
+    """Add an edge along u, times the difference of the modules there, to the sums along a row of modules."""
+    for p in range(_BLOCK):
+        c = weight[p]
+        d = c * edge[4, p]
+        da = d * edge[5, p]
+        sums[0, p] += c * edge[0, p]
+        sums[1, p] += c * edge[1, p]
+        sums[2, p] += c * edge[2, p]
+        sums[3, p] += c * edge[3, p]
+        sums[4, p] += d
+        sums[5, p] += da
+        sums[6, p] += da * edge[5, p]
+
+
+@njit(cache=True, fastmath=True, nogil=True, error_model="numpy")
+def _down(sums: Any, edge: Any, rho: Any, total: Any) -> None:
+    """Add an edge along v, times the sums along u of the differences there, to P and its derivatives."""
+    for p in range(_BLOCK):
+        s, b = sums[0, p], edge[5, p]
+        d = rho[p] * edge[4, p]
+        db = d * b
+        total[0, p] += edge[0, p] * s + d * sums[4, p] + _F05 * rho[p] * db * sums[5, p]
+        total[1, p] += edge[0, p] * sums[1, p] - d * sums[5, p]
+        total[2, p] += edge[1, p] * s - db * sums[4, p]
+        total[3, p] += edge[0, p] * sums[2, p] + edge[2, p] * s + d * sums[6, p] + db * b * sums[4, p]
+        total[4, p] += edge[0, p] * sums[3, p] + edge[3, p] * s
+
+
+@njit(cache=True, fastmath=True, nogil=True, error_model="numpy")
+def _geometry(theta: Any, sigma: Any, at: Any, geometry: Any) -> None:
+    """Fill 1 / w, 1 / s_u, 1 / s_v and the correlation of the blur on the tag."""
+    h0, h1, h3, h4 = np.float32(theta[0]), np.float32(theta[1]), np.float32(theta[3]), np.float32(theta[4])
+    h6, h7, inverse = np.float32(theta[6]), np.float32(theta[7]), np.float32(1 / sigma)
+    limit = np.float32(0.9)
+    for p in range(_BLOCK):
+        w = _F1 / (h6 * at[0, p] + h7 * at[1, p] + _F1)
+        ux, uy = (h0 - at[2, p] * h6) * w, (h1 - at[2, p] * h7) * w
+        vx, vy = (h3 - at[3, p] * h6) * w, (h4 - at[3, p] * h7) * w
+        u, v = _F1 / np.sqrt(ux * ux + uy * uy), _F1 / np.sqrt(vx * vx + vy * vy)
+        geometry[0, p] = w
+        geometry[1, p] = u * inverse
+        geometry[2, p] = v * inverse
+        geometry[3, p] = min(max((ux * vx + uy * vy) * u * v, -limit), limit)
+
+
+@njit(cache=True, fastmath=True, nogil=True, error_model="numpy")
+def _jacobian(light: Any, at: Any, geometry: Any, total: Any, bend: Any, out: Any) -> None:  # noqa: PLR0917
+    """Fill the rows of the Jacobian; ``bend`` is the tone curve's slope, 0 for what fills up the last block."""
+    gain, slope_x, slope_y, kappa = (
+        np.float32(light[1]), np.float32(light[2]), np.float32(light[3]), np.float32(light[4])
+    )  # fmt: skip
+    for p in range(_BLOCK):
+        x, y, w = at[0, p], at[1, p], geometry[0, p]
+        factor = (gain + slope_x * x + slope_y * y) * bend[p]
+        lit = (total[0, p] + kappa) * bend[p]
+        gu, gv = factor * total[1, p] * geometry[1, p] * w, factor * total[2, p] * geometry[2, p] * w
+        both = -(gu * at[2, p] + gv * at[3, p])
+        out[0, p] = gu * x
+        out[1, p] = gu * y
+        out[2, p] = gu
+        out[3, p] = gv * x
+        out[4, p] = gv * y
+        out[5, p] = gv
+        out[6, p] = both * x
+        out[7, p] = both * y
+        out[8, p] = bend[p]
+        out[9, p] = total[0, p] * bend[p]
+        out[10, p] = x * lit
+        out[11, p] = y * lit
+        out[12, p] = factor * total[3, p]
+        out[13, p] = factor * total[4, p]
+
+
+@njit(cache=True, fastmath=True, nogil=True, error_model="numpy")
+def _one(  # noqa: PLR0912, PLR0915, PLR0917 - arrays in, arrays out
+    grey: Any, tone: Any, linear: Any, lens: Any, cells: Any, theta: Any, place: Any, box: Any, margin: Any,
+    stride: Any, normal: Any, gradient: Any, stats: Any, blocks: Any,
+) -> None:  # fmt: skip
+    modules = cells.shape[0] - 2
+    h2, h5, h6, h7 = theta[2], theta[5], theta[6], theta[7]
+    sigma = np.exp(theta[12]) * place[2]
+    # edges in reach of a place, by the blur at the tag's centre
+    wide_u = sigma * np.sqrt((theta[0] - h2 * h6) ** 2 + (theta[1] - h2 * h7) ** 2)
+    wide_v = sigma * np.sqrt((theta[3] - h5 * h6) ** 2 + (theta[4] - h5 * h7) ** 2)
+    count_u = min(int(2 * _NEAR * wide_u) + 1, modules + 1, _MOST)
+    count_v = min(int(2 * _NEAR * wide_v) + 1, modules + 1, _MOST)
+    area = max(box[1] - box[0], 0) * max(box[3] - box[2], 0)
+    pixels = np.empty((5, area), np.float32)
+    n = _collect(
+        grey, lens, cells, theta, place, box, margin, stride, NEAR_SIGMAS * wide_u, NEAR_SIGMAS * wide_v, pixels
+    )
+    if n == 0:
+        return
+    kappa = theta[8] / theta[9] if abs(theta[9]) > 1e-9 else 0.0
+    offset, gain, slope_x, slope_y = theta[8], theta[9], theta[10], theta[11]
+    light = (offset, gain, slope_x, slope_y, kappa)
+    side = cells.shape[0]
+    last = len(tone) - 1
+    parts = (n + _BLOCK - 1) // _BLOCK
+    jac = np.zeros((parts, _ROWS, _BLOCK), np.float32)
+    at = np.empty((5, _BLOCK), np.float32)
+    geometry = np.empty((4, _BLOCK), np.float32)
+    first_u, first_v = np.empty(_BLOCK, np.float32), np.empty(_BLOCK, np.float32)
+    corner = np.empty(_BLOCK, np.int64)
+    edges_u = np.empty((count_u, _OF_EDGE, _BLOCK), np.float32)
+    edge_v = np.empty((_OF_EDGE, _BLOCK), np.float32)
+    weight, bend = np.empty(_BLOCK, np.float32), np.empty(_BLOCK, np.float32)
+    sums, total = np.empty((7, _BLOCK), np.float32), np.empty((5, _BLOCK), np.float32)
+    flat = np.empty(side * side, np.float32)
+    for j in range(side):
+        for i in range(side):
+            flat[j * side + i] = cells[j, i]
+    half_u, half_v = 65 - 0.5 * count_u, 65 - 0.5 * count_v
+    for part in range(parts):
+        begin = part * _BLOCK
+        used = min(_BLOCK, n - begin)
+        for k in range(5):
+            for p in range(used):
+                at[k, p] = pixels[k, begin + p]
+            for p in range(used, _BLOCK):
+                at[k, p] = pixels[k, begin]
+        for p in range(_BLOCK):
+            i = min(max(int(at[2, p] + half_u) - 64, 0), modules + 1 - count_u)
+            j = min(max(int(at[3, p] + half_v) - 64, 0), modules + 1 - count_v)
+            first_u[p], first_v[p] = i, j
+            corner[p] = j * side + i
+        _geometry(theta, sigma, at, geometry)
+        total[:] = 0
+        for e in range(count_u):
+            _edge(at[2], geometry[1], first_u, e, theta[13], edges_u[e])
+            for p in range(_BLOCK):
+                k = corner[p] + e
+                weight[p] = flat[k + 1] - flat[k]
+            if e == 0:
+                sums[:] = 0
+            _across(weight, edges_u[e], sums)
+        for p in range(_BLOCK):
+            total[0, p] = flat[corner[p]] + sums[0, p]
+            total[1, p] = sums[1, p]
+            total[3, p] = sums[2, p]
+            total[4, p] = sums[3, p]
+        for f in range(count_v):
+            _edge(at[3], geometry[2], first_v, f, theta[13], edge_v)
+            sums[:] = 0
+            for e in range(count_u):
+                for p in range(_BLOCK):
+                    k = corner[p] + f * side + e
+                    weight[p] = (flat[k + side + 1] - flat[k + side]) - (flat[k + 1] - flat[k])
+                _across(weight, edges_u[e], sums)
+            for p in range(_BLOCK):
+                k = corner[p] + f * side
+                sums[0, p] += flat[k + side] - flat[k]
+            _down(sums, edge_v, geometry[3], total)
+        into = jac[part]
+        for p in range(used):
+            value = np.float64(at[4, p])
+            x, y, shown = at[0, p], at[1, p], np.float64(total[0, p])
+            lit = offset + gain * shown + (slope_x * x + slope_y * y) * (shown + kappa)
             if linear:
-                bend = 1.0 if light >= 0 and light < 1 else 0.0
-                predicted = min(max(light, 0.0), 1.0)
+                slope = 1.0 if lit >= 0 and lit < 1 else 0.0
+                predicted = min(max(lit, 0.0), 1.0)
             else:
-                t = min(max(light * last, 0.0), last - 1e-9)
+                t = min(max(lit * last, 0.0), last - 1e-9)
                 i = int(t)
                 step = tone[i + 1] - tone[i]
                 predicted = tone[i] + (t - i) * step
-                bend = step * last if light >= 0 and light < 1 else 0.0
-            value = grey[row, column]
+                slope = step * last if lit >= 0 and lit < 1 else 0.0
             r = value - predicted
-            factor = (gain + slope) * bend
-            lit = (p + kappa) * bend
-            jac[8], jac[9], jac[10], jac[11] = bend, p * bend, x * lit, y * lit
-            start = 8
-            if abs(p_s) + abs(p_u) * s_u + abs(p_v) * s_v > 1e-4:
-                start = 0
-                gu, gv = factor * p_u * w, factor * p_v * w
-                both = -(gu * u + gv * v)
-                jac[0], jac[1], jac[2] = gu * x, gu * y, gu
-                jac[3], jac[4], jac[5] = gv * x, gv * y, gv
-                jac[6], jac[7], jac[12], jac[13] = both * x, both * y, factor * p_s, factor * p_k
-            jac[14] = r
-            if start == 0:
-                for i in range(PARAMETERS):
-                    ji = jac[i]
-                    for j in range(_PADDED):
-                        local[i, j] += ji * jac[j]
-            else:
-                for i in range(8, 12):
-                    ji = jac[i]
-                    for j in range(8, 12):
-                        local[i, j] += ji * jac[j]
-                    local[i, 14] += ji * r
-            stats[0] += 1
+            bend[p] = slope
+            into[14, p] = r
             stats[1] += r * r
             stats[2] += value
             stats[3] += value * value
             stats[4] += predicted
             stats[5] += predicted * predicted
-            i = min(int(u + 1), top)
-            j = min(int(v + 1), top)
+            i = min(int(at[2, p] + 1), side - 1)
+            j = min(int(at[3, p] + 1), side - 1)
             blocks[j, i, 0] += r
             blocks[j, i, 1] += 1
-    for i in range(PARAMETERS):
-        gradient[i] = local[i, 14]
-        for j in range(PARAMETERS):
-            normal[i, j] = local[i, j]
+        for p in range(used, _BLOCK):
+            bend[p] = 0
+        _jacobian(light, at, geometry, total, bend, into)
+    stats[0] += n
+    _products(jac, normal, gradient)
+
+
+@njit(cache=True, fastmath=True, nogil=True, error_model="numpy")
+def _products(jac: Any, normal: Any, gradient: Any) -> None:
+    """Fill the normal matrix and the gradient, four products of rows at a time."""
+    for i in range(0, PARAMETERS, 2):
+        for j in range(i, _ROWS, 2):
+            a, b, c, d = _F0, _F0, _F0, _F0
+            for part in range(len(jac)):
+                rows = jac[part]
+                for p in range(_BLOCK):
+                    a += rows[i, p] * rows[j, p]
+                    b += rows[i, p] * rows[j + 1, p]
+                    c += rows[i + 1, p] * rows[j, p]
+                    d += rows[i + 1, p] * rows[j + 1, p]
+            if j == PARAMETERS:
+                gradient[i], gradient[i + 1] = a, c
+            else:
+                normal[i, j], normal[i, j + 1], normal[i + 1, j], normal[i + 1, j + 1] = a, b, c, d
+                normal[j, i], normal[j + 1, i], normal[j, i + 1], normal[j + 1, i + 1] = a, b, c, d

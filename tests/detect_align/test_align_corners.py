@@ -87,7 +87,10 @@ def test_colour_and_deep_pictures_give_the_same_corners():
     ):
         tags = locate_tags(other, TARGET)
         np.testing.assert_array_equal(tags.ids, plain.ids)
-        np.testing.assert_allclose(tags.corners_px, plain.corners_px, atol=0.01)
+        # the seeds come from rounded greys, so that at a tag's rim some pixels more or fewer may count
+        off = np.abs(tags.corners_px - plain.corners_px)
+        np.testing.assert_array_less(off, 0.5 * np.sqrt(np.einsum("ncii->nci", plain.cov_px2)))
+        assert np.median(off) < 1e-3
 
 
 @pytest.mark.parametrize("bits", [10, 12])
