@@ -136,17 +136,17 @@ def _step(
 
 def _solve(stops: list[StopView], image_size: tuple[int, int]) -> tuple[Intrinsics, Array]:
     """Return the camera and poses (P, 4, 4) that minimise the reprojection error, from scratch."""
-    some = np.unique(np.linspace(0, len(stops) - 1, min(len(stops), _STOPS_FOR_GUESS)).round().astype(int))
-    homographies = [H for j in some for H in face_homographies(stops[j])]
+    rows = np.unique(np.linspace(0, len(stops) - 1, min(len(stops), _STOPS_FOR_GUESS)).round().astype(int))
+    some = [stops[j] for j in rows]
+    homographies = [H for stop in some for H in face_homographies(stop)]
     if not homographies:
         raise CalibError("no face of the box shows two tags at once: a larger or nearer view of the box is needed")
     starts = []
     for K in camera_matrix_guesses(homographies, image_size):
         guess = Intrinsics(fu=K[0, 0], fv=K[1, 1], cu=K[0, 2], cv=K[1, 2], kr=0.0)
-        poses = np.array([locate(guess, stop) for stop in stops])
-        starts.append((_linearise(guess, poses, stops).cost, guess, poses))
-    _, guess, poses = min(starts, key=lambda start: start[0])
-    camera, poses, _ = minimise_reprojection(guess, poses, stops)
+        starts.append((_linearise(guess, np.array([locate(guess, stop) for stop in some]), some).cost, guess))
+    _, guess = min(starts, key=lambda start: start[0])
+    camera, poses, _ = minimise_reprojection(guess, np.array([locate(guess, stop) for stop in stops]), stops)
     return camera, poses
 
 
@@ -180,7 +180,7 @@ def minimise_reprojection(camera: Intrinsics, poses: Array, stops: list[StopView
         if trial.cost < system.cost:
             gain = system.cost - trial.cost
             camera, poses, system, lam = trial_camera, trial_poses, trial, max(lam / 10, 1e-12)
-            if gain < 1e-12 * system.cost:
+            if gain < 1e-9 * system.cost:
                 break
         else:
             lam *= 10

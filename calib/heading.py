@@ -145,10 +145,12 @@ def _grow(a: Array, turn: Array, phi: Array) -> Array:
     """Return unwrapped turns, moves in order of size: each batch is unwrapped with the fit of all before it."""
     n = len(turn)
     size = min(n, 4)
+    tiny = 1e-12 * float(np.sum(phi[:size] ** 2)) * np.eye(2)  # the shortest moves may all be alike
     while True:
         expected = phi[:size] @ a
         unwrapped = expected + wrap(turn[:size] - expected)
-        a = np.asarray(np.linalg.lstsq(phi[:size], unwrapped, rcond=None)[0], dtype=np.float64)
+        normal = phi[:size].T @ phi[:size] + tiny
+        a = np.asarray(np.linalg.solve(normal, phi[:size].T @ unwrapped), dtype=np.float64)
         if size == n:
             expected = phi @ a
             return np.asarray(expected + wrap(turn - expected))
