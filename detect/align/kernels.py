@@ -1,6 +1,6 @@
 """The sums of :mod:`detect.align.model`, compiled by numba: the same arguments, the same results to half a per cent.
 
-Importing this module needs numba (the extra ``fast``); :func:`detect.align.solve.accumulator` falls back to numpy.
+Importing this module needs numba (the extra ``fast``); :func:`detect.align.solve.align` falls back to numpy.
 
 A tag's pixels are first collected, then summed in blocks: every loop over a block is short, without branches and in
 single precision, so that the compiler turns it into vector instructions. Module edges near a pixel enter by partial
@@ -48,24 +48,27 @@ def accumulate(  # noqa: PLR0917 - as the reference
     """Return the normal equations of tags at their present parameters; see :func:`detect.align.model.accumulate`."""
     sums = no_sums(len(rows), cells)
     _run(
-        frame.grey, frame.tone, _is_linear(frame.tone), frame.lens, cells, rows, theta, place, boxes, margin, stride,
+        frame.grey, frame.tone, is_linear(frame.tone), frame.lens, cells, rows, theta, place, boxes, margin, stride,
         sums.normal, sums.gradient, sums.stats, sums.blocks,
     )  # fmt: skip
     return sums
 
 
-def _is_linear(tone: Array) -> bool:
+def is_linear(tone: Array) -> bool:
+    """Return whether a tone curve is the identity."""
     return bool(len(tone) == 2 and tone[0] == 0 and tone[1] == 1)
 
 
-@njit(cache=True, fastmath=True, nogil=True, error_model="numpy", boundscheck=False)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _run(  # noqa: PLR0917 - arrays in, arrays out
     grey: Any, tone: Any, linear: Any, lens: Any, cells: Any, rows: Any, theta: Any, place: Any, boxes: Any,
     margin: Any,
     stride: Any, normal: Any, gradient: Any, stats: Any, blocks: Any,
 ) -> None:  # fmt: skip
     for k in range(len(rows)):
-        _one(
+        if not np.all(np.isfinite(theta[k])):
+            continue
+        sum_one(
             grey, tone, linear, lens, cells[rows[k]], theta[k], place[k], boxes[k], margin[k], stride[k],
             normal[k], gradient[k], stats[k], blocks[k],
         )  # fmt: skip
@@ -232,10 +235,11 @@ def _jacobian(light: Any, at: Any, geometry: Any, total: Any, bend: Any, out: An
 
 
 @njit(cache=True, fastmath=True, nogil=True, error_model="numpy")
-def _one(  # noqa: PLR0912, PLR0915, PLR0917 - arrays in, arrays out
+def sum_one(  # noqa: PLR0912, PLR0915, PLR0917 - arrays in, arrays out
     grey: Any, tone: Any, linear: Any, lens: Any, cells: Any, theta: Any, place: Any, box: Any, margin: Any,
     stride: Any, normal: Any, gradient: Any, stats: Any, blocks: Any,
 ) -> None:  # fmt: skip
+    """Add the sums of one tag, whose parameters are finite."""
     modules = cells.shape[0] - 2
     h2, h5, h6, h7 = theta[2], theta[5], theta[6], theta[7]
     sigma = np.exp(theta[12]) * place[2]

@@ -1,7 +1,8 @@
 """Align tags with an image: batched Gauss-Newton on homography, light and blur of every tag at once."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from typing import Protocol
 
 import numpy as np
@@ -23,7 +24,7 @@ EDGE_SIDE_PX = 30.0
 MUCH = 0.6
 """A step that explains this share of the squared residuals is not the last."""
 _DAMPING, _FIRST_DAMPING = 1e-6, 1e-3
-
+_LONGEST_MODULES, _LONGEST_LOG, _MOST_EXPLAINED = 0.8, 0.35, 0.98
 
 _FIBONACCI = np.array([1, 1, 2, 3, 5, 8, 13, 21, 34, 55, 89, 144, 233, 377, 610, 987], dtype=np.int64)
 
@@ -120,16 +121,6 @@ class Accumulate(Protocol):
     ) -> Sums: ...
 
 
-@cache
-def accumulator() -> Accumulate:
-    """Return the compiled sums where numba is installed, else the reference."""
-    try:
-        from detect.align.kernels import accumulate  # noqa: PLC0415 - optional and slow to import
-    except ImportError:
-        return model.accumulate
-    return accumulate
-
-
 def align(
     frame: Frame,
     patterns: Patterns,
@@ -168,14 +159,13 @@ def align(
     covariance
         Without it covariances come back as zero.
     sums_of
-        Numpy or compiled sums; the compiled where numba is installed.
+        Take the steps in numpy with these sums; without it they are compiled where numba is installed.
 
     Returns
     -------
     Aligned
         As many as went in, in their order; those that diverged have a correlation of -1.
     """
-    sums_of = sums_of or accumulator()
     schedule = _FIRST if start is None else (_AGAIN if relight else _FURTHER)
     straight = model.straighten(frame.lens, corners_px)
     place, theta = _start(patterns, straight)
@@ -184,24 +174,56 @@ def align(
     boxes, margin = _pixels(frame, patterns, corners_px, theta[:, LOG_SIGMA])
     stride = _strides(corners_px, side_px, edges=start is not None)
     last = model.no_sums(len(rows), patterns.cells)
-    active = np.arange(len(rows))
     places = (straight - place[:, None, :2]) * place[:, 2, None, None]
-    module = np.linalg.norm(corners_px - np.roll(corners_px, 1, axis=1), axis=2).max(axis=1) / patterns.modules
+    side = np.linalg.norm(corners_px - np.roll(corners_px, 1, axis=1), axis=2).max(axis=1)
+    (_descent() if sums_of is None else partial(_descend, sums_of))(
+        frame, patterns.cells, rows, theta, place, boxes, margin, stride, last,
+        places=places, module_px=side / patterns.modules, free=np.stack(schedule),
+        damping=_DAMPING if start is not None else _FIRST_DAMPING, stop_px=stop_px, iterations=iterations,
+    )  # fmt: skip
+    return _finish(frame, patterns, rows=rows, theta=theta, place=place, sums=last, covariance=covariance)
+
+
+@cache
+def _descent() -> Callable[..., None]:
+    """Return the compiled steps where numba is installed, else those in numpy."""
+    try:
+        from detect.align.descent import descend  # noqa: PLC0415 - optional and slow to import
+    except ImportError:
+        return partial(_descend, model.accumulate)
+    limits = np.array([np.log([MIN_SIGMA_PX, MAX_SIGMA_PX]), KURTOSIS_RANGE])
+    held = (_LONGEST_MODULES, _LONGEST_LOG, _MOST_EXPLAINED)
+    return partial(descend, limits=limits, held=held, much=MUCH, prior=KURTOSIS_PRIOR)
+
+
+def _descend(  # noqa: PLR0917 - the sums' arguments first
+    sums_of: Accumulate,
+    frame: Frame,
+    cells: Array,
+    rows: Index,
+    theta: Array,
+    place: Array,
+    boxes: NDArray[np.int64],
+    margin: Array,
+    stride: NDArray[np.int64],
+    last: Sums,
+    *,
+    places: Array,
+    module_px: Array,
+    free: NDArray[np.bool_],
+    damping: float,
+    stop_px: float,
+    iterations: int,
+) -> None:
+    """Take steps until each tag stands still; for the arguments see :func:`detect.align.descent.descend`."""
+    active = np.arange(len(rows))
     for step_no in range(iterations):
         if len(active) == 0:
             break
         sums = sums_of(
-            frame,
-            patterns.cells,
-            rows[active],
-            theta[active],
-            place[active],
-            boxes[active],
-            margin[active],
-            stride[active],
+            frame, cells, rows[active], theta[active], place[active], boxes[active], margin[active], stride[active]
         )
-        free = schedule[min(step_no, len(schedule) - 1)]
-        step = _step(sums, theta[active], free, _DAMPING if start is not None else _FIRST_DAMPING)
+        step = _step(sums, theta[active], free[min(step_no, len(free) - 1)], damping)
         stepped = _stepped(theta[active], step)
         less = _explained(sums, stepped - theta[active])
         converging = less > MUCH * sums.stats[:, 1]
@@ -209,16 +231,15 @@ def align(
         _put(last, active, sums)
         moved = model.apply_h(stepped, places[active]) - model.apply_h(theta[active], places[active])
         theta[active] = stepped
-        moved_px = np.abs(moved).max(axis=(1, 2)) * module[active]
-        if step_no >= len(schedule) - 1:
+        moved_px = np.abs(moved).max(axis=(1, 2)) * module_px[active]
+        if step_no >= len(free) - 1:
             active = active[~(moved_px < stop_px) | converging]
-    return _finish(frame, patterns, rows=rows, theta=theta, place=place, sums=last, covariance=covariance)
 
 
 def _explained(sums: Sums, step: Array) -> Array:
     """Return by how much a step lessens the sums of squared residuals (N,), by the linear model; at most by all."""
     less = 2 * np.einsum("ni,ni->n", step, sums.gradient) - np.einsum("ni,nij,nj->n", step, sums.normal, step)
-    return np.asarray(np.clip(less, 0, 0.98 * sums.stats[:, 1]))
+    return np.asarray(np.clip(less, 0, _MOST_EXPLAINED * sums.stats[:, 1]))
 
 
 def _put(sums: Sums, at: Index, some: Sums) -> None:
@@ -289,9 +310,9 @@ def _stepped(theta: Array, step: Array) -> Array:
     """Return the parameters after a step, held back where it would leave what the model can follow."""
     step = np.nan_to_num(step, nan=0.0, posinf=0.0, neginf=0.0)
     reach = np.abs(step[:, [2, 5]]).max(axis=1)
-    held = np.minimum(1.0, 0.8 / np.maximum(reach, 1e-12))
+    held = np.minimum(1.0, _LONGEST_MODULES / np.maximum(reach, 1e-12))
     step[:, :8] *= held[:, None]
-    step[:, LOG_SIGMA] = np.clip(step[:, LOG_SIGMA], -0.35, 0.35)
+    step[:, LOG_SIGMA] = np.clip(step[:, LOG_SIGMA], -_LONGEST_LOG, _LONGEST_LOG)
     new = theta + step
     new[:, KURTOSIS] = np.clip(new[:, KURTOSIS], *KURTOSIS_RANGE)
     new[:, LOG_SIGMA] = np.clip(new[:, LOG_SIGMA], np.log(MIN_SIGMA_PX), np.log(MAX_SIGMA_PX))

@@ -1,0 +1,149 @@
+"""The steps of :func:`detect.align.solve.align`, compiled by numba: tag after tag, without a call per step and sum.
+
+Importing this module needs numba (the extra ``fast``); :mod:`detect.align.solve` takes the same steps in numpy.
+"""
+
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+from detect.align.kernels import is_linear, sum_one
+from detect.align.model import KURTOSIS, LOG_SIGMA, PARAMETERS, Frame, Sums
+from detect.align.pattern import Array
+
+
+def descend(  # noqa: PLR0917 - the sums' arguments first
+    frame: Frame, cells: Array, rows: Any, theta: Array, place: Array, boxes: Any, margin: Array, stride: Any,
+    sums: Sums, *, places: Array, module_px: Array, free: Any, damping: float, stop_px: float, iterations: int,
+    limits: Array, held: tuple[float, float, float], much: float, prior: float,
+) -> None:  # fmt: skip
+    """Take Gauss-Newton steps until each tag stands still: ``theta`` and ``sums`` (from zero) change in place.
+
+    Parameters
+    ----------
+    frame, cells, rows, theta, place, boxes, margin, stride
+        See :func:`detect.align.model.accumulate`.
+    sums
+        Of the last step, the sum of squared residuals less what that step explains.
+    places : (N, 4, 2)
+        Corners in normalised places; what moves there says when to stop.
+    module_px : (N,), px
+    free : (S, 14)
+        What each step may change; the last row holds for all further steps.
+    damping, stop_px, iterations
+        As in :func:`detect.align.solve.align`.
+    limits : (2, 2)
+        Least and most log sigma, then kurtosis.
+    held
+        Longest step of a place, in modules; of log sigma; largest share of the squared residuals a step may explain.
+    much
+        A step that explains this share is not the last.
+    prior
+        Deviation of the kurtosis before anything is seen.
+    """
+    _descend(
+        frame.grey, frame.tone, is_linear(frame.tone), frame.lens, cells, rows, theta, place, boxes, margin, stride,
+        sums.normal, sums.gradient, sums.stats, sums.blocks, places, module_px, free, damping, stop_px, iterations,
+        limits, held, much, prior,
+    )  # fmt: skip
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _descend(  # noqa: PLR0917 - arrays in, arrays out
+    grey: Any, tone: Any, linear: Any, lens: Any, cells: Any, rows: Any, theta: Any, place: Any, boxes: Any,
+    margin: Any, stride: Any, normal: Any, gradient: Any, stats: Any, blocks: Any, places: Any, module_px: Any,
+    free: Any, damping: Any, stop_px: Any, iterations: Any, limits: Any, held: Any, much: Any, prior: Any,
+) -> None:  # fmt: skip
+    step = np.zeros(PARAMETERS)
+    for k in range(len(rows)):
+        for number in range(iterations):
+            normal[k], gradient[k], stats[k], blocks[k] = 0.0, 0.0, 0.0, 0.0
+            if not np.all(np.isfinite(theta[k])):
+                break
+            sum_one(
+                grey, tone, linear, lens, cells[rows[k]], theta[k], place[k], boxes[k], margin[k], stride[k],
+                normal[k], gradient[k], stats[k], blocks[k],
+            )  # fmt: skip
+            information = max(stats[k, 1], 1e-9) / max(stats[k, 0] - PARAMETERS, 1.0) / prior**2
+            _solve(normal[k], gradient[k], free[min(number, len(free) - 1)], theta[k], information, damping, step)
+            _hold(theta[k], limits, held, step)
+            less = 0.0
+            for i in range(PARAMETERS):
+                row = 0.0
+                for j in range(PARAMETERS):
+                    row += normal[k, i, j] * step[j]
+                less += step[i] * (2 * gradient[k, i] - row)
+            less = min(max(less, 0.0), held[2] * stats[k, 1])
+            converging = less > much * stats[k, 1]
+            stats[k, 1] -= less
+            moved = _step_on(theta[k], step, places[k]) * module_px[k]
+            if number >= len(free) - 1 and moved < stop_px and not converging:
+                break
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _solve(  # noqa: PLR0917
+    normal: Any, gradient: Any, free: Any, theta: Any, information: Any, damping: Any, step: Any
+) -> None:
+    """Fill the damped step of the free parameters, by Cholesky's decomposition."""
+    A, b = normal.copy(), gradient.copy()
+    A[KURTOSIS, KURTOSIS] += information
+    b[KURTOSIS] -= information * theta[KURTOSIS]
+    for i in range(PARAMETERS):
+        A[i, i] += damping * A[i, i] if A[i, i] > 1e-12 else 1.0
+        if not free[i]:
+            A[i, :], A[:, i] = 0.0, 0.0
+            A[i, i], b[i] = 1.0, 0.0
+    for i in range(PARAMETERS):
+        for j in range(i + 1):
+            total = A[i, j]
+            for m in range(j):
+                total -= A[i, m] * A[j, m]
+            if i == j:
+                A[i, i] = np.sqrt(max(total, 1e-300))
+            else:
+                A[i, j] = total / A[j, j]
+    for i in range(PARAMETERS):
+        total = b[i]
+        for m in range(i):
+            total -= A[i, m] * step[m]
+        step[i] = total / A[i, i]
+    for i in range(PARAMETERS - 1, -1, -1):
+        total = step[i]
+        for m in range(i + 1, PARAMETERS):
+            total -= A[m, i] * step[m]
+        step[i] = total / A[i, i]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _hold(theta: Any, limits: Any, held: Any, step: Any) -> None:
+    """Hold a step back where it would leave what the model can follow."""
+    for i in range(PARAMETERS):
+        if not np.isfinite(step[i]):
+            step[i] = 0.0
+    share = min(1.0, held[0] / max(abs(step[2]), abs(step[5]), 1e-12))
+    step[:8] *= share
+    step[LOG_SIGMA] = min(max(step[LOG_SIGMA], -held[1]), held[1])
+    for row, i in enumerate((LOG_SIGMA, KURTOSIS)):
+        step[i] = min(max(theta[i] + step[i], limits[row, 0]), limits[row, 1]) - theta[i]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _step_on(theta: Any, step: Any, places: Any) -> float:
+    """Take the step; return how far that moves a corner at most, in modules."""
+    most = 0.0
+    before = np.empty((4, 2))
+    for turn in range(2):
+        for c in range(4):
+            x, y = places[c, 0], places[c, 1]
+            w = theta[6] * x + theta[7] * y + 1
+            u = (theta[0] * x + theta[1] * y + theta[2]) / w
+            v = (theta[3] * x + theta[4] * y + theta[5]) / w
+            if turn == 0:
+                before[c, 0], before[c, 1] = u, v
+            else:
+                most = max(most, abs(u - before[c, 0]), abs(v - before[c, 1]))
+        if turn == 0:
+            theta += step
+    return most
