@@ -8,6 +8,7 @@ import numpy as np
 
 from detect.combine import FLOOR_PX, Sighting, combine, covariances
 from detect.correspondences import Correspondences, Source, StopView
+from detect.depth import DEPTHS, eight_bits
 from detect.errors import DetectError
 from detect.messages import Grey
 from detect.names import Topics
@@ -21,7 +22,7 @@ from target.box import Target
 from target.landmarks import target_sha256
 
 MIN_STOPS = 3
-_TONE_FRAMES = 5
+_SOME_FRAMES = 5
 
 Progress = Callable[[str], None]
 """Takes a line that says how far the work is."""
@@ -37,6 +38,10 @@ class ExtractSettings:
         How stops and tags are found.
     tone
         The camera's tone curve (``srgb`` or ``linear``); None tells it from the tags.
+    bits
+        Of the grey levels of a camera of more than 8 bits (10, 12, 14, 16), as its messages do not say how many of
+        their 16 are used; None tells it from the largest value in some frames. It matters little where the tone
+        curve is linear.
     settle : s
         Frames this soon after coming to rest or before leaving are used only if there are no others.
     max_frames
@@ -50,6 +55,7 @@ class ExtractSettings:
     stops: StopSettings = field(default_factory=StopSettings)
     tags: TagSettings = field(default_factory=TagSettings)
     tone: str | None = None
+    bits: int | None = None
     settle: float = 0.1
     max_frames: int = 20
     min_tags: int = 4
@@ -60,6 +66,8 @@ class ExtractSettings:
             value = getattr(self, name)
             if not (np.isfinite(value) and value >= least):
                 raise DetectError(f"{name} is {value}, a number from {least:g} on is needed")
+        if self.bits is not None and self.bits not in DEPTHS:
+            raise DetectError(f"bits is {self.bits}, one of {', '.join(map(str, DEPTHS))} is needed")
 
 
 def extract(
@@ -96,6 +104,7 @@ def extract(
     tell = progress or _silent
     recording = open_recording(path, topics)
     stops = find_stops(recording.wheels, settings.stops, recording.encoder_steps)
+    settings = replace(settings, bits=_bits(recording, stops, settings))
     look = _Look(recording, target, replace(settings, tags=_with_tone(recording, stops, target, settings)))
     seen: list[tuple[Stop, Sighting]] = []
     for number, stop in enumerate(stops, 1):
@@ -130,14 +139,28 @@ def frames_at(recording: Recording, stop: Stop, settle: float, max_frames: int) 
     return frames
 
 
+def _bits(recording: Recording, stops: tuple[Stop, ...], settings: ExtractSettings) -> int:
+    """Return the bits of the camera's grey levels, as given or told; a number too small is refused."""
+    told, given = recording.used_bits(_some_frames(recording, stops, settings)), settings.bits
+    if given is not None and told > given:
+        who = f"{recording.path.name}: images in {printable(recording.camera_topic)}"
+        raise DetectError(f"{who} have values of {told} bits, {given} or fewer are expected; give bits {told} or none")
+    return given or told
+
+
 def _with_tone(recording: Recording, stops: tuple[Stop, ...], target: Target, settings: ExtractSettings) -> TagSettings:
     """Return the tag settings with the camera's tone curve, told from one frame each of a few stops."""
     tone = settings.tone
     if tone is None:
-        first = [f for f in (frames_at(recording, s, settings.settle, 1) for s in stops) if f.size]
-        some = np.concatenate(first)[:: -(-len(first) // _TONE_FRAMES)] if first else np.zeros(0, dtype=np.int64)
-        tone = choose_tone([image for _, image in recording.read_frames(some)], target, settings.tags)
+        frames = recording.read_deep_frames(_some_frames(recording, stops, settings), settings.bits or 8)
+        tone = choose_tone([image for _, image in frames], target, settings.tags)
     return replace(settings.tags, corners=replace(settings.tags.corners, tone=tone))
+
+
+def _some_frames(recording: Recording, stops: tuple[Stop, ...], settings: ExtractSettings) -> Ids:
+    """Return one frame each of a few stops."""
+    first = [f for f in (frames_at(recording, s, settings.settle, 1) for s in stops) if f.size]
+    return np.concatenate(first)[:: -(-len(first) // _SOME_FRAMES)] if first else np.zeros(0, dtype=np.int64)
 
 
 class _Look:
@@ -158,7 +181,7 @@ class _Look:
         return sighting
 
     def _tags(self, frames: Ids) -> Iterator[Tags]:
-        for t_ns, image in self._recording.read_frames(frames):
+        for t_ns, image in self._recording.read_deep_frames(frames, self._settings.bits or 8):
             size = (image.shape[1], image.shape[0])
             if self.image_size not in {(0, 0), size}:
                 raise DetectError(
@@ -167,7 +190,7 @@ class _Look:
                 )
             self.image_size = size
             self._frames += 1
-            self._example = image
+            self._example = eight_bits(image)
             tags = find_tags(image, self._target, self._settings.tags)
             self._foreign.update(tags.foreign_ids.tolist())
             yield tags

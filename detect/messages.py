@@ -12,8 +12,10 @@ from numpy.typing import NDArray
 from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, get_typestore
 
+from detect.depth import DeepGrey
 from detect.errors import DetectError
-from detect.text import listed, printable
+from detect.mosaic import MOSAICS, even_mosaic
+from detect.text import printable
 from detect.wheels import Array
 
 Grey = NDArray[np.uint8]
@@ -27,13 +29,20 @@ MAX_IMAGE_PX = 100_000_000
 MAX_JOINTS = 10_000
 
 _NS = 1_000_000_000
-_CHANNELS = {"mono8": 1, "8UC1": 1, "bgr8": 3, "8UC3": 3, "rgb8": 3, "bgra8": 4, "rgba8": 4}
+_NAMES_OF_8 = {"mono8": 1, "8UC1": 1, "bgr8": 3, "8UC3": 3, "rgb8": 3, "bgra8": 4, "rgba8": 4}
+_NAMES_OF_16 = {"mono16": 1, "16UC1": 1, "bgr16": 3, "16UC3": 3, "rgb16": 3, "bgra16": 4, "rgba16": 4}
+_LUMA_AT = {"yuv422": 1, "uyvy": 1, "yuv422_yuy2": 0, "yuyv": 0}
+"""Which byte of each two is the luma: 4:2:2 stands as U Y V Y, or as Y U Y V."""
+_CHANNELS = (
+    _NAMES_OF_8 | _NAMES_OF_16 | dict.fromkeys(_LUMA_AT, 2) | {f"{name}{n}": 1 for name in MOSAICS for n in (8, 16)}
+)
 _TO_GREY = {
-    "bgr8": cv2.COLOR_BGR2GRAY,
-    "8UC3": cv2.COLOR_BGR2GRAY,
-    "rgb8": cv2.COLOR_RGB2GRAY,
-    "bgra8": cv2.COLOR_BGRA2GRAY,
-    "rgba8": cv2.COLOR_RGBA2GRAY,
+    "bgr": cv2.COLOR_BGR2GRAY,
+    "8UC": cv2.COLOR_BGR2GRAY,
+    "16UC": cv2.COLOR_BGR2GRAY,
+    "rgb": cv2.COLOR_RGB2GRAY,
+    "bgra": cv2.COLOR_BGRA2GRAY,
+    "rgba": cv2.COLOR_RGBA2GRAY,
 }
 
 
@@ -92,8 +101,11 @@ def decode_joints(data: bytes | memoryview) -> JointState:
     return JointState(t_ns=_stamp(message), names=names, positions=positions)
 
 
-def decode_image(data: bytes | memoryview) -> Grey:
-    """Decode a ``sensor_msgs/msg/Image`` of 8 bits a channel to a grey image (H, W).
+def decode_image(data: bytes | memoryview) -> DeepGrey:
+    """Decode a ``sensor_msgs/msg/Image`` to a grey image (H, W), uint8 or uint16 as the message has it.
+
+    A colour mosaic (``bayer_*``) is not interpolated, as that would move corners by hundredths of a pixel: its colours
+    are brought to one scale (:func:`even_mosaic`). Of YUV 4:2:2 the luma is taken as it stands.
 
     Raises
     ------
@@ -105,24 +117,35 @@ def decode_image(data: bytes | memoryview) -> Grey:
     channels = _CHANNELS.get(encoding)
     if channels is None:
         raise DetectError(
-            f"image encoding {printable(encoding)!r} is not read (read: {listed(_CHANNELS)}); record the camera's mono "
-            "or colour topic, or its compressed one"
+            f"image encoding {printable(encoding)!r} is not read (read: {', '.join(_CHANNELS)}); record the camera's "
+            "mono or colour topic, or its compressed one"
         )
     _check_size(width, height)
-    if step < width * channels or message.data.size < step * height:
+    deep = encoding in _NAMES_OF_16 or encoding.endswith("16")
+    used = width * channels * (2 if deep else 1)
+    if step < used or message.data.size < step * height:
         raise DetectError(
             f"an image of {width} x {height} px {encoding} has rows of {step} bytes and {message.data.size} bytes in "
-            f"all, {width * channels} and {max(step, width * channels) * height} are needed; check the camera driver"
+            f"all, {used} and {max(step, used) * height} are needed; check the camera driver"
         )
-    rows = np.asarray(message.data[: step * height], dtype=np.uint8).reshape(height, step)[:, : width * channels]
+    rows = np.asarray(message.data[: step * height], dtype=np.uint8).reshape(height, step)[:, :used]
+    if deep:
+        rows = np.ascontiguousarray(rows).view(">u2" if message.is_bigendian else "<u2").astype(np.uint16)
+    if encoding in _LUMA_AT:
+        return np.ascontiguousarray(rows[:, _LUMA_AT[encoding] :: 2])
+    name = encoding.rstrip("0123456789")
+    pixels = np.ascontiguousarray(rows)
+    if name in MOSAICS:
+        return even_mosaic(pixels, name)
     if channels == 1:
-        return np.ascontiguousarray(rows)
-    pixels = np.ascontiguousarray(rows).reshape(height, width, channels)
-    return np.asarray(cv2.cvtColor(pixels, _TO_GREY[encoding]), dtype=np.uint8)
+        return pixels
+    return np.asarray(cv2.cvtColor(pixels.reshape(height, width, channels), _TO_GREY[name]))
 
 
-def decode_compressed_image(data: bytes | memoryview) -> Grey:
+def decode_compressed_image(data: bytes | memoryview) -> DeepGrey:
     """Decode a ``sensor_msgs/msg/CompressedImage`` that holds a JPEG or PNG to a grey image (H, W).
+
+    It is uint16 if a PNG has 16 bits, else uint8.
 
     The picture's own header decides what it is and how large (checked before decoding); the message's ``format`` is
     not trusted. A rotation in EXIF data is not applied: pixels are the sensor's.
@@ -141,16 +164,17 @@ def decode_compressed_image(data: bytes | memoryview) -> Grey:
             "record the camera as raw, JPEG or PNG"
         )
     _check_size(*size)
+    flags = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION
     try:
-        image = cv2.imdecode(content, cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION)
+        image = cv2.imdecode(content, flags)
     except cv2.error as error:
         raise DetectError(f"a compressed image does not decode ({error.err}); it is damaged") from error
     if image is None or (image.shape[1], image.shape[0]) != size:
         raise DetectError(f"a compressed image of {content.size} bytes does not decode; it is damaged")
-    return np.asarray(image, dtype=np.uint8)
+    return np.asarray(image)
 
 
-DECODERS: dict[str, Callable[[bytes | memoryview], Grey]] = {
+DECODERS: dict[str, Callable[[bytes | memoryview], DeepGrey]] = {
     RAW_IMAGE: decode_image,
     COMPRESSED_IMAGE: decode_compressed_image,
 }

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
+from detect.depth import DeepGrey, bits_of, eight_bits, full_scale
 from detect.encoder import clean, join, span
 from detect.errors import DetectError
 from detect.mcap_records import Message, read_messages, walk
@@ -61,8 +62,16 @@ class Recording:
         last = np.searchsorted(self.frame_t_ns, t_end_ns, side="right")
         return np.arange(first, last, dtype=np.int64)
 
+    def used_bits(self, indices: Iterable[int]) -> int:
+        """Return how many bits the camera's grey levels have: 8, 10, 12, 14 or 16.
+
+        A message says how wide its numbers are, not how many of their bits the sensor fills; that is told from the
+        largest value in some frames. Errors as for :meth:`read_frames`.
+        """
+        return max((bits_of(image) for _, image in self._decoded(indices)), default=8)
+
     def read_frames(self, indices: Iterable[int]) -> Iterator[tuple[int, Grey]]:
-        """Decode frames one at a time.
+        """Decode frames one at a time, in 8 bits: pictures to look at, deeper ones each at the bits it has.
 
         Parameters
         ----------
@@ -78,6 +87,25 @@ class Recording:
         DetectError
             If the file changed since it was opened or an image does not decode (its stamp is named).
         """
+        for t_ns, image in self._decoded(indices):
+            yield t_ns, eight_bits(full_scale(image, 8))
+
+    def read_deep_frames(self, indices: Iterable[int], bits: int) -> Iterator[tuple[int, DeepGrey]]:
+        """Decode frames one at a time, with all the bits they have: what corners are measured in.
+
+        As :meth:`read_frames`, but images of more than 8 bits stay uint16, with white at 65535.
+
+        Parameters
+        ----------
+        indices
+            Rows of ``frame_t_ns``; ascending is fastest.
+        bits
+            Of the camera's grey levels (:meth:`used_bits`); a frame with values beyond is taken to have more.
+        """
+        for t_ns, image in self._decoded(indices):
+            yield t_ns, full_scale(image, bits)
+
+    def _decoded(self, indices: Iterable[int]) -> Iterator[tuple[int, DeepGrey]]:
         name, decode = self.path.name, DECODERS[self.camera_kind]
         held, messages = -1, dict[int, Message]()
         try:

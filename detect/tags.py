@@ -7,8 +7,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from detect.align.locate import LEAST_SIDE_PX, LocateSettings, locate_tags
+from detect.align.locate import LEAST_SIDE_PX, LocateSettings, locate_tags, to_grey
 from detect.corners import CornerSettings, refine, systematic_px
+from detect.depth import DeepGrey, eight_bits
 from detect.errors import DetectError
 from detect.wheels import Array, Ids
 from target.box import Target
@@ -73,8 +74,8 @@ class Tags:
         return np.asarray((4 * self.ids[:, None] + np.arange(4)).ravel())
 
 
-def find_tags(image: NDArray[np.uint8], target: Target, settings: TagSettings | None = None) -> Tags:
-    """Return the target's tags in a grey image (H, W).
+def find_tags(image: DeepGrey, target: Target, settings: TagSettings | None = None) -> Tags:
+    """Return the target's tags in a grey image (H, W), uint8 or uint16 (white at 65535).
 
     A tag that shows up twice is dropped, both times unless the tags around it say which of them is on the box. A tag
     that does not look like its pattern, or does not lie where the box has it, is dropped too.
@@ -97,15 +98,16 @@ def find_tags(image: NDArray[np.uint8], target: Target, settings: TagSettings | 
                 foreign_ids=np.zeros(0, dtype=np.int64),
                 cov_px2=located.cov_px2,
             )
-        ids, _ = _detect(image, target.box.dictionary, settings.threshold_windows_px)
+        ids, _ = _detect(to_grey(image)[1], target.box.dictionary, settings.threshold_windows_px)
         return _no_tags(np.unique(ids[~np.isin(ids, target.tag_ids)]))
-    ids, corners = _detect(image, target.box.dictionary, settings.threshold_windows_px)
+    grey = eight_bits(image)
+    ids, corners = _detect(grey, target.box.dictionary, settings.threshold_windows_px)
     known = np.isin(ids, target.tag_ids)
     foreign = np.unique(ids[~known])
     ids, corners = ids[known], corners[known]
     unique, first, count = np.unique(ids, return_index=True, return_counts=True)
     ids, corners = unique[count == 1], corners[first[count == 1]]
-    corners, good = refine(image, corners, settings.corners)
+    corners, good = refine(grey, corners, settings.corners)
     ids, corners = ids[good], corners[good]
     return Tags(ids=ids, corners_px=corners, sigma_px=systematic_px(corners), foreign_ids=foreign)
 
