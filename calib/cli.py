@@ -51,11 +51,14 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--truth", action="store_true", help="print errors against <log stem>.truth.json beside the log"
     )
-    names = parser.add_argument_group("topics and joints, where their names do not tell")
+    names = parser.add_argument_group("topics, joints and frames, where the log does not tell")
     names.add_argument("--camera-topic", metavar="TOPIC", help="images")
     names.add_argument("--joint-topic", metavar="TOPIC", help="joint states of the wheels")
     names.add_argument("--left-joint", metavar="NAME", help="left wheel")
     names.add_argument("--right-joint", metavar="NAME", help="right wheel")
+    names.add_argument(
+        "--bits", type=int, choices=(8, 10, 12, 14, 16), help="used bits of 16-bit frames (told from the frames)"
+    )
     parser.add_argument(
         "--same-robot",
         action="store_true",
@@ -206,6 +209,7 @@ def _settings(args: argparse.Namespace, target: "Target") -> "Settings":
             left_joint=args.left_joint,
             right_joint=args.right_joint,
         ),
+        bits=args.bits,
         camera_mode=CameraMode.PER_STOP if args.per_stop else CameraMode.JOINT,
         closed_form=args.closed_form,
         validate=args.validate,

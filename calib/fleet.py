@@ -32,7 +32,7 @@ from calib.report.robot import judge, robot_report
 from calib.result import Calibration, Provenance, save_calibration
 from detect.correspondences import Correspondences, load_correspondences
 from detect.errors import DetectError
-from detect.extract import extract
+from detect.extract import ExtractSettings, extract
 from detect.names import Topics
 from target.box import Target
 from target.errors import TargetError
@@ -56,6 +56,8 @@ class Settings:
     ----------
     topics
         Topics and joints, where their names do not tell.
+    bits
+        Used bits of frames stored in 16; told from the frames if None.
     camera_mode
         One camera for all stops, or every stop alone.
     closed_form
@@ -89,6 +91,7 @@ class Settings:
     """
 
     topics: Topics = field(default_factory=Topics)
+    bits: int | None = None
     camera_mode: CameraMode = CameraMode.JOINT
     closed_form: bool = False
     validate: bool = False
@@ -227,7 +230,8 @@ def read_drive(log: Path, job: Job, progress: Callable[[str], None] | None = Non
     """Return what a robot saw and did in one drive."""
     if log.suffix == CORRESPONDENCES:
         return load_correspondences(log)
-    return extract(log, job.target, topics=job.settings.topics, progress=progress)
+    settings = ExtractSettings(bits=job.settings.bits)
+    return extract(log, job.target, topics=job.settings.topics, settings=settings, progress=progress)
 
 
 def solve(job: Job, drives: list[Correspondences]) -> Calibration:
