@@ -171,6 +171,7 @@ def _draw_glue(canvas: "Canvas", target: Target, room: Rect) -> None:
     view = CornerView(target.box, inner)
     view.draw(canvas, None)
     at = view.place
+    draw_line(canvas, at(1, -1, 0), at(1, 1, 0), width=0.0009)
     # The sheet of face 0, off its side.
     out = 0.55
     sheet = [at(1 + out, y, z) for y, z in ((-1, 0), (1, 0), (1, 1), (-1, 1))]
@@ -179,7 +180,6 @@ def _draw_glue(canvas: "Canvas", target: Target, room: Rect) -> None:
     draw_line(canvas, *sheet, width=0.0002, close=True)
     for y in (-1.0, 1.0):
         draw_line(canvas, at(1 + out, y, 0), at(1, y, 0), dash=(0.001, 0.001))
-    draw_line(canvas, at(1, -1, 0), at(1, 1, 0), width=0.0009)
     draw_line(canvas, at(1 + out, -1, 0), at(1 + out, 1, 0), width=0.0009)
 
 
@@ -207,7 +207,7 @@ def _draw_where(canvas: "Canvas", target: Target, room: Rect) -> None:
 
 
 def _draw_up(canvas: "Canvas", target: Target, room: Rect) -> None:
-    inner = Rect(left=room.left + 0.010, right=room.right - 0.010, bottom=room.bottom + 0.003, top=room.top - 0.001)
+    inner = Rect(left=room.left + 0.010, right=room.right - 0.010, bottom=room.bottom + 0.006, top=room.top - 0.001)
     view = CornerView(target.box, inner)
     view.draw(canvas, target)
     for at, face in (((1, -1, 0), 0), ((-1, 1, 0), 1)):

@@ -25,7 +25,7 @@ from target.paper.page import PRINTABLE_MARGIN
 from target.paper.papers import NET_PAPERS, PAPERS
 from target.paper.strips import Rect
 from target.paper.tiles import OVERLAP, tile_cuts, tiles
-from target.patterns import tag_modules
+from target.patterns import dictionary_names, tag_modules
 from target.presets import PRESETS
 from target.sheets import face_tiles, sheets_pdf, tiled_pdf
 
@@ -252,6 +252,17 @@ def test_the_first_page_of_every_kind_is_exact_at_600_dpi(name: str, render: Ren
 def test_one_format_at_150_dpi_is_exact_too(tmp_path: Path) -> None:
     pytest.importorskip("pypdfium2", reason="needs the renderer pypdfium2")
     assert len(check_format("a3-tiles", pdfium_page, tmp_path, 150, pages=1, decode=True)) == 24
+
+
+@pytest.mark.parametrize("dictionary", dictionary_names())
+def test_tags_of_any_family_are_printed_as_opencv_reads_them(dictionary: str, tmp_path: Path) -> None:
+    pytest.importorskip("pypdfium2", reason="needs the renderer pypdfium2")
+    target = make_target(Box(columns=2, rows=2, tag_size=0.05, pitch=0.07, dictionary=dictionary))
+    pdf = tmp_path / "sheets.pdf"
+    pdf.write_bytes(sheets_pdf(target, PAPERS["a4"]))
+    at = on_sheets(target, "a4")[2]
+    found = measured_on_page(pdfium_page(pdf, at.page, 100), 100, target, at, decode=True)
+    assert sorted(found) == [8, 9, 10, 11]
 
 
 def dark_columns(image: Grey, row: int, first: int, last: int) -> Array:
