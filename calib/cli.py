@@ -1,6 +1,7 @@
 """The command ``fleet-calibrate``."""
 
 import argparse
+import os
 import shlex
 import sys
 from collections.abc import Sequence
@@ -29,7 +30,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = _parser()
     args = parser.parse_args(argv)
     words = list(sys.argv[1:] if argv is None else argv)
-    return _run(args, command=shlex.join(["fleet-calibrate", *words]))
+    try:
+        return _run(args, command=shlex.join(["fleet-calibrate", *words]))
+    except BrokenPipeError:  # whoever read the output has closed it (| head); what was written is whole
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 1
 
 
 def _parser() -> argparse.ArgumentParser:
