@@ -75,17 +75,37 @@ def _run(  # noqa: PLR0917 - arrays in, arrays out
 
 
 @njit(cache=True, fastmath=True, nogil=True, error_model="numpy")
+def _line(lens: Any, theta: Any, place: Any, first: Any, row: Any, out: Any) -> None:  # noqa: PLR0917
+    """Fill x, y, u and v of the pixels of a row, from the first column on."""
+    h0, h1, h2, h3, h4, h5, h6, h7 = theta[0], theta[1], theta[2], theta[3], theta[4], theta[5], theta[6], theta[7]
+    centre_x, centre_y, a1, a2, per_px2 = lens[0], lens[1], lens[2], lens[3], lens[4] * lens[4]
+    place_x, place_y, scale = place[0], place[1], place[2]
+    dy = row - centre_y
+    for i in range(out.shape[1]):
+        dx = np.float64(first + i) - centre_x
+        q = (dx * dx + dy * dy) * per_px2
+        f = 1 + q * (a1 + q * a2)
+        x = (centre_x + dx * f - place_x) * scale
+        y = (centre_y + dy * f - place_y) * scale
+        w = 1 / (h6 * x + h7 * y + 1)
+        out[0, i] = x
+        out[1, i] = y
+        out[2, i] = (h0 * x + h1 * y + h2) * w
+        out[3, i] = (h3 * x + h4 * y + h5) * w
+
+
+@njit(cache=True, fastmath=True, nogil=True, error_model="numpy")
 def _collect(  # noqa: PLR0917
     grey: Any, lens: Any, cells: Any, theta: Any, place: Any, box: Any, margin: Any, stride: Any, near_u: Any,
     near_v: Any, into: Any,
 ) -> int:  # fmt: skip
     """Write x, y, u, v and grey level of the pixels that count; return how many."""
     modules = cells.shape[0] - 2
-    h0, h1, h2, h3, h4, h5, h6, h7 = theta[0], theta[1], theta[2], theta[3], theta[4], theta[5], theta[6], theta[7]
     every, shift, every_near = stride[0], stride[1], stride[2]
-    scale = place[2]
+    line = np.empty((4, max(box[1] - box[0], 1)))
     n = 0
     for row in range(box[2], box[3]):
+        _line(lens, theta, place, box[0], row, line)
         to_chosen = (row * shift) % every
         to_near = (every_near - (box[0] + row) % every_near) % every_near
         column = box[0]
@@ -101,14 +121,8 @@ def _collect(  # noqa: PLR0917
             column += 1
             to_chosen = every - 1 if chosen else to_chosen - 1
             to_near = every_near - 1 if to_near == 0 else to_near - 1
-            dx, dy = at - lens[0], row - lens[1]
-            q = (dx * dx + dy * dy) * lens[4] * lens[4]
-            f = 1 + q * (lens[2] + q * lens[3])
-            x = (lens[0] + dx * f - place[0]) * scale
-            y = (lens[1] + dy * f - place[1]) * scale
-            w = 1 / (h6 * x + h7 * y + 1)
-            u = (h0 * x + h1 * y + h2) * w
-            v = (h3 * x + h4 * y + h5) * w
+            i = at - box[0]
+            u, v = line[2, i], line[3, i]
             if not (u > -margin and u < modules + margin and v > -margin and v < modules + margin):
                 continue
             if not chosen:
@@ -128,7 +142,7 @@ def _collect(  # noqa: PLR0917
                 )
                 if not crossed:
                     continue
-            into[0, n], into[1, n], into[2, n], into[3, n], into[4, n] = x, y, u, v, grey[row, at]
+            into[0, n], into[1, n], into[2, n], into[3, n], into[4, n] = line[0, i], line[1, i], u, v, grey[row, at]
             n += 1
     return n
 
@@ -212,26 +226,27 @@ def _jacobian(light: Any, at: Any, geometry: Any, total: Any, bend: Any, out: An
     gain, slope_x, slope_y, kappa = (
         np.float32(light[1]), np.float32(light[2]), np.float32(light[3]), np.float32(light[4])
     )  # fmt: skip
+    # short loops: of one with all of these rows the compiler does not see that they lie apart
     for p in range(_BLOCK):
-        x, y, w = at[0, p], at[1, p], geometry[0, p]
-        factor = (gain + slope_x * x + slope_y * y) * bend[p]
-        lit = (total[0, p] + kappa) * bend[p]
-        gu, gv = factor * total[1, p] * geometry[1, p] * w, factor * total[2, p] * geometry[2, p] * w
-        both = -(gu * at[2, p] + gv * at[3, p])
-        out[0, p] = gu * x
-        out[1, p] = gu * y
-        out[2, p] = gu
-        out[3, p] = gv * x
-        out[4, p] = gv * y
-        out[5, p] = gv
-        out[6, p] = both * x
-        out[7, p] = both * y
-        out[8, p] = bend[p]
-        out[9, p] = total[0, p] * bend[p]
-        out[10, p] = x * lit
-        out[11, p] = y * lit
+        factor = (gain + slope_x * at[0, p] + slope_y * at[1, p]) * bend[p]
         out[12, p] = factor * total[3, p]
         out[13, p] = factor * total[4, p]
+        out[2, p] = factor * total[1, p] * geometry[1, p] * geometry[0, p]
+        out[5, p] = factor * total[2, p] * geometry[2, p] * geometry[0, p]
+    for k in (0, 3):
+        for p in range(_BLOCK):
+            out[k, p] = out[k + 2, p] * at[0, p]
+            out[k + 1, p] = out[k + 2, p] * at[1, p]
+    for p in range(_BLOCK):
+        both = -(out[2, p] * at[2, p] + out[5, p] * at[3, p])
+        out[6, p] = both * at[0, p]
+        out[7, p] = both * at[1, p]
+    for p in range(_BLOCK):
+        lit = (total[0, p] + kappa) * bend[p]
+        out[8, p] = bend[p]
+        out[9, p] = total[0, p] * bend[p]
+        out[10, p] = at[0, p] * lit
+        out[11, p] = at[1, p] * lit
 
 
 @njit(cache=True, fastmath=True, nogil=True, error_model="numpy")
@@ -265,15 +280,21 @@ def sum_one(  # noqa: PLR0912, PLR0915, PLR0917 - arrays in, arrays out
     at = np.empty((5, _BLOCK), np.float32)
     geometry = np.empty((4, _BLOCK), np.float32)
     first_u, first_v = np.empty(_BLOCK, np.float32), np.empty(_BLOCK, np.float32)
-    corner = np.empty(_BLOCK, np.int64)
+    corner = np.empty(_BLOCK, np.uint32)
     edges_u = np.empty((count_u, _OF_EDGE, _BLOCK), np.float32)
     edge_v = np.empty((_OF_EDGE, _BLOCK), np.float32)
     weight, bend = np.empty(_BLOCK, np.float32), np.empty(_BLOCK, np.float32)
     sums, total = np.empty((7, _BLOCK), np.float32), np.empty((5, _BLOCK), np.float32)
     flat = np.empty(side * side, np.float32)
+    along_u, along_v, along_both = np.zeros_like(flat), np.zeros_like(flat), np.zeros_like(flat)
     for j in range(side):
         for i in range(side):
             flat[j * side + i] = cells[j, i]
+    for k in range(side * side - 1):
+        along_u[k] = flat[k + 1] - flat[k]
+    for k in range(side * side - side):
+        along_v[k] = flat[k + side] - flat[k]
+        along_both[k] = along_u[k + side] - along_u[k]
     half_u, half_v = 65 - 0.5 * count_u, 65 - 0.5 * count_v
     for part in range(parts):
         begin = part * _BLOCK
@@ -293,8 +314,7 @@ def sum_one(  # noqa: PLR0912, PLR0915, PLR0917 - arrays in, arrays out
         for e in range(count_u):
             _edge(at[2], geometry[1], first_u, e, theta[13], edges_u[e])
             for p in range(_BLOCK):
-                k = corner[p] + e
-                weight[p] = flat[k + 1] - flat[k]
+                weight[p] = along_u[corner[p] + e]
             if e == 0:
                 sums[:] = 0
             _across(weight, edges_u[e], sums)
@@ -307,13 +327,12 @@ def sum_one(  # noqa: PLR0912, PLR0915, PLR0917 - arrays in, arrays out
             _edge(at[3], geometry[2], first_v, f, theta[13], edge_v)
             sums[:] = 0
             for e in range(count_u):
+                beyond = f * side + e
                 for p in range(_BLOCK):
-                    k = corner[p] + f * side + e
-                    weight[p] = (flat[k + side + 1] - flat[k + side]) - (flat[k + 1] - flat[k])
+                    weight[p] = along_both[corner[p] + beyond]
                 _across(weight, edges_u[e], sums)
             for p in range(_BLOCK):
-                k = corner[p] + f * side
-                sums[0, p] += flat[k + side] - flat[k]
+                sums[0, p] += along_v[corner[p] + f * side]
             _down(sums, edge_v, geometry[3], total)
         into = jac[part]
         for p in range(used):

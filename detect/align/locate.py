@@ -138,8 +138,7 @@ def locate_tags(image: NDArray[np.generic], target: Target, settings: LocateSett
         tone = "srgb" if settings.tone == "srgb" else "linear"
         return _previewed(patterns, *preview(grey8, target, tone, settings.windows_px[0]), tone)
     size = (grey.shape[1], grey.shape[0])
-    seeds = search_seeds(grey8, patterns, settings, lambda found: len(consistent_seeds(target, found)) >= FEW_TAGS)
-    seeds = consistent_seeds(target, seeds)
+    seeds = search_seeds(grey8, patterns, settings, lambda found: consistent_seeds(target, found))
     if len(seeds) == 0:
         return _located(patterns, _none(patterns), "linear" if settings.tone == "auto" else settings.tone)
     search = plan(target, patterns, seeds, size)
@@ -165,7 +164,7 @@ def locate_copies(image: NDArray[np.generic], patterns: Patterns, settings: Loca
     settings = settings or LocateSettings()
     limits = settings.limits.relaxed()
     grey, grey8 = to_grey(image)
-    seeds = search_seeds(grey8, patterns, settings, lambda _: False)
+    seeds = search_seeds(grey8, patterns, settings)
     frame = Frame(grey=grey, tone=tone_table("linear"), lens=_straight_lens(grey))
     tags = align_coarsely(Pyramid(frame), patterns, seeds.rows, seeds.corners_px)
     tags = tags.take(verified(patterns, tags, limits.relaxed()))
@@ -220,18 +219,26 @@ def _luma(image: Any) -> NDArray[np.generic]:
 
 
 def search_seeds(
-    grey8: NDArray[np.uint8], patterns: Patterns, settings: LocateSettings, enough: Callable[[Seeds], bool]
+    grey8: NDArray[np.uint8],
+    patterns: Patterns,
+    settings: LocateSettings,
+    believed: Callable[[Seeds], Seeds] | None = None,
 ) -> Seeds:
-    """Return seeds: from the first window, and, until there are enough, from the others and from twice the size."""
+    """Return seeds that are believed: from the first window, and, if few, from the others and from twice the size.
+
+    Without ``believed`` all count, and everywhere is searched.
+    """
     first, *others = settings.windows_px
-    seeds = find_seeds(grey8, patterns, (first,))
-    if enough(seeds):
+    if believed is not None:
+        seeds = believed(find_seeds(grey8, patterns, (first,)))
+        if len(seeds) >= FEW_TAGS:
+            return seeds
+    found = find_seeds(grey8, patterns, (first, *others))
+    seeds = found if believed is None else believed(found)
+    if (believed is not None and len(seeds) >= FEW_TAGS) or grey8.size > 4_000_000:
         return seeds
-    seeds = find_seeds(grey8, patterns, tuple(settings.windows_px))
-    if enough(seeds) or grey8.size > 4_000_000:
-        return seeds
-    large = find_seeds(grey8, patterns, (first, *others), scale=2.0)
-    return seeds.merged(large)
+    found = found.merged(find_seeds(grey8, patterns, (first, *others), scale=2.0))
+    return found if believed is None else believed(found)
 
 
 def _straight_lens(grey: NDArray[np.float32]) -> Array:

@@ -32,6 +32,8 @@ NEAR_SIGMAS = 2.5
 """Pixels this close to an edge, in sigma, tell where it is."""
 STATS = 6
 """n, sum r^2, sum y, sum y^2, sum p, sum p^2 have columns 0..5; y grey level, p prediction."""
+_STILL = 1e-7
+"""A radius that moves less, in units of the lens's, is found: Newton's next error is its square."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -89,8 +91,12 @@ def bend(lens: Array, xy_px: Array) -> Array:
     for _ in range(12):
         q = s * s
         slope = 1 + q * (3 * lens[2] + 5 * q * lens[3])
-        s = s - (s * (1 + q * (lens[2] + q * lens[3])) - r) / np.where(np.abs(slope) < 0.1, 0.1, slope)
-        s = np.clip(s, 0, 4 * r + 1)
+        new = s - (s * (1 + q * (lens[2] + q * lens[3])) - r) / np.where(np.abs(slope) < 0.1, 0.1, slope)
+        new = np.clip(new, 0, 4 * r + 1)
+        still = np.abs(new - s) < _STILL
+        s = new
+        if still.all():
+            break
     return np.asarray(lens[:2] + d * np.where(r > 1e-12, s / np.maximum(r, 1e-12), 1.0))
 
 

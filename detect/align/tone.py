@@ -18,7 +18,7 @@ from detect.errors import DetectError
 Tone = Literal["auto", "linear", "srgb"]
 TONES: tuple[Tone, ...] = ("auto", "linear", "srgb")
 TAGS = 3
-SIDE_PX = 16.0
+SIDE_PX, STOP_PX = 16.0, 0.05
 _ENTRIES = 1025
 
 
@@ -74,7 +74,15 @@ def probe(frame: Frame, patterns: Patterns, tags: Aligned, tone: Tone) -> Taking
         under = Frame(grey=frame.grey, tone=tone_table(name), lens=frame.lens)
         start = relit(some, frame.tone, under.tone)
         left[name] = align(
-            under, patterns, some.rows, some.corners_px, start=start, relight=True, side_px=SIDE_PX, covariance=False
+            under,
+            patterns,
+            some.rows,
+            some.corners_px,
+            start=start,
+            relight=True,
+            side_px=SIDE_PX,
+            stop_px=STOP_PX,
+            covariance=False,
         )
     fitted = np.min([tags.correlation for tags in left.values()], axis=0) > 0.8
     residual = {name: float(np.sum(tags.noise[fitted] ** 2)) for name, tags in left.items()}
