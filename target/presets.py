@@ -58,6 +58,6 @@ PRESETS = {
         },
         papers=("a3", "a4"),
         tile=True,
-        what="for mobile robots that look from 1 to 4 m, its faces in tiles",
+        what="for larger mobile robots, its faces in tiles",
     ),
 }
