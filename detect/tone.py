@@ -50,7 +50,7 @@ def tag_growth_px(tags: Tags, target: Target) -> float | None:
         on = faces == face
         if np.sum(on) < _MIN_TAGS:
             continue
-        T_face_box = np.linalg.inv(target.box.T_box_face(int(face)))
+        T_face_box = np.linalg.inv(target.T_box_face(int(face)))
         p_face = (target.tag_corners[rows[on]].reshape(-1, 3) @ T_face_box[:3, :3].T + T_face_box[:3, 3])[:, :2]
         unit = p_face / np.abs(p_face).max()
         outward, left = _beyond_homography(unit, tags.corners_px[on])

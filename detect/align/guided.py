@@ -66,7 +66,7 @@ def _largest_agreement(target: Target, face: int, seeds: Seeds) -> NDArray[np.bo
     n = len(seeds)
     if n <= 1:
         return np.ones(n, dtype=np.bool_)
-    T = target.box.T_box_face(face)
+    T = target.T_box_face(face)
     p_face = ((target.tag_corners[seeds.rows] - T[:3, 3]) @ T[:3, :3])[..., :2]
     side = np.linalg.norm(seeds.corners_px - np.roll(seeds.corners_px, -1, axis=1), axis=2).mean(axis=1)
     best = np.zeros(n, dtype=np.bool_)

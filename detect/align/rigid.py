@@ -114,7 +114,7 @@ def _start(
     target: Target, rows: Index, corners_px: Array, image_size: tuple[int, int], focal: float
 ) -> tuple[float, Array, Array]:
     face = int(target.tag_faces[rows[0]])
-    T_box_face = target.box.T_box_face(face)
+    T_box_face = target.T_box_face(face)
     p_face = (target.tag_corners[rows].reshape(-1, 3) - T_box_face[:3, 3]) @ T_box_face[:3, :3]
     centre = np.array([(image_size[0] - 1) / 2, (image_size[1] - 1) / 2])
     H = least_squares_homography(p_face[:, :2], (corners_px.reshape(-1, 2) - centre) / focal)

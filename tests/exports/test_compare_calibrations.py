@@ -148,7 +148,7 @@ def test_exit_status_tells_same_from_different(files: dict[str, str], capsys: py
         ("a", "broken", "variances that are not positive"),
         ("a", "skewed", "negative variance"),
         ("gaps", "a", "gaps"),
-        ("a", "flat", "not positive"),
+        ("a", "flat", "not a positive"),
     ],
 )
 def test_no_verdict_gets_one_clear_line(
