@@ -14,11 +14,12 @@ from pathlib import Path
 
 import numpy as np
 
-from calib.fleet import Job, Settings, solve
+from calib.job import Job, Settings
 from calib.report.fleet import fleet_report
 from calib.report.robot import judge, robot_report
 from calib.simulate.drive import DriveOptions, exact_correspondences, simulate_drive
 from calib.simulate.robot import turtlebot
+from calib.solve import solve
 from target.box import make_target
 
 QUIET = ("--headless", "--no-sandbox", "--disable-gpu", "--disable-background-networking", "--disable-sync")

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from calib.fleet import Outcome, Settings
+    from calib.job import Outcome, Settings
     from target.box import Target
 
 _EPILOG = """\
@@ -143,7 +143,8 @@ def _size(text: str) -> float:
 
 def _run(args: argparse.Namespace, command: str) -> int:
     from calib.errors import CalibError
-    from calib.fleet import FLEET, Job, calibrate_fleet, check_folder, fleet_record, listed, robot_name
+    from calib.fleet import FLEET, calibrate_fleet, check_folder, fleet_record
+    from calib.job import Job, listed, robot_name
     from target.errors import TargetError
     from target.files import write_atomically
 
@@ -203,7 +204,7 @@ def _settings(args: argparse.Namespace, target: "Target") -> "Settings":
     from calib.camera import CameraMode
     from calib.estimate import Lens
     from calib.exports.nominal import load_nominal
-    from calib.fleet import Settings
+    from calib.job import Settings
     from detect.names import Topics
 
     half_face = max(target.box.width, target.box.depth) / 2
@@ -254,7 +255,7 @@ def _target(path: Path | None) -> "Target":
 def _write_fleet(outcomes: "list[Outcome]", out: Path, report: bool) -> bool:
     """Write what is about all robots; tell whether that worked."""
     from calib.exports.fleet_csv import fleet_csv
-    from calib.fleet import listed
+    from calib.job import listed
     from calib.report.fleet import fleet_report
     from target.files import write_atomically
 

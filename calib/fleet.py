@@ -1,4 +1,4 @@
-"""Many robots, one target frame: every log is calibrated, and failures are kept apart."""
+"""Many robots, one target frame: every log is calibrated and written, and failures are kept apart."""
 
 import json
 import os
@@ -7,33 +7,24 @@ import traceback
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
-from dataclasses import asdict, dataclass, field, replace
 from datetime import UTC, datetime
-from importlib.metadata import PackageNotFoundError, version
-from math import radians
 from multiprocessing import get_context
 from pathlib import Path
 
-from calib.assemble import closed_form, refined
-from calib.camera import CameraMode
 from calib.draw import draw_stops, stop_jpegs
 from calib.errors import CalibError
-from calib.estimate import EstimateOptions, Lens, choose_lens, estimate
-from calib.estimate.validate import validate
 from calib.exports.files import exports
-from calib.exports.nominal import Nominal
 from calib.exports.rerun import rerun_recording
 from calib.exports.results_mcap import results_mcap
 from calib.exports.scene import make_scene
-from calib.four_steps import FourSteps, solve_four_steps
-from calib.growth import grow
+from calib.job import CORRESPONDENCES, Job, Outcome, listed
 from calib.report.judgement import Verdict
 from calib.report.robot import judge, robot_report
-from calib.result import Calibration, Provenance, save_calibration
+from calib.result import Calibration, save_calibration
+from calib.solve import boxcal_version, placed, solve
 from detect.correspondences import Correspondences, load_correspondences
 from detect.errors import DetectError
 from detect.extract import ExtractSettings, extract
-from detect.names import Topics
 from target.box import Target
 from target.errors import TargetError
 from target.files import write_atomically
@@ -42,142 +33,6 @@ from target.landmarks import target_sha256
 FLEET = "fleet.json"
 """What a folder of results says of itself."""
 MAX_FLEET_BYTES = 16 << 20
-CORRESPONDENCES = ".npz"
-"""Suffix of a correspondence file, which stands for a log that was read before."""
-_ONE_LENS, _ONE_BASE = 0.03, 0.4
-"""How far focal length and wheelbase of one robot's drives may differ; slip makes the closed form's wheels rough."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Settings:
-    """What a user may choose.
-
-    Attributes
-    ----------
-    topics
-        Topics and joints, where their names do not tell.
-    bits
-        Used bits of frames stored in 16; told from the frames if None.
-    camera_mode
-        One camera for all stops, or every stop alone.
-    closed_form
-        The four steps alone, without the likelihood.
-    validate
-        Hold every stop out in turn and predict it.
-    lens
-        Lens model; None lets an information criterion choose, and says how all models did.
-    tilt_prior : rad
-        Standard deviation of the floor's tilt against the box.
-    ink_prior : m
-        Of the ink's spread: how far all edges of the tags' black lie outwards. A camera's tone curve looks the same.
-    scale_prior
-        Of the print's scale in x and y, relative; 0 takes the target's figures as exact.
-    size_prior : m
-        Of the box' width and depth; 0 takes the target's figures as exact.
-    face_prior : (rad, m)
-        Of the poses of faces 1 to 3 against face 0; zeros take the target's figures as exact.
-    encoder_step : rad, optional
-        Found from the samples if None.
-    slip : m/sqrt(m), optional
-        Estimated if None.
-    report
-        Write ``report.html`` for every robot (and let the caller write the fleet's).
-    draw
-        Write each stop's picture with detected and reprojected corners.
-    nominal
-        What a data sheet says of the wheels, for diff_drive_controller's multipliers.
-    rerun, results_mcap
-        Files for the Rerun viewer and for Foxglove.
-    """
-
-    topics: Topics = field(default_factory=Topics)
-    bits: int | None = None
-    camera_mode: CameraMode = CameraMode.JOINT
-    closed_form: bool = False
-    validate: bool = False
-    lens: Lens | None = Lens.RADIAL
-    tilt_prior: float = radians(1.0)
-    ink_prior: float = 1e-4
-    scale_prior: float = 0.0
-    size_prior: float = 0.0
-    face_prior: tuple[float, float] = (0.0, 0.0)
-    encoder_step: float | None = None
-    slip: float | None = None
-    report: bool = True
-    draw: bool = False
-    nominal: Nominal | None = None
-    rerun: Path | None = None
-    results_mcap: Path | None = None
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Job:
-    """One robot to calibrate.
-
-    Attributes
-    ----------
-    robot
-        Its name: the folder that its results go to.
-    logs
-        Its recordings (MCAP), or correspondences saved before (``.npz``); several drives are solved together.
-    target
-        The landmark table.
-    settings
-        What the user chose.
-    out
-        Folder that gets ``<robot>/calibration.json`` and what is made from it; None writes nothing.
-    command
-        The command line, for the provenance.
-    """
-
-    robot: str
-    logs: tuple[Path, ...]
-    target: Target
-    settings: Settings
-    out: Path | None
-    command: str = ""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Outcome:
-    """What became of one robot: a calibration, or why there is none.
-
-    Attributes
-    ----------
-    job
-        What was to be done.
-    calibration
-        The result, None if it failed.
-    verdict
-        Whether it can be used and why, None if it failed.
-    error
-        One line for the user, empty if all went well.
-    details
-        Traceback of an error that is ours, not the input's; else empty.
-    seconds
-        Time taken.
-    """
-
-    job: Job
-    calibration: Calibration | None
-    verdict: Verdict | None = None
-    error: str = ""
-    details: str = ""
-    seconds: float = 0.0
-
-
-def robot_name(log: Path) -> str:
-    """Return the robot that a log belongs to: the log's stem.
-
-    Raises
-    ------
-    CalibError
-        If the stem cannot name a folder.
-    """
-    name = log.parent.name if log.name == f"correspondences{CORRESPONDENCES}" else log.stem
-    if name in {"", ".", ".."} or not name.isprintable():
-        raise CalibError(f"{log.name!r}: no name for a robot can be made of it; rename the file")
-    return name
 
 
 def calibrate_robot(job: Job, progress: Callable[[str], None] | None = None) -> tuple[Calibration, Verdict]:
@@ -229,79 +84,12 @@ def _write_viewer_files(job: Job, result: Calibration, drives: list[Corresponden
 def read_drive(log: Path, job: Job, progress: Callable[[str], None] | None = None) -> Correspondences:
     """Return what a robot saw and did in one drive."""
     if log.suffix == CORRESPONDENCES:
-        return load_correspondences(log)
+        try:
+            return placed(load_correspondences(log), job.target)
+        except CalibError as error:
+            raise CalibError(f"{log.name}: {error}") from error
     settings = ExtractSettings(bits=job.settings.bits)
     return extract(log, job.target, topics=job.settings.topics, settings=settings, progress=progress)
-
-
-def solve(job: Job, drives: list[Correspondences]) -> Calibration:
-    """Return the calibration that drives of one robot give: the four steps, then the likelihood.
-
-    Raises
-    ------
-    CalibError
-        If they do not determine it.
-    """
-    settings = job.settings
-    steps = [solve_four_steps(drive, settings.camera_mode) for drive in drives]
-    _check_one_robot(job, steps)
-    provenance = Provenance(
-        version=boxcal_version(),
-        command=job.command,
-        created=datetime.now(UTC).isoformat(timespec="seconds"),
-        inputs={
-            **{drive.source.log: drive.source.sha256 for drive in drives},
-            "target": drives[0].source.target_sha256,
-        },
-        settings={name: _plain(value) for name, value in asdict(settings).items()},
-    )
-    if settings.closed_form:
-        return closed_form(job.robot, drives, steps, provenance)
-    options = EstimateOptions(
-        lens=settings.lens or Lens.RADIAL,
-        tilt_sigma=settings.tilt_prior,
-        ink_sigma=settings.ink_prior,
-        scale_sigma=settings.scale_prior,
-        size_sigma=settings.size_prior,
-        face_sigma=settings.face_prior,
-        encoder_step=settings.encoder_step,
-        slip=settings.slip,
-        target=job.target,
-    )
-    if settings.lens is None:
-        choice = choose_lens(drives, steps, options)
-        found, options = choice.best, replace(options, lens=choice.best.lens)
-        scores = ", ".join(f"{score.lens} {score.bic - choice.scores[0].bic:+.1f}" for score in choice.scores)
-        found = replace(found, notes=(*found.notes, f"lens chosen by BIC (difference to the best): {scores}"))
-    else:
-        found = estimate(drives, steps, options)
-    held_out = validate(drives, steps, options) if settings.validate else None
-    grown = grow(drives[0], steps[0], found, options) if settings.report and len(drives) == 1 else ()
-    return refined(job.robot, drives, steps, found, provenance, validation=held_out, growth=grown)
-
-
-def _plain(value: object) -> object:
-    """Return a setting as JSON has it; of a path only its name."""
-    return value.name if isinstance(value, Path) else value
-
-
-def _check_one_robot(job: Job, steps: Sequence[FourSteps]) -> None:
-    """Refuse drives of different robots: what the four steps find in each is too far apart for one."""
-    for log, step in zip(job.logs[1:], steps[1:], strict=True):
-        for what, found, first, limit in (
-            ("focal length", step.camera.camera.fu, steps[0].camera.camera.fu, _ONE_LENS),
-            ("wheelbase", step.mounting.b, steps[0].mounting.b, _ONE_BASE),
-        ):
-            if abs(found / first - 1) > limit:
-                raise CalibError(
-                    f"{log.name}: not drives of one robot with one lens setting: {what} {found:.4g}, "
-                    f"{job.logs[0].name} has {first:.4g}; leave it out or calibrate each by itself"
-                )
-
-
-def listed(logs: Sequence[Path]) -> str:
-    """Return the names of logs in one line."""
-    return ", ".join(log.name for log in logs)
 
 
 def check_folder(out: Path, target: Target) -> None:
@@ -339,14 +127,6 @@ def fleet_record(outcomes: Sequence[Outcome], target: Target, command: str) -> b
         "failed": {o.job.robot: o.error for o in outcomes if o.calibration is None},
     }
     return (json.dumps(document, indent=2) + "\n").encode()
-
-
-def boxcal_version() -> str:
-    """Return the installed version."""
-    try:
-        return version("boxcal")
-    except PackageNotFoundError:
-        return "not installed"
 
 
 def calibrate_fleet(

@@ -3,10 +3,11 @@
 import numpy as np
 
 from calib.detail import ORDER
-from calib.frames import Array, exp_so3, wrap
+from calib.frames import Array, exp_so3
 from calib.result import Calibration
 from calib.truth import Errors
 
+_DIFFERENCE = 1e-6
 _R_LINK_CAM = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 """Optical axes (x right, y down, z forward) in a frame with x forward, y left, z up."""
 
@@ -51,7 +52,7 @@ def results_table(results: list[Calibration]) -> str:
         )
         if r.detail is not None:
             s = r.detail.covariance.sigma
-            turns = np.degrees(yaw_pitch_roll_sigma(r))
+            turns = np.degrees(yaw_pitch_roll_sigma(r.T_body_cam[:3, :3], r.detail.covariance.matrix))
             rows.append(
                 ["  +/-", "", "", ""]
                 + [f"{1e3 * s[name]:.3f}" for name in ("rL", "rR", "b")]
@@ -62,23 +63,21 @@ def results_table(results: list[Calibration]) -> str:
     return table(header, rows)
 
 
-def yaw_pitch_roll_sigma(result: Calibration) -> Array:
-    """Return the standard deviations of yaw, pitch and roll, (3,), rad; NaN without a covariance.
+def yaw_pitch_roll_sigma(R_body_cam: Array, cov: Array) -> Array:
+    """Return the standard deviations of yaw, pitch and roll, (3,) rad, from a covariance (14, 14) in ``ORDER``.
 
-    First order, by central differences of :func:`yaw_pitch_roll` over the mounting's right perturbation.
+    Infinite where the mounting's rotation is not determined.
     """
-    if result.detail is None:
-        return np.full(3, np.nan)
-    R, h = result.T_body_cam[:3, :3], 1e-6
-    J = np.stack(
-        [
-            wrap(np.subtract(yaw_pitch_roll(R @ exp_so3(h * e)), yaw_pitch_roll(R @ exp_so3(-h * e)))) / (2 * h)
-            for e in np.eye(3)
-        ],
-        axis=1,
+    first = ORDER.index("rx")
+    turns = cov[first : first + 3, first : first + 3]
+    if not np.all(np.isfinite(turns)):
+        return np.full(3, np.inf)
+    R = R_body_cam
+    steps = np.eye(3) * _DIFFERENCE
+    J = np.array([np.subtract(yaw_pitch_roll(R @ exp_so3(d)), yaw_pitch_roll(R @ exp_so3(-d))) for d in steps]).T / (
+        2 * _DIFFERENCE
     )
-    rows = slice(ORDER.index("rx"), ORDER.index("rz") + 1)
-    return np.asarray(np.sqrt(np.diag(J @ result.detail.covariance.matrix[rows, rows] @ J.T)))
+    return np.asarray(np.sqrt(np.diag(J @ turns @ J.T)))
 
 
 def errors_table(errors: list[tuple[str, Errors]]) -> str:

@@ -9,9 +9,8 @@ import numpy as np
 
 from calib.report.judgement import Level, Verdict, angle, length
 from calib.report.page import page, readable_time
-from calib.report.parameters import yaw_pitch_roll_sigma
 from calib.result import Calibration
-from calib.table import yaw_pitch_roll
+from calib.table import yaw_pitch_roll, yaw_pitch_roll_sigma
 from calib.verdict import verdict
 
 REPORT = "report.html"

@@ -6,13 +6,10 @@ from math import isfinite, pi
 
 import numpy as np
 
-from calib.detail import ORDER
-from calib.frames import Array, exp_so3
+from calib.frames import Array
 from calib.report.judgement import length
 from calib.result import Calibration
-from calib.table import yaw_pitch_roll
-
-_DIFFERENCE = 1e-6
+from calib.table import yaw_pitch_roll, yaw_pitch_roll_sigma
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -168,20 +165,3 @@ def _at_two_metres(sigma_deg: Array | None, i: int) -> str:
     if sigma_deg is None or not isfinite(sigma_deg[i]):
         return ""
     return f"{length(2 * float(sigma_deg[i]) * pi / 180)} at a distance of 2 m"
-
-
-def yaw_pitch_roll_sigma(R_body_cam: Array, cov: Array) -> Array:
-    """Return the standard deviations of yaw, pitch and roll, (3,) rad, from a covariance (14, 14) in ``ORDER``.
-
-    Infinite where the mounting's rotation is not determined.
-    """
-    first = ORDER.index("rx")
-    turns = cov[first : first + 3, first : first + 3]
-    if not np.all(np.isfinite(turns)):
-        return np.full(3, np.inf)
-    R = R_body_cam
-    steps = np.eye(3) * _DIFFERENCE
-    J = np.array([np.subtract(yaw_pitch_roll(R @ exp_so3(d)), yaw_pitch_roll(R @ exp_so3(-d))) for d in steps]).T / (
-        2 * _DIFFERENCE
-    )
-    return np.asarray(np.sqrt(np.diag(J @ turns @ J.T)))

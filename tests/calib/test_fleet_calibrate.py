@@ -24,6 +24,7 @@ from calib.simulate.truth import truth_bytes
 from calib.truth import compare, load_truth
 from target.box import Box, make_target
 from target.landmarks import save_target
+from target.measured import Measured
 
 STORE = get_typestore(Stores.ROS2_HUMBLE)
 RECORD = RecordOptions(frames=2, moving_frames=1)
@@ -384,6 +385,28 @@ def test_a_folder_with_another_fleets_results_is_not_touched(
     assert before == {p: p.read_bytes() for p in out.rglob("*") if p.is_file()}
     (out / "fleet.json").write_text("[1]")
     assert _run(capsys, good, "--out", out)[0] == 2
+
+
+def test_a_box_measured_later_corrects_what_was_read_before(
+    good: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([str(good), "--out", str(tmp_path / "a"), "--quiet", "--no-report"]) == 0
+    saved = tmp_path / "a" / "good" / "correspondences.npz"
+    cov = np.diag([1e-3, 1e-3, 2.5e-4, 2.5e-4, 2e-4]) ** 2
+    measured = Measured(sx=1.01, sy=1.01, width=0.2525, depth=0.2525, height=0.202, cov=cov)
+    save_target(make_target(Box(), measured), tmp_path / "measured.json")
+    words = ("--target", tmp_path / "measured.json", "--out", tmp_path / "b", "--quiet", "--no-report")
+    status, _, err = _run(capsys, saved, *words)
+    assert status == 0, err
+    a, b = (load_calibration(tmp_path / k / "good" / "calibration.json") for k in "ab")
+    assert b.wheels.b / a.wheels.b == pytest.approx(1.01, abs=2e-3)
+    assert a.detail is not None
+    assert b.detail is not None
+    assert b.detail.covariance.sigma["b"] > a.detail.covariance.sigma["b"]
+    save_target(make_target(Box(first_id=140)), tmp_path / "other.json")
+    status, _, err = _run(capsys, saved, "--target", tmp_path / "other.json", "--out", tmp_path / "c", "--quiet")
+    assert status == 1
+    assert "the target does not carry it" in err
 
 
 def test_no_report_is_written_when_none_is_wanted(

@@ -15,14 +15,14 @@ from calib.frames import Array, exp_so3, inverse
 from calib.report.drawing import projection_data, residual_data, scene_data
 from calib.report.drive import driven_legs, floor_pose
 from calib.report.gauges import slip_on_top
-from calib.report.parameters import Row, parameter_groups, yaw_pitch_roll_sigma
+from calib.report.parameters import Row, parameter_groups
 from calib.report.print_scale import find_print_scale
 from calib.report.projection import projection_sigma, rays
 from calib.report.seen import lens_values, stops_seen
 from calib.report.tables import face_row, rms
 from calib.result import Calibration, StopResult
 from calib.simulate.drive import exact_correspondences, exact_options, simulate_drive
-from calib.table import yaw_pitch_roll
+from calib.table import yaw_pitch_roll, yaw_pitch_roll_sigma
 from detect.correspondences import Correspondences
 from target.box import make_target
 from target.measured import Measured
