@@ -6,6 +6,8 @@ from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
+import numpy as np
+
 from calib.assemble import closed_form, refined
 from calib.errors import CalibError
 from calib.estimate import EstimateOptions, Lens, choose_lens, estimate
@@ -17,6 +19,8 @@ from calib.result import Calibration, Provenance
 from detect.correspondences import Correspondences
 from target.box import Target
 from target.landmarks import target_sha256
+from target.measured import SIZES
+from target.sizes import scale_influence
 
 _ONE_LENS, _ONE_BASE = 0.03, 0.4
 """How far focal length and wheelbase of one robot's drives may differ; slip makes the closed form's wheels rough."""
@@ -63,6 +67,7 @@ def solve(job: Job, drives: list[Correspondences]) -> Calibration:
         found = replace(found, notes=(*found.notes, f"lens chosen by BIC (difference to the best): {scores}"))
     else:
         found = estimate(drives, steps, options)
+    found = replace(found, notes=found.notes + box_notes(job.target))
     held_out = validate(drives, steps, options) if settings.validate else None
     grown = grow(drives[0], steps[0], found, options) if settings.report and len(drives) == 1 else ()
     return refined(job.robot, drives, steps, found, provenance, validation=held_out, growth=grown)
@@ -85,6 +90,22 @@ def _check_one_robot(job: Job, steps: Sequence[FourSteps]) -> None:
                     f"{log.name}: not drives of one robot with one lens setting: {what} {found:.4g}, "
                     f"{job.logs[0].name} has {first:.4g}; leave it out or calibrate each by itself"
                 )
+
+
+def box_notes(target: Target) -> tuple[str, ...]:
+    """Return what a measured box's own uncertainty adds to every length, and which of its sizes to measure better."""
+    if target.measured is None:
+        return ()
+    cov = target.measured.cov
+    influence = scale_influence(target)
+    total = float(np.sqrt(influence @ cov @ influence))
+    share = np.abs(influence) * np.sqrt(np.diag(cov))
+    names = {"sx": "the print across (--tags-x)", "sy": "the print up (--tags-y)"}
+    worst = SIZES[int(np.argmax(share))]
+    return (
+        f"the box's measured size adds {total:.2%} to all lengths (wheels, wheelbase, mounting); measuring "
+        f"{names.get(worst, f'its {worst} (--{worst})')} better would help most",
+    )
 
 
 def placed(drive: Correspondences, target: Target) -> Correspondences:

@@ -399,6 +399,8 @@ def test_a_box_measured_later_corrects_what_was_read_before(
     status, _, err = _run(capsys, saved, *words)
     assert status == 0, err
     a, b = (load_calibration(tmp_path / k / "good" / "calibration.json") for k in "ab")
+    assert any("measuring" in note and "better would help most" in note for note in b.notes)
+    assert not any("measuring" in note for note in a.notes)
     assert b.wheels.b / a.wheels.b == pytest.approx(1.01, abs=2e-3)
     assert a.detail is not None
     assert b.detail is not None
