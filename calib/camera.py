@@ -20,7 +20,7 @@ from target.projection import Intrinsics, project
 
 MIN_LANDMARKS = 6
 _ITERATIONS = 100
-_STOPS_FOR_GUESS = 10
+_STOPS_FOR_GUESS = 6
 """How many stops, spread over the drive, the first guess of the camera is taken from."""
 _NAMES = ("fu", "fv", "cu", "cv", "kr")
 
@@ -209,7 +209,8 @@ def _linearise(camera: Intrinsics, poses: Array, stops: list[StopView]) -> _Syst
     cost = float(np.sum(r * r)) if np.all(p_cam[:, 2] > 0) else np.inf
     J = np.empty((len(r), 2, 12))
     J[..., :5] = d_camera
-    J[..., 5:8] = np.cross(p_cam[:, None, :], d_point)  # d_point @ -hat(p_cam)
+    (x, y, z), (du, dv, dw) = p_cam.T[:, :, None], np.moveaxis(d_point, 2, 0)
+    J[..., 5], J[..., 6], J[..., 7] = y * dw - z * dv, z * du - x * dw, x * dv - y * du  # d_point @ -hat(p_cam)
     J[..., 8:11] = d_point
     J[..., 11] = r
     rows = J.reshape(-1, 12)
