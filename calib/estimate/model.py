@@ -220,15 +220,6 @@ def moved(problem: Problem, state: State, d_shared: Array, d_stops: Array) -> St
     )
 
 
-def camera_poses(problem: Problem, state: State) -> tuple[Array, Array]:
-    """Return the cameras' rotations (P, 3, 3) and positions (P, 3), m, in frame ``box``."""
-    F = np.array([exp_so3(np.array([*tilt, 0.0])) for tilt in state.tilt])[problem.drive]
-    Rz = _headings(state.poses[:, 2])
-    s = Rz @ state.T_body_cam[:3, 3]
-    s[:, :2] += state.poses[:, :2]
-    return F @ Rz @ state.T_body_cam[:3, :3], np.einsum("pij,pj->pi", F, s)
-
-
 def camera_motions(problem: Problem, state: State) -> tuple[Array, Array, Array, Array]:
     """Return the cameras' poses and how they move, as right perturbations of ``T_box_cam``.
 
