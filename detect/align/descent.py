@@ -8,9 +8,12 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from detect.align.kernels import is_linear, sum_one
+from detect.align.kernels import add_blocks, add_products, collect, differentiate, is_linear, replace_pixels, room
 from detect.align.model import KURTOSIS, LOG_SIGMA, PARAMETERS, Frame, Sums
 from detect.align.pattern import Array
+
+_FAR_MODULES = 0.25
+"""A tag that has moved less still covers the same pixels."""
 
 
 def descend(  # noqa: PLR0917 - the sums' arguments first
@@ -57,14 +60,19 @@ def _descend(  # noqa: PLR0917 - arrays in, arrays out
 ) -> None:  # fmt: skip
     step = np.zeros(PARAMETERS)
     for k in range(len(rows)):
+        if not np.all(np.isfinite(theta[k])):
+            continue
+        pixels, n, since = room(boxes[k]), 0, np.inf
+        jac = np.empty((0, 16, 64), np.float32)
         for number in range(iterations):
-            normal[k], gradient[k], stats[k], blocks[k] = 0.0, 0.0, 0.0, 0.0
-            if not np.all(np.isfinite(theta[k])):
-                break
-            sum_one(
-                grey, tone, linear, lens, cells[rows[k]], theta[k], place[k], boxes[k], margin[k], stride[k],
-                normal[k], gradient[k], stats[k], blocks[k],
-            )  # fmt: skip
+            normal[k], gradient[k], stats[k] = 0.0, 0.0, 0.0
+            if since > _FAR_MODULES:
+                n = collect(grey, lens, cells[rows[k]], theta[k], place[k], boxes[k], margin[k], stride[k], pixels)
+                since = 0.0
+            else:
+                replace_pixels(theta[k], pixels, n)
+            jac = differentiate(tone, linear, cells[rows[k]], theta[k], place[k], pixels, n, stats[k])
+            add_products(jac, normal[k], gradient[k])
             information = max(stats[k, 1], 1e-9) / max(stats[k, 0] - PARAMETERS, 1.0) / prior**2
             _solve(normal[k], gradient[k], free[min(number, len(free) - 1)], theta[k], information, damping, step)
             _hold(theta[k], limits, held, step)
@@ -77,9 +85,11 @@ def _descend(  # noqa: PLR0917 - arrays in, arrays out
             less = min(max(less, 0.0), held[2] * stats[k, 1])
             converging = less > much * stats[k, 1]
             stats[k, 1] -= less
-            moved = _step_on(theta[k], step, places[k]) * module_px[k]
-            if number >= len(free) - 1 and moved < stop_px and not converging:
+            moved = _step_on(theta[k], step, places[k])
+            since += moved
+            if number >= len(free) - 1 and moved * module_px[k] < stop_px and not converging:
                 break
+        add_blocks(pixels, n, jac, blocks[k])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -1,6 +1,7 @@
 """Homographies between planes: exact from four points, least squares from more."""
 
 import numpy as np
+from numpy.typing import NDArray
 
 from detect.align.pattern import Array
 
@@ -8,24 +9,45 @@ from detect.align.pattern import Array
 def fit_homographies(src: Array, dst: Array) -> Array:
     """Return the homographies (N, 8), last entry 1, that map quadrilaterals (N, 4, 2) to one or N others.
 
-    A quadrilateral with three corners in line has none: its entries are NaN.
+    Both are mapped from the unit square in closed form (Heckbert, Fundamentals of Texture Mapping and Image Warping,
+    1989, 2.2.3). A quadrilateral with three corners in line has none: its entries are NaN.
     """
-    dst = np.broadcast_to(dst, src.shape)
-    x, y, u, v = src[..., 0], src[..., 1], dst[..., 0], dst[..., 1]
-    zero, one = np.zeros_like(x), np.ones_like(x)
-    A = np.concatenate(
-        [
-            np.stack([x, y, one, zero, zero, zero, -u * x, -u * y], -1),
-            np.stack([zero, zero, zero, x, y, one, -v * x, -v * y], -1),
-        ],
-        axis=1,
-    )
-    b = np.concatenate([u, v], axis=1)
-    bad = ~(np.abs(np.linalg.det(np.nan_to_num(A))) > 1e-9)
-    A[bad] = np.eye(8)
-    h = np.linalg.solve(A, b[..., None])[..., 0]
-    h[bad] = np.nan
-    return np.asarray(h)
+    s, d = _from_unit_square(src), _from_unit_square(dst)
+    (a, b, c), (e, f, g), (i, j, k) = np.moveaxis(s, 0, -1)
+    # the adjugate of s; what divides by zero is a corner at infinity
+    rows = [
+        [f * k - g * j, c * j - b * k, b * g - c * f],
+        [g * i - e * k, a * k - c * i, c * e - a * g],
+        [e * j - f * i, b * i - a * j, a * f - b * e],
+    ]
+    H = (d @ np.moveaxis(np.array(rows), -1, 0)).reshape(-1, 9)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        h = H[:, :8] / H[:, 8, None]
+    return np.where((_lines_up(src) | _lines_up(dst))[:, None] | ~np.isfinite(h), np.nan, h)
+
+
+def _from_unit_square(quads: Array) -> Array:
+    """Return the matrices (N, 3, 3) that map (0, 0), (1, 0), (1, 1), (0, 1) to the corners (N, 4, 2) or (4, 2)."""
+    (x0, y0), (x1, y1), (x2, y2), (x3, y3) = np.moveaxis(quads.reshape(-1, 4, 2), 0, -1)
+    ax, ay, bx, by = x1 - x2, y1 - y2, x3 - x2, y3 - y2
+    sx, sy = x0 - x1 - bx, y0 - y1 - by
+    det = ax * by - bx * ay
+    g, h = sx * by - bx * sy, ax * sy - sx * ay
+    rows = [
+        [(x1 - x0) * det + g * x1, (x3 - x0) * det + h * x3, x0 * det],
+        [(y1 - y0) * det + g * y1, (y3 - y0) * det + h * y3, y0 * det],
+        [g, h, det],
+    ]
+    return np.moveaxis(np.array(rows), -1, 0)
+
+
+def _lines_up(quads: Array) -> NDArray[np.bool_]:
+    """Return which quadrilaterals (N, 4, 2) or (4, 2) have three corners in line, to nine digits."""
+    along = np.roll(quads, -1, axis=-2) - quads
+    after = np.roll(along, -1, axis=-2)
+    turn = np.abs(along[..., 0] * after[..., 1] - along[..., 1] * after[..., 0])
+    size = np.maximum((along**2).sum(axis=(-2, -1)), 1e-300)
+    return np.asarray(~(turn.min(axis=-1) > 1e-9 * size))
 
 
 def least_squares_homography(src: Array, dst: Array) -> Array:

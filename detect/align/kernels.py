@@ -2,8 +2,9 @@
 
 Importing this module needs numba (the extra ``fast``); :func:`detect.align.solve.align` falls back to numpy.
 
-A tag's pixels are first collected, then summed in blocks: every loop over a block is short, without branches and in
-single precision, so that the compiler turns it into vector instructions. Module edges near a pixel enter by partial
+A tag's pixels are first collected (once for several steps, as they stay nearly the same), then summed in blocks: every
+loop over a block is short, without branches and in single precision, so that the compiler turns it into vector
+instructions. Module edges near a pixel enter by partial
 summation, ``sum_k E_k (Phi_k - Phi_k+1) = E_0 + sum_e Phi_e (E_e+1 - E_e)``, which needs the differences of the
 modules along u, along v and along both only.
 """
@@ -24,6 +25,8 @@ _MOST = 16
 """Edges across a tag, at most."""
 _ROWS = 16
 """Rows of the Jacobian: the parameters, the residual, and one that stays zero."""
+_OF_PIXEL = 7
+"""x, y, u, v, grey level, column and row of a collected pixel."""
 _OF_EDGE = 6
 """Rows an edge takes: Phi with its kurtosis, its slope, widening, tail, density, distance."""
 _F0, _F05, _F1, _F2, _F3, _F6 = (np.float32(x) for x in (0, 0.5, 1, 2, 3, 6))
@@ -68,10 +71,11 @@ def _run(  # noqa: PLR0917 - arrays in, arrays out
     for k in range(len(rows)):
         if not np.all(np.isfinite(theta[k])):
             continue
-        sum_one(
-            grey, tone, linear, lens, cells[rows[k]], theta[k], place[k], boxes[k], margin[k], stride[k],
-            normal[k], gradient[k], stats[k], blocks[k],
-        )  # fmt: skip
+        pixels = room(boxes[k])
+        n = collect(grey, lens, cells[rows[k]], theta[k], place[k], boxes[k], margin[k], stride[k], pixels)
+        jac = differentiate(tone, linear, cells[rows[k]], theta[k], place[k], pixels, n, stats[k])
+        add_blocks(pixels, n, jac, blocks[k])
+        add_products(jac, normal[k], gradient[k])
 
 
 @njit(cache=True, fastmath=True, nogil=True, error_model="numpy")
@@ -95,11 +99,12 @@ def _line(lens: Any, theta: Any, place: Any, first: Any, row: Any, out: Any) -> 
 
 
 @njit(cache=True, fastmath=True, nogil=True, error_model="numpy")
-def _collect(  # noqa: PLR0917
-    grey: Any, lens: Any, cells: Any, theta: Any, place: Any, box: Any, margin: Any, stride: Any, near_u: Any,
-    near_v: Any, into: Any,
-) -> int:  # fmt: skip
-    """Write x, y, u, v and grey level of the pixels that count; return how many."""
+def collect(  # noqa: PLR0917
+    grey: Any, lens: Any, cells: Any, theta: Any, place: Any, box: Any, margin: Any, stride: Any, into: Any
+) -> int:
+    """Write x, y, u, v, grey level, column and row of the pixels that count; return how many."""
+    wide_u, wide_v = _widths(theta, place)
+    near_u, near_v = NEAR_SIGMAS * wide_u, NEAR_SIGMAS * wide_v
     modules = cells.shape[0] - 2
     every, shift, every_near = stride[0], stride[1], stride[2]
     line = np.empty((4, max(box[1] - box[0], 1)))
@@ -143,6 +148,7 @@ def _collect(  # noqa: PLR0917
                 if not crossed:
                     continue
             into[0, n], into[1, n], into[2, n], into[3, n], into[4, n] = line[0, i], line[1, i], u, v, grey[row, at]
+            into[5, n], into[6, n] = at, row
             n += 1
     return n
 
@@ -250,33 +256,104 @@ def _jacobian(light: Any, at: Any, geometry: Any, total: Any, bend: Any, out: An
 
 
 @njit(cache=True, fastmath=True, nogil=True, error_model="numpy")
-def sum_one(  # noqa: PLR0912, PLR0915, PLR0917 - arrays in, arrays out
-    grey: Any, tone: Any, linear: Any, lens: Any, cells: Any, theta: Any, place: Any, box: Any, margin: Any,
-    stride: Any, normal: Any, gradient: Any, stats: Any, blocks: Any,
-) -> None:  # fmt: skip
-    """Add the sums of one tag, whose parameters are finite."""
-    modules = cells.shape[0] - 2
-    h2, h5, h6, h7 = theta[2], theta[5], theta[6], theta[7]
+def _widths(theta: Any, place: Any) -> Any:
+    """Return the blur's deviations along u and v at the tag's centre, modules."""
     sigma = np.exp(theta[12]) * place[2]
+    u0, u1 = theta[0] - theta[2] * theta[6], theta[1] - theta[2] * theta[7]
+    v0, v1 = theta[3] - theta[5] * theta[6], theta[4] - theta[5] * theta[7]
+    return sigma * np.sqrt(u0 * u0 + u1 * u1), sigma * np.sqrt(v0 * v0 + v1 * v1)
+
+
+@njit(cache=True, fastmath=True, nogil=True, error_model="numpy")
+def _module_differences(cells: Any, out: Any) -> None:
+    """Fill a tag's modules (row 0, rows of modules one after the other) and their differences along u, v and both."""
+    side = cells.shape[0]
+    for j in range(side):
+        for i in range(side):
+            out[0, j * side + i] = cells[j, i]
+    for k in range(side * side - 1):
+        out[1, k] = out[0, k + 1] - out[0, k]
+    for k in range(side * side - side):
+        out[2, k] = out[0, k + side] - out[0, k]
+        out[3, k] = out[1, k + side] - out[1, k]
+
+
+@njit(cache=True, fastmath=True, nogil=True, error_model="numpy")
+def _residuals(at: Any, light: Any, tone: Any, linear: Any, total: Any, used: Any, bend: Any, out: Any, stats: Any) -> None:  # fmt: skip  # noqa: PLR0917, E501
+    """Fill the residuals of a block and the tone curve's slope, both 0 behind the used pixels; add to the sums."""
+    offset, gain, slope_x, slope_y, kappa = (
+        np.float32(light[0]), np.float32(light[1]), np.float32(light[2]), np.float32(light[3]), np.float32(light[4])
+    )  # fmt: skip
+    shown = bend  # for a moment
+    for p in range(_BLOCK):
+        lit = offset + gain * total[0, p] + (slope_x * at[0, p] + slope_y * at[1, p]) * (total[0, p] + kappa)
+        shown[p] = lit
+    r2, y1, y2, p1, p2 = _F0, _F0, _F0, _F0, _F0
+    if linear:
+        for p in range(_BLOCK):
+            lit, live = shown[p], _F1 if p < used else _F0
+            value, predicted = at[4, p] * live, min(max(lit, _F0), _F1) * live
+            r = value - predicted
+            out[p] = r
+            bend[p] = live if lit >= _F0 and lit < _F1 else _F0
+            r2 += r * r
+            y1 += value
+            y2 += value * value
+            p1 += predicted
+            p2 += predicted * predicted
+    else:
+        last = len(tone) - 1
+        for p in range(used):
+            lit = np.float64(shown[p])
+            t = min(max(lit * last, 0.0), last - 1e-9)
+            i = int(t)
+            step = tone[i + 1] - tone[i]
+            value, predicted = at[4, p], np.float32(tone[i] + (t - i) * step)
+            r = value - predicted
+            out[p] = r
+            bend[p] = step * last if lit >= 0 and lit < 1 else 0.0
+            r2 += r * r
+            y1 += value
+            y2 += value * value
+            p1 += predicted
+            p2 += predicted * predicted
+        for p in range(used, _BLOCK):
+            out[p] = _F0
+            bend[p] = _F0
+    stats[1] += r2
+    stats[2] += y1
+    stats[3] += y2
+    stats[4] += p1
+    stats[5] += p2
+
+
+@njit(cache=True, fastmath=True, nogil=True, error_model="numpy")
+def replace_pixels(theta: Any, pixels: Any, n: Any) -> None:
+    """Fill u and v of collected pixels anew."""
+    h0, h1, h2, h3, h4, h5, h6, h7 = theta[0], theta[1], theta[2], theta[3], theta[4], theta[5], theta[6], theta[7]
+    for p in range(n):
+        x, y = np.float64(pixels[0, p]), np.float64(pixels[1, p])
+        w = 1 / (h6 * x + h7 * y + 1)
+        pixels[2, p] = (h0 * x + h1 * y + h2) * w
+        pixels[3, p] = (h3 * x + h4 * y + h5) * w
+
+
+@njit(cache=True, fastmath=True, nogil=True, error_model="numpy")
+def differentiate(  # noqa: PLR0915, PLR0917 - arrays in, arrays out
+    tone: Any, linear: Any, cells: Any, theta: Any, place: Any, pixels: Any, n: Any, stats: Any
+) -> Any:
+    """Return the Jacobian of collected pixels, (B, 16, 64), residuals in row 14; add to the sums of residuals."""
+    modules = cells.shape[0] - 2
+    side = cells.shape[0]
+    wide_u, wide_v = _widths(theta, place)
     # edges in reach of a place, by the blur at the tag's centre
-    wide_u = sigma * np.sqrt((theta[0] - h2 * h6) ** 2 + (theta[1] - h2 * h7) ** 2)
-    wide_v = sigma * np.sqrt((theta[3] - h5 * h6) ** 2 + (theta[4] - h5 * h7) ** 2)
     count_u = min(int(2 * _NEAR * wide_u) + 1, modules + 1, _MOST)
     count_v = min(int(2 * _NEAR * wide_v) + 1, modules + 1, _MOST)
-    area = max(box[1] - box[0], 0) * max(box[3] - box[2], 0)
-    pixels = np.empty((5, area), np.float32)
-    n = _collect(
-        grey, lens, cells, theta, place, box, margin, stride, NEAR_SIGMAS * wide_u, NEAR_SIGMAS * wide_v, pixels
-    )
-    if n == 0:
-        return
+    sigma = np.exp(theta[12]) * place[2]
     kappa = theta[8] / theta[9] if abs(theta[9]) > 1e-9 else 0.0
-    offset, gain, slope_x, slope_y = theta[8], theta[9], theta[10], theta[11]
-    light = (offset, gain, slope_x, slope_y, kappa)
-    side = cells.shape[0]
-    last = len(tone) - 1
+    light = (theta[8], theta[9], theta[10], theta[11], kappa)
     parts = (n + _BLOCK - 1) // _BLOCK
-    jac = np.zeros((parts, _ROWS, _BLOCK), np.float32)
+    jac = np.empty((parts, _ROWS, _BLOCK), np.float32)
     at = np.empty((5, _BLOCK), np.float32)
     geometry = np.empty((4, _BLOCK), np.float32)
     first_u, first_v = np.empty(_BLOCK, np.float32), np.empty(_BLOCK, np.float32)
@@ -285,16 +362,9 @@ def sum_one(  # noqa: PLR0912, PLR0915, PLR0917 - arrays in, arrays out
     edge_v = np.empty((_OF_EDGE, _BLOCK), np.float32)
     weight, bend = np.empty(_BLOCK, np.float32), np.empty(_BLOCK, np.float32)
     sums, total = np.empty((7, _BLOCK), np.float32), np.empty((5, _BLOCK), np.float32)
-    flat = np.empty(side * side, np.float32)
-    along_u, along_v, along_both = np.zeros_like(flat), np.zeros_like(flat), np.zeros_like(flat)
-    for j in range(side):
-        for i in range(side):
-            flat[j * side + i] = cells[j, i]
-    for k in range(side * side - 1):
-        along_u[k] = flat[k + 1] - flat[k]
-    for k in range(side * side - side):
-        along_v[k] = flat[k + side] - flat[k]
-        along_both[k] = along_u[k + side] - along_u[k]
+    table = np.zeros((4, side * side), np.float32)
+    _module_differences(cells, table)
+    flat, along_u, along_v, along_both = table[0], table[1], table[2], table[3]
     half_u, half_v = 65 - 0.5 * count_u, 65 - 0.5 * count_v
     for part in range(parts):
         begin = part * _BLOCK
@@ -311,12 +381,11 @@ def sum_one(  # noqa: PLR0912, PLR0915, PLR0917 - arrays in, arrays out
             corner[p] = j * side + i
         _geometry(theta, sigma, at, geometry)
         total[:] = 0
+        sums[:] = 0
         for e in range(count_u):
             _edge(at[2], geometry[1], first_u, e, theta[13], edges_u[e])
             for p in range(_BLOCK):
                 weight[p] = along_u[corner[p] + e]
-            if e == 0:
-                sums[:] = 0
             _across(weight, edges_u[e], sums)
         for p in range(_BLOCK):
             total[0, p] = flat[corner[p]] + sums[0, p]
@@ -335,40 +404,32 @@ def sum_one(  # noqa: PLR0912, PLR0915, PLR0917 - arrays in, arrays out
                 sums[0, p] += along_v[corner[p] + f * side]
             _down(sums, edge_v, geometry[3], total)
         into = jac[part]
-        for p in range(used):
-            value = np.float64(at[4, p])
-            x, y, shown = at[0, p], at[1, p], np.float64(total[0, p])
-            lit = offset + gain * shown + (slope_x * x + slope_y * y) * (shown + kappa)
-            if linear:
-                slope = 1.0 if lit >= 0 and lit < 1 else 0.0
-                predicted = min(max(lit, 0.0), 1.0)
-            else:
-                t = min(max(lit * last, 0.0), last - 1e-9)
-                i = int(t)
-                step = tone[i + 1] - tone[i]
-                predicted = tone[i] + (t - i) * step
-                slope = step * last if lit >= 0 and lit < 1 else 0.0
-            r = value - predicted
-            bend[p] = slope
-            into[14, p] = r
-            stats[1] += r * r
-            stats[2] += value
-            stats[3] += value * value
-            stats[4] += predicted
-            stats[5] += predicted * predicted
-            i = min(int(at[2, p] + 1), side - 1)
-            j = min(int(at[3, p] + 1), side - 1)
-            blocks[j, i, 0] += r
-            blocks[j, i, 1] += 1
-        for p in range(used, _BLOCK):
-            bend[p] = 0
+        _residuals(at, light, tone, linear, total, used, bend, into[14], stats)
+        into[15] = 0
         _jacobian(light, at, geometry, total, bend, into)
     stats[0] += n
-    _products(jac, normal, gradient)
+    return jac
 
 
 @njit(cache=True, fastmath=True, nogil=True, error_model="numpy")
-def _products(jac: Any, normal: Any, gradient: Any) -> None:
+def add_blocks(pixels: Any, n: Any, jac: Any, blocks: Any) -> None:
+    """Add the residuals of collected pixels to the sums over modules."""
+    side = blocks.shape[0]
+    for p in range(n):
+        i = min(max(int(pixels[2, p] + 1), 0), side - 1)
+        j = min(max(int(pixels[3, p] + 1), 0), side - 1)
+        blocks[j, i, 0] += jac[p // _BLOCK, 14, p % _BLOCK]
+        blocks[j, i, 1] += 1
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def room(box: Any) -> Any:
+    """Return an array to collect the pixels of a box in."""
+    return np.empty((_OF_PIXEL, max(box[1] - box[0], 0) * max(box[3] - box[2], 0)), np.float32)
+
+
+@njit(cache=True, fastmath=True, nogil=True, error_model="numpy")
+def add_products(jac: Any, normal: Any, gradient: Any) -> None:
     """Fill the normal matrix and the gradient, four products of rows at a time."""
     for i in range(0, PARAMETERS, 2):
         for j in range(i, _ROWS, 2):

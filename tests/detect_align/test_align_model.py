@@ -83,9 +83,12 @@ def test_numpy_alone_aligns_as_well_as_compiled():
     uv, seen = truth(T)
     rows = seen[::10]
     frame = Frame(grey=(view(T) / np.float32(255)), tone=tone_table("linear"), lens=LENS)
-    plain = align(frame, PATTERNS, rows, uv[rows] + 0.2, sums_of=model.accumulate)
-    fast = align(frame, PATTERNS, rows, uv[rows] + 0.2)
-    np.testing.assert_allclose(plain.corners_px, fast.corners_px, atol=2e-3)
+    plain = align(frame, PATTERNS, rows, uv[rows] + 0.2, stop_px=1e-4, iterations=30, sums_of=model.accumulate)
+    fast = align(frame, PATTERNS, rows, uv[rows] + 0.2, stop_px=1e-4, iterations=30)
+    off = np.linalg.norm(plain.corners_px - fast.corners_px, axis=2)
+    assert np.median(off) < 1e-3
+    # the compiled steps keep to the pixels that they began with: a few at the rim of a small tag come and go
+    np.testing.assert_array_less(off, 0.3 * np.sqrt(np.trace(plain.cov_px2, axis1=2, axis2=3)))
 
 
 def test_pattern_without_blur_is_the_pattern():
