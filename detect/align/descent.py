@@ -8,18 +8,27 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from detect.align.kernels import add_blocks, add_products, collect, differentiate, is_linear, replace_pixels, room
+from detect.align.kernels import (
+    add_blocks,
+    add_products,
+    collect,
+    differentiate,
+    first_light,
+    is_linear,
+    replace_pixels,
+    room,
+)
 from detect.align.model import KURTOSIS, LOG_SIGMA, PARAMETERS, Frame, Sums
 from detect.align.pattern import Array
 
-_FAR_MODULES = 0.25
+_FAR_MODULES = 0.1
 """A tag that has moved less still covers the same pixels."""
 
 
 def descend(  # noqa: PLR0917 - the sums' arguments first
     frame: Frame, cells: Array, rows: Any, theta: Array, place: Array, boxes: Any, margin: Array, stride: Any,
     sums: Sums, *, places: Array, module_px: Array, free: Any, damping: float, stop_px: float, iterations: int,
-    limits: Array, held: tuple[float, float, float], much: float, prior: float,
+    limits: Array, held: tuple[float, float, float], much: float, prior: float, guess: bool,
 ) -> None:  # fmt: skip
     """Take Gauss-Newton steps until each tag stands still: ``theta`` and ``sums`` (from zero) change in place.
 
@@ -44,11 +53,13 @@ def descend(  # noqa: PLR0917 - the sums' arguments first
         A step that explains this share is not the last.
     prior
         Deviation of the kurtosis before anything is seen.
+    guess
+        Set black and white from the middle of the modules first.
     """
     _descend(
         frame.grey, frame.tone, is_linear(frame.tone), frame.lens, cells, rows, theta, place, boxes, margin, stride,
         sums.normal, sums.gradient, sums.stats, sums.blocks, places, module_px, free, damping, stop_px, iterations,
-        limits, held, much, prior,
+        limits, held, much, prior, guess,
     )  # fmt: skip
 
 
@@ -57,6 +68,7 @@ def _descend(  # noqa: PLR0917 - arrays in, arrays out
     grey: Any, tone: Any, linear: Any, lens: Any, cells: Any, rows: Any, theta: Any, place: Any, boxes: Any,
     margin: Any, stride: Any, normal: Any, gradient: Any, stats: Any, blocks: Any, places: Any, module_px: Any,
     free: Any, damping: Any, stop_px: Any, iterations: Any, limits: Any, held: Any, much: Any, prior: Any,
+    guess: Any,
 ) -> None:  # fmt: skip
     step = np.zeros(PARAMETERS)
     for k in range(len(rows)):
@@ -69,6 +81,8 @@ def _descend(  # noqa: PLR0917 - arrays in, arrays out
             if since > _FAR_MODULES:
                 n = collect(grey, lens, cells[rows[k]], theta[k], place[k], boxes[k], margin[k], stride[k], pixels)
                 since = 0.0
+                if guess and number == 0:
+                    first_light(tone, cells[rows[k]], pixels, n, theta[k])
             else:
                 replace_pixels(theta[k], pixels, n)
             jac = differentiate(tone, linear, cells[rows[k]], theta[k], place[k], pixels, n, stats[k])

@@ -141,15 +141,18 @@ def predicted(
     target: Target, patterns: Patterns, fit: BoxFit, known: Index, image_size: tuple[int, int]
 ) -> tuple[Index, Array]:
     """Return the tags that the camera should see beside the known ones, and where: (N,) and (N, 4, 2) px."""
-    uv, spread = fit.predict(target.tag_corners.reshape(-1, 3))
+    turned = fit.faces_camera(target.tag_corners)
+    turned[known] = False
+    rows = np.flatnonzero(turned)
+    if len(rows) == 0:
+        return rows, np.zeros((0, 4, 2))
+    uv, spread = fit.predict(target.tag_corners[rows].reshape(-1, 3))
     uv, spread = uv.reshape(-1, 4, 2), spread.reshape(-1, 4).max(axis=1)
+    module = module_px(patterns, uv)
     with np.errstate(invalid="ignore"):
-        inside = np.all((uv >= -0.5) & (uv <= np.array(image_size) - 0.5), axis=(1, 2))
-    seen = inside & fit.faces_camera(target.tag_corners) & ~np.isin(np.arange(len(uv)), known)
-    rows = np.flatnonzero(seen)
-    module = module_px(patterns, uv[rows])
-    good = (module >= MIN_MODULE_PX) & (spread[rows] <= MAX_SPREAD_MODULES * module) & convex(uv[rows])
-    return rows[good], uv[rows[good]]
+        good = np.all((uv >= -0.5) & (uv <= np.array(image_size) - 0.5), axis=(1, 2))
+        good &= (module >= MIN_MODULE_PX) & (spread <= MAX_SPREAD_MODULES * module) & convex(uv)
+    return rows[good], uv[good]
 
 
 def follow(

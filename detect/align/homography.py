@@ -1,53 +1,41 @@
-"""Homographies between planes: exact from four points, least squares from more."""
+"""Homographies between planes: exact between squares and quadrilaterals, least squares from more points."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from detect.align.pattern import Array
 
 
-def fit_homographies(src: Array, dst: Array) -> Array:
-    """Return the homographies (N, 8), last entry 1, that map quadrilaterals (N, 4, 2) to one or N others.
+def from_square(side: float, quads: Array) -> Array:
+    """Return the homographies (N, 8), last entry 1, of the square (0, 0) to (side, side) to quadrilaterals (N, 4, 2).
 
-    Both are mapped from the unit square in closed form (Heckbert, Fundamentals of Texture Mapping and Image Warping,
-    1989, 2.2.3). A quadrilateral with three corners in line has none: its entries are NaN.
+    Corners in the order (0, 0), (side, 0), (side, side), (0, side). The closed form is Heckbert's (Fundamentals of
+    Texture Mapping and Image Warping, 1989, 2.2.3). A quadrilateral with three corners in line has none: its entries
+    are NaN.
     """
-    s, d = _from_unit_square(src), _from_unit_square(dst)
-    (a, b, c), (e, f, g), (i, j, k) = np.moveaxis(s, 0, -1)
-    # the adjugate of s; what divides by zero is a corner at infinity
-    rows = [
-        [f * k - g * j, c * j - b * k, b * g - c * f],
-        [g * i - e * k, a * k - c * i, c * e - a * g],
-        [e * j - f * i, b * i - a * j, a * f - b * e],
-    ]
-    H = (d @ np.moveaxis(np.array(rows), -1, 0)).reshape(-1, 9)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        h = H[:, :8] / H[:, 8, None]
-    return np.where((_lines_up(src) | _lines_up(dst))[:, None] | ~np.isfinite(h), np.nan, h)
-
-
-def _from_unit_square(quads: Array) -> Array:
-    """Return the matrices (N, 3, 3) that map (0, 0), (1, 0), (1, 1), (0, 1) to the corners (N, 4, 2) or (4, 2)."""
-    (x0, y0), (x1, y1), (x2, y2), (x3, y3) = np.moveaxis(quads.reshape(-1, 4, 2), 0, -1)
+    (x0, y0), (x1, y1), (x2, y2), (x3, y3) = quads.transpose(1, 2, 0)
     ax, ay, bx, by = x1 - x2, y1 - y2, x3 - x2, y3 - y2
     sx, sy = x0 - x1 - bx, y0 - y1 - by
     det = ax * by - bx * ay
     g, h = sx * by - bx * sy, ax * sy - sx * ay
-    rows = [
-        [(x1 - x0) * det + g * x1, (x3 - x0) * det + h * x3, x0 * det],
-        [(y1 - y0) * det + g * y1, (y3 - y0) * det + h * y3, y0 * det],
-        [g, h, det],
-    ]
-    return np.moveaxis(np.array(rows), -1, 0)
+    # g + det and h + det vanish, as det does, where the corner before, after or opposite is in line with its neighbours
+    size = np.abs(ax * by) + np.abs(bx * ay)
+    least = np.minimum(np.minimum(np.abs(det), np.abs(g + det)), np.minimum(np.abs(h + det), np.abs(g + h + det)))
+    det = np.where(least > 1e-9 * size, det, np.nan)
+    g, h = g / det, h / det
+    rows = [x1 - x0 + g * x1, x3 - x0 + h * x3, side * x0, y1 - y0 + g * y1, y3 - y0 + h * y3, side * y0, g, h]
+    return np.asarray((np.array(rows) / (side * det / det)).T)
 
 
-def _lines_up(quads: Array) -> NDArray[np.bool_]:
-    """Return which quadrilaterals (N, 4, 2) or (4, 2) have three corners in line, to nine digits."""
-    along = np.roll(quads, -1, axis=-2) - quads
-    after = np.roll(along, -1, axis=-2)
-    turn = np.abs(along[..., 0] * after[..., 1] - along[..., 1] * after[..., 0])
-    size = np.maximum((along**2).sum(axis=(-2, -1)), 1e-300)
-    return np.asarray(~(turn.min(axis=-1) > 1e-9 * size))
+def to_square(quads: Array, side: float) -> Array:
+    """Return the homographies (N, 8), last entry 1, of quadrilaterals (N, 4, 2) to a square: :func:`from_square` back.
+
+    NaN also where (0, 0) lies on the line that goes to infinity.
+    """
+    a, b, c, d, e, f, g, h = from_square(side, quads).T
+    last = a * e - b * d
+    with np.errstate(divide="ignore", invalid="ignore"):
+        rows = [e - f * h, c * h - b, b * f - c * e, f * g - d, a - c * g, c * d - a * f, d * h - e * g, b * g - a * h]
+        return np.asarray((np.array(rows) / np.where(np.abs(last) > 0, last, np.nan)).T)
 
 
 def least_squares_homography(src: Array, dst: Array) -> Array:

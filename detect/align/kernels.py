@@ -15,7 +15,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from detect.align.model import NEAR_SIGMAS, PARAMETERS, Frame, Sums, no_sums
+from detect.align.model import LEAST_GAIN, MIDDLE, NEAR_SIGMAS, PARAMETERS, Frame, Sums, no_sums
 from detect.align.pattern import Array
 
 _NEAR = 3.5
@@ -420,6 +420,22 @@ def add_blocks(pixels: Any, n: Any, jac: Any, blocks: Any) -> None:
         j = min(max(int(pixels[3, p] + 1), 0), side - 1)
         blocks[j, i, 0] += jac[p // _BLOCK, 14, p % _BLOCK]
         blocks[j, i, 1] += 1
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def first_light(tone: Any, cells: Any, pixels: Any, n: Any, theta: Any) -> None:
+    """Set offset and gain of a tag from its collected pixels; see :func:`detect.align.model.first_light`."""
+    total, count = np.zeros(2), np.zeros(2)
+    for p in range(n):
+        u, v = pixels[2, p] + np.float32(1), pixels[3, p] + np.float32(1)
+        i, j = int(u), int(v)
+        if abs(u - i - 0.5) < MIDDLE and abs(v - j - 0.5) < MIDDLE:
+            kind = 1 if cells[j, i] > 0.5 else 0
+            total[kind] += pixels[4, p]
+            count[kind] += 1
+    if count[0] > 0 and count[1] > 0:
+        levels = np.interp(total / count, tone, np.linspace(0.0, 1.0, len(tone)))
+        theta[8], theta[9] = levels[0], max(levels[1] - levels[0], LEAST_GAIN)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

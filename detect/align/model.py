@@ -30,6 +30,9 @@ PARAMETERS = 14
 OFFSET, GAIN, SLOPE_X, SLOPE_Y, LOG_SIGMA, KURTOSIS = range(8, 14)
 NEAR_SIGMAS = 2.5
 """Pixels this close to an edge, in sigma, tell where it is."""
+MIDDLE = 0.3
+"""Half the width of the middle of a module, modules: there blur hardly mixes black and white."""
+LEAST_GAIN = 1e-3
 STATS = 6
 """n, sum r^2, sum y, sum y^2, sum p, sum p^2 have columns 0..5; y grey level, p prediction."""
 _STILL = 1e-7
@@ -170,21 +173,13 @@ def _accumulate_one(  # noqa: PLR0917
     k: int,
     sums: Sums,
 ) -> None:
-    x0, x1, y0, y1 = (int(b) for b in box)
-    if x1 <= x0 or y1 <= y0:
+    seen = _seen(frame, cells, theta, place, box, margin, stride)
+    if seen is None:
         return
-    columns, lines = np.meshgrid(np.arange(x0, x1), np.arange(y0, y1))
-    xy = (straighten(frame.lens, np.stack([columns, lines], -1).astype(float)) - place[:2]) * place[2]
-    modules = cells.shape[0] - 2
-    uv = apply_h(theta[None, :8], xy.reshape(1, -1, 2))[0]
-    sampled = (columns - x0 - lines * stride[1] % stride[0]) % stride[0] == 0
-    sampled |= ((columns + lines) % stride[2] == 0) & _crossed(cells, theta, place[2], uv).reshape(columns.shape)
-    used = sampled.ravel() & np.all((uv > -margin) & (uv < modules + margin), axis=1)
-    if not used.any():
-        return
-    p, p_u, p_v, p_s, p_k = pattern_value(cells, theta, xy.reshape(-1, 2)[used], uv[used], place[2])
-    x, y = xy.reshape(-1, 2)[used].T
-    u, v = uv[used].T
+    columns, lines, xy, uv = seen
+    p, p_u, p_v, p_s, p_k = pattern_value(cells, theta, xy, uv, place[2])
+    x, y = xy.T
+    u, v = uv.T
     w = 1 / (theta[6] * x + theta[7] * y + 1)
     kappa = theta[OFFSET] / theta[GAIN] if abs(theta[GAIN]) > 1e-9 else 0.0
     slope = theta[SLOPE_X] * x + theta[SLOPE_Y] * y
@@ -213,14 +208,66 @@ def _accumulate_one(  # noqa: PLR0917
     )
     predicted, slope_t = tone_value(frame.tone, light)
     jacobian *= slope_t[:, None]
-    grey = frame.grey[y0:y1, x0:x1].reshape(-1)[used].astype(float)
+    grey = frame.grey[lines, columns].astype(float)
     r = grey - predicted
     sums.normal[k] = jacobian.T @ jacobian
     sums.gradient[k] = jacobian.T @ r
     sums.stats[k] = (len(r), r @ r, grey.sum(), grey @ grey, predicted.sum(), predicted @ predicted)
-    at = np.clip((uv[used] + 1).astype(int), 0, sums.blocks.shape[1] - 1)
+    at = np.clip((uv + 1).astype(int), 0, sums.blocks.shape[1] - 1)
     np.add.at(sums.blocks[k, :, :, 0], (at[:, 1], at[:, 0]), r)
     np.add.at(sums.blocks[k, :, :, 1], (at[:, 1], at[:, 0]), 1)
+
+
+def first_light(  # noqa: PLR0917 - as accumulate
+    frame: Frame,
+    cells: Array,
+    rows: NDArray[np.int64],
+    theta: Array,
+    place: Array,
+    boxes: NDArray[np.int64],
+    margin: Array,
+    stride: NDArray[np.int64],
+) -> None:
+    """Set offset and gain of tags from the mean grey levels in the middle of their black and white modules, in place.
+
+    Tags of which no pixel lies in the middle of a module of each kind are left as they are. Arguments as for
+    :func:`accumulate`.
+    """
+    for k in range(len(rows)):
+        seen = _seen(frame, cells[rows[k]], theta[k], place[k], boxes[k], float(margin[k]), stride[k])
+        if seen is None:
+            continue
+        columns, lines, _, uv = seen
+        middle = np.all(np.abs(uv - np.floor(uv) - 0.5) < MIDDLE, axis=1)
+        at = (uv[middle] + 1).astype(int)
+        white = cells[rows[k]][at[:, 1], at[:, 0]] > 0.5
+        grey = frame.grey[lines[middle], columns[middle]]
+        if white.any() and not white.all():
+            levels = np.array([grey[~white].mean(), grey[white].mean()])
+            black, bright = np.interp(levels, frame.tone, np.linspace(0, 1, len(frame.tone)))
+            theta[k, OFFSET], theta[k, GAIN] = black, max(bright - black, LEAST_GAIN)
+
+
+def _seen(  # noqa: PLR0917
+    frame: Frame,
+    cells: Array,
+    theta: Array,
+    place: Array,
+    box: NDArray[np.int64],
+    margin: float,
+    stride: NDArray[np.int64],
+) -> tuple[NDArray[np.int64], NDArray[np.int64], Array, Array] | None:
+    """Return columns and rows of the pixels that count, their normalised places and modules; None if there are none."""
+    x0, x1, y0, y1 = (int(b) for b in box)
+    if x1 <= x0 or y1 <= y0:
+        return None
+    columns, lines = (a.ravel() for a in np.meshgrid(np.arange(x0, x1), np.arange(y0, y1)))
+    xy = (straighten(frame.lens, np.stack([columns, lines], -1).astype(float)) - place[:2]) * place[2]
+    uv = apply_h(theta[None, :8], xy[None])[0]
+    sampled = (columns - x0 - lines * stride[1] % stride[0]) % stride[0] == 0
+    sampled |= ((columns + lines) % stride[2] == 0) & _crossed(cells, theta, place[2], uv)
+    used = sampled & np.all((uv > -margin) & (uv < cells.shape[0] - 2 + margin), axis=1)
+    return (columns[used], lines[used], xy[used], uv[used]) if used.any() else None
 
 
 def _crossed(cells: Array, theta: Array, scale: float, uv: Array) -> NDArray[np.bool_]:

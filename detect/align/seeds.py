@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from detect.align.homography import fit_homographies
+from detect.align.homography import from_square
 from detect.align.pattern import Array, Index, Patterns
 
 MIN_SIDE_PX = 7.0
@@ -142,7 +142,7 @@ def _decoded(image: NDArray[np.uint8], corners: Array, patterns: Patterns) -> Se
     m = patterns.modules
     centres = np.arange(-1, m + 1) + 0.5
     grid = np.stack(np.meshgrid(centres, centres), -1).reshape(1, -1, 2)
-    h = fit_homographies(np.broadcast_to(patterns.corners, corners.shape), corners)
+    h = from_square(m, corners)
     w = h[:, 6, None] * grid[..., 0] + h[:, 7, None] * grid[..., 1] + 1
     x = (h[:, 0, None] * grid[..., 0] + h[:, 1, None] * grid[..., 1] + h[:, 2, None]) / w
     y = (h[:, 3, None] * grid[..., 0] + h[:, 4, None] * grid[..., 1] + h[:, 5, None]) / w

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from detect.align import model
-from detect.align.homography import fit_homographies
+from detect.align.homography import to_square
 from detect.align.model import GAIN, KURTOSIS, LOG_SIGMA, OFFSET, PARAMETERS, Frame, Sums
 from detect.align.pattern import Array, Index, Patterns
 
@@ -39,7 +39,6 @@ def _free(*names: slice) -> NDArray[np.bool_]:
 _LIGHT, _AFFINE, _PERSPECTIVE = slice(OFFSET, LOG_SIGMA), slice(0, 6), slice(0, 8)
 _BLUR, _SHAPE = slice(LOG_SIGMA, LOG_SIGMA + 1), slice(KURTOSIS, KURTOSIS + 1)
 _FIRST = (
-    _free(_LIGHT),
     _free(_LIGHT, _BLUR, _AFFINE),
     _free(_LIGHT, _BLUR, _PERSPECTIVE),
 )
@@ -146,8 +145,8 @@ def align(
     corners_px : (N, 4, 2), px
         Where to start.
     start
-        The same tags aligned before, for their light and blur. Without it the first steps change only the light, then
-        blur and an affine map, and the blur stays Gaussian.
+        The same tags aligned before, for their light and blur. Without it black and white are guessed from the middle
+        of the modules, the first step changes light, blur and an affine map only, and the blur stays Gaussian.
     relight
         The light of ``start`` is a guess (it was told under another tone curve).
     stop_px
@@ -180,6 +179,7 @@ def align(
         frame, patterns.cells, rows, theta, place, boxes, margin, stride, last,
         places=places, module_px=side / patterns.modules, free=np.stack(schedule),
         damping=_DAMPING if start is not None else _FIRST_DAMPING, stop_px=stop_px, iterations=iterations,
+        guess=start is None,
     )  # fmt: skip
     return _finish(frame, patterns, rows=rows, theta=theta, place=place, sums=last, covariance=covariance)
 
@@ -214,8 +214,11 @@ def _descend(  # noqa: PLR0917 - the sums' arguments first
     damping: float,
     stop_px: float,
     iterations: int,
+    guess: bool,
 ) -> None:
     """Take steps until each tag stands still; for the arguments see :func:`detect.align.descent.descend`."""
+    if guess:
+        model.first_light(frame, cells, rows, theta, place, boxes, margin, stride)
     active = np.arange(len(rows))
     for step_no in range(iterations):
         if len(active) == 0:
@@ -266,7 +269,7 @@ def _start(patterns: Patterns, straight: Array) -> tuple[Array, Array]:
     scale = np.maximum(np.linalg.norm(straight - centre[:, None], axis=2).max(axis=1), 1.0)
     place = np.column_stack([centre, 1 / scale])
     theta = np.zeros((len(straight), PARAMETERS))
-    theta[:, :8] = fit_homographies((straight - centre[:, None]) / scale[:, None, None], patterns.corners)
+    theta[:, :8] = to_square((straight - centre[:, None]) / scale[:, None, None], patterns.modules)
     theta[:, OFFSET], theta[:, GAIN] = 0.2, 0.5
     theta[:, LOG_SIGMA] = np.log(START_SIGMA_PX)
     return place, theta

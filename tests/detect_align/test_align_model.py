@@ -5,7 +5,7 @@ import pytest
 from aligned_views import PLAIN, TARGET, pose, truth, view
 
 from detect.align import model
-from detect.align.homography import fit_homographies, least_squares_homography, map_points
+from detect.align.homography import from_square, least_squares_homography, map_points, to_square
 from detect.align.model import GAIN, KURTOSIS, LOG_SIGMA, OFFSET, Frame
 from detect.align.pattern import target_patterns
 from detect.align.solve import align
@@ -124,14 +124,20 @@ def test_bend_undoes_straighten():
 
 def test_homographies_map_their_corners_exactly():
     rng = np.random.default_rng(2)
-    src = np.array([[0, 0], [1, 0], [1, 1], [0, 1.0]])
-    dst = src * 5 + rng.uniform(-0.5, 0.5, (6, 4, 2))
-    h = fit_homographies(np.broadcast_to(src, dst.shape), dst)
-    np.testing.assert_allclose(model.apply_h(h, np.broadcast_to(src, dst.shape)), dst, atol=1e-12)
-    H = least_squares_homography(src, dst[0])
-    np.testing.assert_allclose(map_points(H, src), dst[0], atol=1e-9)
+    square = np.array([[0, 0], [8, 0], [8, 8], [0, 8.0]])
+    quads = square * 5 + rng.uniform(-4, 4, (6, 4, 2))
+    np.testing.assert_allclose(
+        model.apply_h(from_square(8, quads), np.broadcast_to(square, quads.shape)), quads, atol=1e-12
+    )
+    np.testing.assert_allclose(
+        model.apply_h(to_square(quads, 8), quads), np.broadcast_to(square, quads.shape), atol=1e-12
+    )
+    H = least_squares_homography(square, quads[0])
+    np.testing.assert_allclose(map_points(H, square), quads[0], atol=1e-9)
 
 
-def test_quadrilateral_with_corners_in_line_has_no_homography():
-    src = np.array([[[0, 0], [1, 0], [2, 0], [3, 0.0]]])
-    assert np.isnan(fit_homographies(src, np.array([[0, 0], [1, 0], [1, 1], [0, 1.0]]))).all()
+@pytest.mark.parametrize("turn", range(4))
+def test_quadrilateral_with_corners_in_line_has_no_homography(turn):
+    quad = np.roll(np.array([[[0, 0], [1, 0.3], [2, 0.6], [-1, 3.0]]]), turn, axis=1)
+    assert np.isnan(from_square(8, quad)).all()
+    assert np.isnan(to_square(quad, 8)).all()
