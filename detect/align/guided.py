@@ -6,7 +6,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from detect.align.coarse import Pyramid, align_coarsely
+from detect.align.coarse import Pyramid, align_coarsely, align_midway
 from detect.align.homography import least_squares_homography, map_points
 from detect.align.pattern import Array, Index, Patterns
 from detect.align.rigid import BoxFit, fit_box
@@ -44,6 +44,26 @@ class Search:
     rows: Index
     corners_px: Array
     fit: BoxFit
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Found:
+    """Tags that are really there.
+
+    Attributes
+    ----------
+    tags
+        Roughly aligned.
+    fit
+        The box through them.
+    lost_module_px
+        How wide the modules are seen at most of tags that the box turns to the camera, but of which it is not known
+        well enough where they are to look there; 0 if there are none.
+    """
+
+    tags: Aligned
+    fit: BoxFit
+    lost_module_px: float
 
 
 def consistent_seeds(target: Target, seeds: Seeds) -> Seeds:
@@ -99,17 +119,20 @@ def _pairs(seeds: Seeds) -> list[tuple[int, int]]:
     return pairs[::step][:_PAIRS]
 
 
-def plan(target: Target, patterns: Patterns, seeds: Seeds, image_size: tuple[int, int]) -> Search:
+def plan(
+    target: Target, patterns: Patterns, seeds: Seeds, image_size: tuple[int, int], sigma_px: float = SEED_SIGMA_PX
+) -> Search:
     """Return where to look: at the seeds (one at least) that one rigid box explains, and where it has more tags."""
     fit, rows, corners = _fitted(
-        target, patterns, seeds.rows, seeds.corners_px, image_size=image_size, sigma_px=SEED_SIGMA_PX
+        target, patterns, seeds.rows, seeds.corners_px, image_size=image_size, sigma_px=sigma_px
     )
     # where many seeds agree, the box says better than each of them where its corners are
     uv, spread = fit.predict(target.tag_corners[rows].reshape(-1, 3))
-    surer = (spread.reshape(-1, 4).max(axis=1) < SEED_SIGMA_PX) & (fit.off_px < 4 * SEED_SIGMA_PX)
+    surer = (spread.reshape(-1, 4).max(axis=1) < sigma_px) & (fit.off_px < 4 * sigma_px)
     corners = np.where(surer[:, None, None], uv.reshape(-1, 4, 2), corners)
-    more, more_corners = predicted(target, patterns, fit, rows, image_size)
-    return Search(rows=np.concatenate([rows, more]), corners_px=np.concatenate([corners, more_corners]), fit=fit)
+    more, more_corners, sure = predicted(target, patterns, fit, rows, image_size)
+    rows, corners = np.concatenate([rows, more[sure]]), np.concatenate([corners, more_corners[sure]])
+    return Search(rows=rows, corners_px=corners, fit=fit)
 
 
 def _fitted(
@@ -139,35 +162,38 @@ def _tolerance(patterns: Patterns, corners_px: Array, sigma_px: float) -> Array:
 
 def predicted(
     target: Target, patterns: Patterns, fit: BoxFit, known: Index, image_size: tuple[int, int]
-) -> tuple[Index, Array]:
-    """Return the tags that the camera should see beside the known ones, and where: (N,) and (N, 4, 2) px."""
+) -> tuple[Index, Array, NDArray[np.bool_]]:
+    """Return the tags that the camera should see beside the known ones, where, and whether that is sure enough.
+
+    Shapes: (N,), (N, 4, 2) px and (N,).
+    """
     turned = fit.faces_camera(target.tag_corners)
     turned[known] = False
     rows = np.flatnonzero(turned)
     if len(rows) == 0:
-        return rows, np.zeros((0, 4, 2))
+        return rows, np.zeros((0, 4, 2)), np.zeros(0, dtype=np.bool_)
     uv, spread = fit.predict(target.tag_corners[rows].reshape(-1, 3))
     uv, spread = uv.reshape(-1, 4, 2), spread.reshape(-1, 4).max(axis=1)
     module = module_px(patterns, uv)
     with np.errstate(invalid="ignore"):
-        good = np.all((uv >= -0.5) & (uv <= np.array(image_size) - 0.5), axis=(1, 2))
-        good &= (module >= MIN_MODULE_PX) & (spread <= MAX_SPREAD_MODULES * module) & convex(uv)
-    return rows[good], uv[good]
+        inside = np.all((uv >= -0.5) & (uv <= np.array(image_size) - 0.5), axis=(1, 2))
+        inside &= (module >= MIN_MODULE_PX) & convex(uv)
+        sure = spread <= MAX_SPREAD_MODULES * module
+    return rows[inside], uv[inside], sure[inside]
 
 
-def follow(
-    pyramid: Pyramid, target: Target, patterns: Patterns, search: Search, limits: Limits
-) -> tuple[Aligned, BoxFit]:
+def follow(pyramid: Pyramid, target: Target, patterns: Patterns, search: Search, limits: Limits) -> Found:
     """Return the tags of a search that are really there, aligned on few pixels, and the box through them.
 
     Whatever the box then predicts beside them is tried too, until nothing new turns up.
     """
     rough = limits.relaxed()
-    fit = search.fit
+    fit, lost = search.fit, 0.0
+    pyramid = pyramid.under(fit.lens)
     height, width = pyramid.frame.grey.shape
     image_size = (width, height)
     tags = align_coarsely(pyramid, patterns, search.rows, search.corners_px)
-    tags = tags.take(verified(patterns, tags, rough))
+    tags = align_midway(pyramid, patterns, tags.take(verified(patterns, tags, rough)))
     for _ in range(ROUNDS):
         if len(tags) == 0:
             break
@@ -176,7 +202,9 @@ def follow(
         )
         if len(rows) < len(tags):
             tags = tags.take(np.isin(tags.rows, rows))
-        more, corners = predicted(target, patterns, fit, tags.rows, image_size)
+        more, corners, sure = predicted(target, patterns, fit, tags.rows, image_size)
+        lost = float(module_px(patterns, corners[~sure]).max(initial=0))
+        more, corners = more[sure], corners[sure]
         if len(more) == 0:
             break
         new = align_coarsely(pyramid, patterns, more, corners, side_px=np.inf)
@@ -186,4 +214,4 @@ def follow(
         if len(new) == 0:
             break
         tags = tags.joined(new)
-    return tags, fit
+    return Found(tags=tags, fit=fit, lost_module_px=lost)

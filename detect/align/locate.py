@@ -1,7 +1,6 @@
 """Find the tags of a target in an image, their corners at the noise limit: the steps in their order."""
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import cv2
@@ -13,14 +12,11 @@ from detect.align.fast import SIGMA_PX, preview
 from detect.align.guided import (
     RIGID_TOLERANCE_MODULES,
     RIGID_TOLERANCE_PX,
-    consistent_seeds,
-    follow,
-    plan,
 )
-from detect.align.model import KURTOSIS, Frame
+from detect.align.model import KURTOSIS, Frame, bent_otherwise_px
 from detect.align.pattern import Array, Index, Patterns, target_patterns
 from detect.align.rigid import LEAST_SIGMA_PX, BoxFit, fit_box
-from detect.align.seeds import Seeds, find_seeds
+from detect.align.search import find_box, search_copies
 from detect.align.solve import Aligned, align
 from detect.align.tone import TONES, Taking, Tone, probe, relit, tone_table
 from detect.align.verify import Limits, module_px, verified
@@ -35,10 +31,11 @@ normalised errors have a deviation near 1 under the conditions of benchmarks/det
 SYSTEMATIC_PX, SYSTEMATIC_PX2 = 0.033, 0.38
 """Of tags of any width, and times the inverse of the width."""
 MAX_SIDE_PX = 16_384
-FEW_TAGS = 4
 STOP_PX = 0.03
 LARGE_MODULE_PX = 10.0
-"""Where modules are wider than this, the lens bends a tag enough to be fitted once more."""
+"""Where modules are wider than this, the lens may bend a tag enough to be fitted once more."""
+BENT_PX = 0.01
+"""It is if a better known lens moves the middle of an edge by more than this against the corners."""
 FINE_SIDE_PX = 22.0
 """Tags twice as large are aligned on every second pixel both ways, and so on."""
 LEAST_SIDE_PX = 8
@@ -138,19 +135,20 @@ def locate_tags(image: NDArray[np.generic], target: Target, settings: LocateSett
         tone = "srgb" if settings.tone == "srgb" else "linear"
         return _previewed(patterns, *preview(grey8, target, tone, settings.windows_px[0]), tone)
     size = (grey.shape[1], grey.shape[0])
-    seeds = search_seeds(grey8, patterns, settings, lambda found: consistent_seeds(target, found))
-    if len(seeds) == 0:
+    frame = Frame(grey=grey, tone=tone_table("linear"), lens=_straight_lens(grey))
+    found = find_box(Pyramid(frame), grey8, target, patterns, windows_px=settings.windows_px, limits=settings.limits)
+    if found is None:
         return _located(patterns, _none(patterns), "linear" if settings.tone == "auto" else settings.tone)
-    search = plan(target, patterns, seeds, size)
-    frame = Frame(grey=grey, tone=tone_table("linear"), lens=search.fit.lens)
-    tags, fit = follow(Pyramid(frame), target, patterns, search, settings.limits)
+    tags, fit = found.tags, found.fit
+    frame = replace(frame, lens=fit.lens)
     taking = probe(frame, patterns, tags, settings.tone)
     tags = _finely(frame, fit.lens, patterns, tags, taking)
     tags = tags.take(verified(patterns, tags, settings.limits))
     if len(tags) and module_px(patterns, tags.corners_px).max() > LARGE_MODULE_PX:
         fit = fit_box(target, tags.rows, tags.corners_px, image_size=size, sigma_px=LEAST_SIGMA_PX, start=fit)
-        again = Frame(grey=grey, tone=tone_table(taking.tone), lens=fit.lens)
-        tags = align(again, patterns, tags.rows, tags.corners_px, start=tags, side_px=FINE_SIDE_PX, stop_px=STOP_PX)
+        if bent_otherwise_px(frame.lens, fit.lens, tags.corners_px) > BENT_PX:
+            again = Frame(grey=grey, tone=tone_table(taking.tone), lens=fit.lens)
+            tags = align(again, patterns, tags.rows, tags.corners_px, start=tags, side_px=FINE_SIDE_PX, stop_px=STOP_PX)
     return _located(patterns, _on_the_box(target, patterns, tags, fit), taking.tone)
 
 
@@ -164,7 +162,7 @@ def locate_copies(image: NDArray[np.generic], patterns: Patterns, settings: Loca
     settings = settings or LocateSettings()
     limits = settings.limits.relaxed()
     grey, grey8 = to_grey(image)
-    seeds = search_seeds(grey8, patterns, settings)
+    seeds = search_copies(grey8, patterns, settings.windows_px)
     frame = Frame(grey=grey, tone=tone_table("linear"), lens=_straight_lens(grey))
     tags = align_coarsely(Pyramid(frame), patterns, seeds.rows, seeds.corners_px)
     tags = tags.take(verified(patterns, tags, limits.relaxed()))
@@ -216,29 +214,6 @@ def to_grey(image: NDArray[np.generic], bits: int | None = None) -> tuple[NDArra
 
 def _luma(image: Any) -> NDArray[np.generic]:
     return np.asarray(cv2.cvtColor(np.ascontiguousarray(image[..., :3]), cv2.COLOR_BGR2GRAY))
-
-
-def search_seeds(
-    grey8: NDArray[np.uint8],
-    patterns: Patterns,
-    settings: LocateSettings,
-    believed: Callable[[Seeds], Seeds] | None = None,
-) -> Seeds:
-    """Return seeds that are believed: from the first window, and, if few, from the others and from twice the size.
-
-    Without ``believed`` all count, and everywhere is searched.
-    """
-    first, *others = settings.windows_px
-    if believed is not None:
-        seeds = believed(find_seeds(grey8, patterns, (first,)))
-        if len(seeds) >= FEW_TAGS:
-            return seeds
-    found = find_seeds(grey8, patterns, (first, *others))
-    seeds = found if believed is None else believed(found)
-    if (believed is not None and len(seeds) >= FEW_TAGS) or grey8.size > 4_000_000:
-        return seeds
-    found = found.merged(find_seeds(grey8, patterns, (first, *others), scale=2.0))
-    return found if believed is None else believed(found)
 
 
 def _straight_lens(grey: NDArray[np.float32]) -> Array:

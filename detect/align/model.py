@@ -103,6 +103,14 @@ def bend(lens: Array, xy_px: Array) -> Array:
     return np.asarray(lens[:2] + d * np.where(r > 1e-12, s / np.maximum(r, 1e-12), 1.0))
 
 
+def bent_otherwise_px(lens: Array, other: Array, corners_px: Array) -> float:
+    """Return how far apart two lenses have the middles of tags' edges, seen from the corners (N, 4, 2); at most, px."""
+    ends = np.stack([corners_px, np.roll(corners_px, -1, axis=1)], axis=2)
+    points = np.concatenate([ends, ends.mean(axis=2, keepdims=True)], axis=2)
+    apart = straighten(lens, points) - straighten(other, points)
+    return float(np.linalg.norm(apart[:, :, 2] - apart[:, :, :2].mean(axis=2), axis=-1).max(initial=0))
+
+
 def apply_h(h: Array, xy: Array) -> Array:
     """Return ``H(x, y)`` (N, P, 2) for homographies (N, 8), last entry 1, and places (N, P, 2)."""
     x, y = xy[..., 0], xy[..., 1]

@@ -1,0 +1,76 @@
+"""All tags of a box, from seeds in a shrunken picture if it is large, else in the whole one, or one twice as large.
+
+Large tags stand out in few pixels. A shrunken picture is enough where the tags found from it say of every other tag
+that the box turns to the camera where it is, or where a larger picture would not show it either; else that is searched.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from detect.align.coarse import Pyramid
+from detect.align.guided import SEED_SIGMA_PX, Found, consistent_seeds, follow, plan
+from detect.align.pattern import Patterns
+from detect.align.seeds import Seeds, find_seeds
+from detect.align.verify import Limits
+from target.box import Target
+
+FEW_TAGS = 4
+SMALL_PX = 600
+"""Pictures are not shrunk below this, px of the longer side."""
+SEEN_MODULE_PX = 1.3
+"""Tags with narrower modules seldom make seeds."""
+MOST_ENLARGED = 4_000_000
+"""Larger pictures are not enlarged, pixels."""
+
+
+def find_box(
+    pyramid: Pyramid,
+    grey8: NDArray[np.uint8],
+    target: Target,
+    patterns: Patterns,
+    *,
+    windows_px: tuple[int, ...],
+    limits: Limits,
+) -> Found | None:
+    """Return the tags of one box, roughly aligned; None if there is no seed of any.
+
+    Parameters
+    ----------
+    pyramid, grey8 : (H, W)
+        The image, and in 8 bits to look for seeds.
+    target, patterns
+        The box and what its tags look like.
+    windows_px
+        Neighbourhoods that tell dark from bright: the first one always, the others where it finds few tags.
+    limits
+        What an aligned tag must keep to.
+    """
+    size = (grey8.shape[1], grey8.shape[0])
+    for factor in shrinkings(size):
+        seeds = consistent_seeds(target, find_seeds(grey8, patterns, windows_px[:1], scale=1 / factor))
+        if len(seeds) < FEW_TAGS:
+            continue
+        search = plan(target, patterns, seeds, size, sigma_px=SEED_SIGMA_PX * factor)
+        found = follow(pyramid, target, patterns, search, limits)
+        if factor == 1 or (len(found.tags) >= FEW_TAGS and found.lost_module_px < SEEN_MODULE_PX * factor / 2):
+            return found
+    seeds = consistent_seeds(target, find_seeds(grey8, patterns, windows_px))
+    if len(seeds) < FEW_TAGS and grey8.size <= MOST_ENLARGED:
+        seeds = consistent_seeds(target, seeds.merged(find_seeds(grey8, patterns, windows_px, scale=2.0)))
+    if len(seeds) == 0:
+        return None
+    return follow(pyramid, target, patterns, plan(target, patterns, seeds, size), limits)
+
+
+def search_copies(grey8: NDArray[np.uint8], patterns: Patterns, windows_px: tuple[int, ...]) -> Seeds:
+    """Return where single tags may be, whatever they are stuck on: under all windows, and at twice the size."""
+    seeds = find_seeds(grey8, patterns, windows_px)
+    if grey8.size > MOST_ENLARGED:
+        return seeds
+    return seeds.merged(find_seeds(grey8, patterns, windows_px, scale=2.0))
+
+
+def shrinkings(image_size: tuple[int, int]) -> list[int]:
+    """Return by how much to shrink a picture (width, height) before it is searched: the most first, 1 last."""
+    most = max(0, int(np.log2(max(image_size) / SMALL_PX)))
+    return [2**level for level in range(most, -1, -1)]
