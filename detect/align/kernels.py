@@ -15,7 +15,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from detect.align.model import LEAST_GAIN, MIDDLE, NEAR_SIGMAS, PARAMETERS, Frame, Sums, no_sums
+from detect.align.model import LEAST_GAIN, MIDDLE, NEAR_SIGMAS, PARAMETERS, SQUARES, Frame, Sums, no_sums
 from detect.align.pattern import Array
 
 _NEAR = 3.5
@@ -55,6 +55,27 @@ def accumulate(  # noqa: PLR0917 - as the reference
         sums.normal, sums.gradient, sums.stats, sums.blocks,
     )  # fmt: skip
     return sums
+
+
+def squares(  # noqa: PLR0917 - as the reference
+    frame: Frame,
+    cells: Array,
+    rows: NDArray[np.int64],
+    theta: Array,
+    place: Array,
+    boxes: NDArray[np.int64],
+    margin: Array,
+    stride: NDArray[np.int64],
+    square_px: NDArray[np.int64],
+) -> tuple[Array, Array]:
+    """Return the normal equations of each square of the image apart; see :func:`detect.align.model.squares`."""
+    normal = np.zeros((len(rows), SQUARES**2, PARAMETERS, PARAMETERS))
+    gradient = np.zeros((len(rows), SQUARES**2, PARAMETERS))
+    _squares(
+        frame.grey, frame.tone, is_linear(frame.tone), frame.lens, cells, rows, theta, place, boxes, margin, stride,
+        square_px, normal, gradient,
+    )  # fmt: skip
+    return normal, gradient
 
 
 def is_linear(tone: Array) -> bool:
@@ -462,3 +483,30 @@ def add_products(jac: Any, normal: Any, gradient: Any) -> None:
             else:
                 normal[i, j], normal[i, j + 1], normal[i + 1, j], normal[i + 1, j + 1] = a, b, c, d
                 normal[j, i], normal[j + 1, i], normal[j, i + 1], normal[j + 1, i + 1] = a, b, c, d
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _squares(  # noqa: PLR0917
+    grey: Any, tone: Any, linear: Any, lens: Any, cells: Any, rows: Any, theta: Any, place: Any, boxes: Any,
+    margin: Any, stride: Any, square_px: Any, normal: Any, gradient: Any,
+) -> None:  # fmt: skip
+    stats = np.zeros(6)
+    for k in range(len(rows)):
+        if not np.all(np.isfinite(theta[k])):
+            continue
+        pixels = room(boxes[k])
+        n = collect(grey, lens, cells[rows[k]], theta[k], place[k], boxes[k], margin[k], stride[k], pixels)
+        jac = differentiate(tone, linear, cells[rows[k]], theta[k], place[k], pixels, n, stats)
+        side = square_px[k]
+        left, top = boxes[k, 0] // side, boxes[k, 2] // side
+        row = np.empty(_ROWS, np.float32)
+        for p in range(n):
+            i = min(int(pixels[5, p]) // side - left, SQUARES - 1)
+            j = min(int(pixels[6, p]) // side - top, SQUARES - 1)
+            at = j * SQUARES + i
+            for a in range(_ROWS):
+                row[a] = jac[p // _BLOCK, a, p % _BLOCK]
+            for a in range(PARAMETERS):
+                for b in range(PARAMETERS):
+                    normal[k, at, a, b] += row[a] * row[b]
+                gradient[k, at, a] += row[a] * row[14]

@@ -13,6 +13,7 @@ from detect.align.guided import (
     RIGID_TOLERANCE_MODULES,
     RIGID_TOLERANCE_PX,
 )
+from detect.align.misfit import noise_share
 from detect.align.model import KURTOSIS, Frame, bent_otherwise_px
 from detect.align.pattern import Array, Index, Patterns, target_patterns
 from detect.align.rigid import LEAST_SIGMA_PX, BoxFit, fit_box
@@ -23,11 +24,8 @@ from detect.align.verify import Limits, module_px, verified
 from detect.errors import DetectError
 from target.box import Target
 
-MODEL_ERROR_PX = 0.003
+MODEL_ERROR_PX = 0.001
 """Deviation per axis of what the model leaves out (lens, print, pixel response); no residual shows it."""
-NOISE_SHARE = 0.8
-"""Of the residuals' variance: the rest is misfit that alternates within a tag and hardly moves a corner. Chosen so that
-normalised errors have a deviation near 1 under the conditions of benchmarks/detector.py."""
 SYSTEMATIC_PX, SYSTEMATIC_PX2 = 0.033, 0.38
 """Of tags of any width, and times the inverse of the width."""
 MAX_SIDE_PX = 16_384
@@ -108,6 +106,19 @@ class Located:
         return np.asarray(np.hypot(SYSTEMATIC_PX, SYSTEMATIC_PX2 / width))
 
 
+def nothing(tone: str) -> Located:
+    """Return what is located where there is no tag."""
+    none = np.zeros(0)
+    return Located(
+        ids=np.zeros(0, dtype=np.int64),
+        corners_px=np.zeros((0, 4, 2)),
+        cov_px2=np.zeros((0, 4, 2, 2)),
+        correlation=none,
+        blur_px=none,
+        tone=tone,
+    )
+
+
 def locate_tags(image: NDArray[np.generic], target: Target, settings: LocateSettings | None = None) -> Located:
     """Return the target's tags in an image.
 
@@ -138,18 +149,17 @@ def locate_tags(image: NDArray[np.generic], target: Target, settings: LocateSett
     frame = Frame(grey=grey, tone=tone_table("linear"), lens=_straight_lens(grey))
     found = find_box(Pyramid(frame), grey8, target, patterns, windows_px=settings.windows_px, limits=settings.limits)
     if found is None:
-        return _located(patterns, _none(patterns), "linear" if settings.tone == "auto" else settings.tone)
+        return nothing("linear" if settings.tone == "auto" else settings.tone)
     tags, fit = found.tags, found.fit
     frame = replace(frame, lens=fit.lens)
-    taking = probe(frame, patterns, tags, settings.tone)
-    tags = _finely(frame, fit.lens, patterns, tags, taking)
+    frame, tags = _finely(frame, patterns, tags, probe(frame, patterns, tags, settings.tone))
     tags = tags.take(verified(patterns, tags, settings.limits))
     if len(tags) and module_px(patterns, tags.corners_px).max() > LARGE_MODULE_PX:
         fit = fit_box(target, tags.rows, tags.corners_px, image_size=size, sigma_px=LEAST_SIGMA_PX, start=fit)
         if bent_otherwise_px(frame.lens, fit.lens, tags.corners_px) > BENT_PX:
-            again = Frame(grey=grey, tone=tone_table(taking.tone), lens=fit.lens)
-            tags = align(again, patterns, tags.rows, tags.corners_px, start=tags, side_px=FINE_SIDE_PX, stop_px=STOP_PX)
-    return _located(patterns, _on_the_box(target, patterns, tags, fit), taking.tone)
+            frame = replace(frame, lens=fit.lens)
+            tags = align(frame, patterns, tags.rows, tags.corners_px, start=tags, side_px=FINE_SIDE_PX, stop_px=STOP_PX)
+    return _located(frame, patterns, _on_the_box(target, patterns, tags, fit))
 
 
 def locate_copies(image: NDArray[np.generic], patterns: Patterns, settings: LocateSettings | None = None) -> Located:
@@ -166,19 +176,18 @@ def locate_copies(image: NDArray[np.generic], patterns: Patterns, settings: Loca
     frame = Frame(grey=grey, tone=tone_table("linear"), lens=_straight_lens(grey))
     tags = align_coarsely(Pyramid(frame), patterns, seeds.rows, seeds.corners_px)
     tags = tags.take(verified(patterns, tags, limits.relaxed()))
-    taking = probe(frame, patterns, tags, settings.tone)
-    tags = _finely(frame, frame.lens, patterns, tags, taking)
-    return _located(patterns, tags.take(verified(patterns, tags, limits)), taking.tone)
+    frame, tags = _finely(frame, patterns, tags, probe(frame, patterns, tags, settings.tone))
+    return _located(frame, patterns, tags.take(verified(patterns, tags, limits)))
 
 
-def _finely(frame: Frame, lens: Array, patterns: Patterns, tags: Aligned, taking: Taking) -> Aligned:
-    """Return tags, aligned coarsely on a frame, aligned on its pixels under the right lens and tone curve."""
-    table = tone_table(taking.tone)
-    changed = table is not frame.tone
-    start = relit(tags, frame.tone, table) if changed else tags
+def _finely(frame: Frame, patterns: Patterns, tags: Aligned, taking: Taking) -> tuple[Frame, Aligned]:
+    """Return an image under the right tone curve, and tags, aligned coarsely before, aligned on its pixels."""
+    under = replace(frame, tone=tone_table(taking.tone))
+    changed = under.tone is not frame.tone
+    start = relit(tags, frame.tone, under.tone) if changed else tags
     start.theta[:, KURTOSIS] = taking.kurtosis
-    return align(
-        Frame(grey=frame.grey, tone=table, lens=lens),
+    aligned = align(
+        under,
         patterns,
         tags.rows,
         tags.corners_px,
@@ -187,6 +196,7 @@ def _finely(frame: Frame, lens: Array, patterns: Patterns, tags: Aligned, taking
         side_px=FINE_SIDE_PX,
         stop_px=STOP_PX,
     )
+    return under, aligned
 
 
 def to_grey(image: NDArray[np.generic], bits: int | None = None) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
@@ -240,20 +250,15 @@ def _previewed(patterns: Patterns, rows: Index, corners_px: Array, tone: str) ->
     )
 
 
-def _none(patterns: Patterns) -> Aligned:
-    rows = np.zeros(0, dtype=np.int64)
-    frame = Frame(grey=np.zeros((8, 8), np.float32), tone=tone_table("linear"), lens=np.array([0, 0, 0, 0, 1.0]))
-    return align(frame, patterns, rows, np.zeros((0, 4, 2)))
-
-
-def _located(patterns: Patterns, tags: Aligned, tone: str) -> Located:
+def _located(frame: Frame, patterns: Patterns, tags: Aligned) -> Located:
     order = np.argsort(patterns.tag_ids[tags.rows], kind="stable")
     tags = tags.take(order)
+    share = noise_share(frame, patterns, tags, FINE_SIDE_PX)
     return Located(
         ids=patterns.tag_ids[tags.rows],
         corners_px=tags.corners_px,
-        cov_px2=NOISE_SHARE * tags.cov_px2 + MODEL_ERROR_PX**2 * np.eye(2),
+        cov_px2=share * tags.cov_px2 + MODEL_ERROR_PX**2 * np.eye(2),
         correlation=tags.correlation,
         blur_px=tags.sigma_px,
-        tone=tone,
+        tone="srgb" if frame.tone is tone_table("srgb") else "linear",
     )

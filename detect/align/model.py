@@ -33,6 +33,8 @@ NEAR_SIGMAS = 2.5
 MIDDLE = 0.3
 """Half the width of the middle of a module, modules: there blur hardly mixes black and white."""
 LEAST_GAIN = 1e-3
+SQUARES = 9
+"""Squares of the image each way that a tag is divided into, see :func:`squares`."""
 STATS = 6
 """n, sum r^2, sum y, sum y^2, sum p, sum p^2 have columns 0..5; y grey level, p prediction."""
 _STILL = 1e-7
@@ -170,6 +172,21 @@ def no_sums(n: int, cells: Array) -> Sums:
     )
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Pixels:
+    """The pixels of a tag that count: columns, rows and grey levels (P,), places on it (P, 2), and what is predicted.
+
+    ``jacobian`` (P, 14) is that of the prediction.
+    """
+
+    columns: NDArray[np.int64]
+    lines: NDArray[np.int64]
+    grey: Array
+    uv: Array
+    predicted: Array
+    jacobian: Array
+
+
 def _accumulate_one(  # noqa: PLR0917
     frame: Frame,
     cells: Array,
@@ -181,9 +198,62 @@ def _accumulate_one(  # noqa: PLR0917
     k: int,
     sums: Sums,
 ) -> None:
-    seen = _seen(frame, cells, theta, place, box, margin, stride)
+    seen = _differentiated(frame, cells, theta, place, box, margin, stride)
     if seen is None:
         return
+    J, grey, predicted = seen.jacobian, seen.grey, seen.predicted
+    r = grey - predicted
+    sums.normal[k] = J.T @ J
+    sums.gradient[k] = J.T @ r
+    sums.stats[k] = (len(r), r @ r, grey.sum(), grey @ grey, predicted.sum(), predicted @ predicted)
+    at = np.clip((seen.uv + 1).astype(int), 0, sums.blocks.shape[1] - 1)
+    np.add.at(sums.blocks[k, :, :, 0], (at[:, 1], at[:, 0]), r)
+    np.add.at(sums.blocks[k, :, :, 1], (at[:, 1], at[:, 0]), 1)
+
+
+def squares(  # noqa: PLR0917 - as accumulate
+    frame: Frame,
+    cells: Array,
+    rows: NDArray[np.int64],
+    theta: Array,
+    place: Array,
+    boxes: NDArray[np.int64],
+    margin: Array,
+    stride: NDArray[np.int64],
+    square_px: NDArray[np.int64],
+) -> tuple[Array, Array]:
+    """Return the normal equations of each square of the image apart: (N, S * S, 14, 14) and (N, S * S, 14).
+
+    The squares' sides are multiples of ``square_px`` (N,) px from the image's corner; of each tag S by S are looked at,
+    from that of its box's first pixel on. Other arguments as for :func:`accumulate`.
+    """
+    normal = np.zeros((len(rows), SQUARES**2, PARAMETERS, PARAMETERS))
+    gradient = np.zeros((len(rows), SQUARES**2, PARAMETERS))
+    for k in range(len(rows)):
+        seen = _differentiated(frame, cells[rows[k]], theta[k], place[k], boxes[k], float(margin[k]), stride[k])
+        if seen is None:
+            continue
+        side = square_px[k]
+        i = np.minimum(seen.columns // side - boxes[k, 0] // side, SQUARES - 1)
+        j = np.minimum(seen.lines // side - boxes[k, 2] // side, SQUARES - 1)
+        J = seen.jacobian
+        np.add.at(normal[k], j * SQUARES + i, J[:, :, None] * J[:, None, :])
+        np.add.at(gradient[k], j * SQUARES + i, J * (seen.grey - seen.predicted)[:, None])
+    return normal, gradient
+
+
+def _differentiated(  # noqa: PLR0917
+    frame: Frame,
+    cells: Array,
+    theta: Array,
+    place: Array,
+    box: NDArray[np.int64],
+    margin: float,
+    stride: NDArray[np.int64],
+) -> _Pixels | None:
+    seen = _seen(frame, cells, theta, place, box, margin, stride)
+    if seen is None:
+        return None
     columns, lines, xy, uv = seen
     p, p_u, p_v, p_s, p_k = pattern_value(cells, theta, xy, uv, place[2])
     x, y = xy.T
@@ -217,13 +287,7 @@ def _accumulate_one(  # noqa: PLR0917
     predicted, slope_t = tone_value(frame.tone, light)
     jacobian *= slope_t[:, None]
     grey = frame.grey[lines, columns].astype(float)
-    r = grey - predicted
-    sums.normal[k] = jacobian.T @ jacobian
-    sums.gradient[k] = jacobian.T @ r
-    sums.stats[k] = (len(r), r @ r, grey.sum(), grey @ grey, predicted.sum(), predicted @ predicted)
-    at = np.clip((uv + 1).astype(int), 0, sums.blocks.shape[1] - 1)
-    np.add.at(sums.blocks[k, :, :, 0], (at[:, 1], at[:, 0]), r)
-    np.add.at(sums.blocks[k, :, :, 1], (at[:, 1], at[:, 0]), 1)
+    return _Pixels(columns=columns, lines=lines, grey=grey, uv=uv, predicted=predicted, jacobian=jacobian)
 
 
 def first_light(  # noqa: PLR0917 - as accumulate

@@ -170,8 +170,8 @@ def align(
     place, theta = _start(patterns, straight)
     if start is not None:
         theta[:, OFFSET:] = start.theta[:, OFFSET:]
-    boxes, margin = _pixels(frame, patterns, corners_px, theta[:, LOG_SIGMA])
-    stride = _strides(corners_px, side_px, edges=start is not None)
+    boxes, margin = pixels_of(frame, patterns, corners_px, theta[:, LOG_SIGMA])
+    stride = strides(corners_px, side_px, edges=start is not None)
     last = model.no_sums(len(rows), patterns.cells)
     places = (straight - place[:, None, :2]) * place[:, 2, None, None]
     side = np.linalg.norm(corners_px - np.roll(corners_px, 1, axis=1), axis=2).max(axis=1)
@@ -250,7 +250,7 @@ def _put(sums: Sums, at: Index, some: Sums) -> None:
         getattr(sums, name)[at] = getattr(some, name)
 
 
-def _strides(corners_px: Array, side_px: float, edges: bool) -> NDArray[np.int64]:
+def strides(corners_px: Array, side_px: float, edges: bool) -> NDArray[np.int64]:
     """Return which share of a tag's pixels to use so that they are as many as of a tag with sides of ``side_px``.
 
     A Fibonacci lattice: of m pixels one, in each row shifted by q. Unlike every second row and column it meets a
@@ -275,7 +275,7 @@ def _start(patterns: Patterns, straight: Array) -> tuple[Array, Array]:
     return place, theta
 
 
-def _pixels(frame: Frame, patterns: Patterns, corners_px: Array, log_sigma: Array) -> tuple[NDArray[np.int64], Array]:
+def pixels_of(frame: Frame, patterns: Patterns, corners_px: Array, log_sigma: Array) -> tuple[NDArray[np.int64], Array]:
     """Return the pixel boxes around tags, and how much of the white ring may be used without its neighbours' blur."""
     m = patterns.modules
     side = np.linalg.norm(corners_px - np.roll(corners_px, -1, axis=1), axis=2).min(axis=1) / m
@@ -292,7 +292,7 @@ def _pixels(frame: Frame, patterns: Patterns, corners_px: Array, log_sigma: Arra
 
 def _step(sums: Sums, theta: Array, free: NDArray[np.bool_], damping: float) -> Array:
     normal, gradient = sums.normal.copy(), sums.gradient.copy()
-    prior = _kurtosis_prior(sums)
+    prior = _kurtosis_prior(sums.stats)
     normal[:, KURTOSIS, KURTOSIS] += prior
     gradient[:, KURTOSIS] -= prior * theta[:, KURTOSIS]
     diagonal = np.einsum("nii->ni", normal)
@@ -303,9 +303,9 @@ def _step(sums: Sums, theta: Array, free: NDArray[np.bool_], damping: float) -> 
     return step
 
 
-def _kurtosis_prior(sums: Sums) -> Array:
+def _kurtosis_prior(stats: Array) -> Array:
     """Return the information (N,) that the prior on the kurtosis adds, in units of the residuals."""
-    n, r2 = sums.stats[:, 0], sums.stats[:, 1]
+    n, r2 = stats[:, 0], stats[:, 1]
     return np.asarray(np.maximum(r2, 1e-9) / np.maximum(n - PARAMETERS, 1) / KURTOSIS_PRIOR**2)
 
 
@@ -374,15 +374,25 @@ def _covariance(  # noqa: PLR0917
     frame: Frame, sums: Sums, noise2: Array, theta: Array, place: Array, corners: Array
 ) -> Array:
     """Return the corners' covariances (N, 4, 2, 2): residual variance by the inverse normal matrix."""
-    places = (model.straighten(frame.lens, corners) - place[:, None, :2]) * place[:, 2, None, None]
-    normal = sums.normal.copy()
-    normal[:, KURTOSIS, KURTOSIS] += _kurtosis_prior(sums)
-    normal[:, range(PARAMETERS), range(PARAMETERS)] += 1e-12 + 1e-9 * np.einsum("nii->ni", sums.normal)
-    cov_h = np.linalg.inv(normal)[:, :8, :8] * noise2[:, None, None]
-    D = _corner_jacobian(theta, places) / place[:, 2, None, None, None]
-    D = np.einsum("ncij,ncjk->ncik", _bend_jacobian(frame, corners), D)
+    cov_h = inverse_normal(sums.normal, sums.stats)[:, :8, :8] * noise2[:, None, None]
+    D = corners_by_homography(frame, theta, place, corners)
     cov = np.einsum("ncik,nkl,ncjl->ncij", D, cov_h, D)
     return np.asarray(cov)
+
+
+def inverse_normal(normal: Array, stats: Array) -> Array:
+    """Return the inverses (N, 14, 14) of normal matrices, the prior on the kurtosis added."""
+    normal = normal.copy()
+    normal[:, range(PARAMETERS), range(PARAMETERS)] += 1e-12 + 1e-9 * np.einsum("nii->ni", normal)
+    normal[:, KURTOSIS, KURTOSIS] += _kurtosis_prior(stats)
+    return np.asarray(np.linalg.inv(normal))
+
+
+def corners_by_homography(frame: Frame, theta: Array, place: Array, corners_px: Array) -> Array:
+    """Return how corners (N, 4, 2), px, move with the homographies' entries: (N, 4, 2, 8)."""
+    places = (model.straighten(frame.lens, corners_px) - place[:, None, :2]) * place[:, 2, None, None]
+    D = _corner_jacobian(theta, places) / place[:, 2, None, None, None]
+    return np.asarray(np.einsum("ncij,ncjk->ncik", _bend_jacobian(frame, corners_px), D))
 
 
 def _corner_jacobian(theta: Array, xy: Array) -> Array:

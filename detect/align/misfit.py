@@ -1,0 +1,87 @@
+"""How much surer or less sure corners are than white noise would make them, told from the residuals themselves.
+
+Residuals that agree with their neighbours (an edge that the model does not follow, compression) move a corner further
+than as many independent ones; residuals that alternate move it less. With ``psi_p = B^T J_p r_p`` what a pixel adds to
+the corners, summed over squares of the image, the variance is the sum of the squares' squares (cluster-robust
+covariance: Liang and Zeger 1986, DOI 10.1093/biomet/73.1.13), whatever agrees within a square. The same sum has under
+white noise an expectation that is known exactly, fitted parameters included; the share of the two is one figure for the
+whole image, since one tag has too few squares to tell.
+
+It asks nothing of the camera: under JPEG it comes out below one, on path-traced pictures of another renderer at three.
+"""
+
+from collections.abc import Callable
+from functools import cache
+
+import numpy as np
+
+from detect.align import model
+from detect.align.model import PARAMETERS, SQUARES, Frame
+from detect.align.pattern import Array, Patterns
+from detect.align.solve import Aligned, corners_by_homography, inverse_normal, pixels_of, strides
+
+MOST_TAGS = 10
+SQUARE_PX = 8
+"""Least side of a square: JPEG's blocks have it."""
+PRIOR_TAGS = 1.0
+"""So many tags' worth of squares are taken to have shown white noise."""
+RANGE = (0.25, 25.0)
+TOGETHER = 0.9
+"""Neighbouring squares that share an edge undo each other's part of its misfit: measured over the conditions of
+benchmarks/detector.py, errors have so much of the variance that squares which know nothing of each other would give."""
+
+
+def noise_share(frame: Frame, patterns: Patterns, tags: Aligned, side_px: float) -> float:
+    """Return by what factor the variances of the corners differ from what the residuals' size says.
+
+    Parameters
+    ----------
+    frame
+        The image, tone curve and lens with which the tags were aligned.
+    patterns, tags
+        Tags as :func:`detect.align.solve.align` returned them.
+    side_px
+        With which share of large tags' pixels that was, see there.
+    """
+    if len(tags) == 0:
+        return 1.0
+    size = np.linalg.norm(tags.corners_px[:, 2] - tags.corners_px[:, 0], axis=1)
+    chosen = np.argsort(-size)[np.unique(np.linspace(0, len(tags) - 1, min(MOST_TAGS, len(tags))).astype(np.int64))]
+    observed, expected = _squared(frame, patterns, tags.take(chosen), side_px)
+    prior = PRIOR_TAGS * float(np.mean(expected)) + 1e-12
+    return TOGETHER * float(np.clip((observed.sum() + prior) / (expected.sum() + prior), *RANGE))
+
+
+def _squared(frame: Frame, patterns: Patterns, tags: Aligned, side_px: float) -> tuple[Array, Array]:
+    """Return for each tag (N,) the mean square of the squares' sums, and its expectation under white noise.
+
+    Both are in units of the variance that white noise gives to the corners' eight coordinates.
+    """
+    boxes, margin = pixels_of(frame, patterns, tags.corners_px, tags.theta[:, model.LOG_SIGMA])
+    square_px = np.maximum(
+        np.maximum(np.ptp(boxes[:, :2], axis=1), np.ptp(boxes[:, 2:], axis=1)) // (SQUARES - 1) + 1, SQUARE_PX
+    )
+    arguments = (frame, patterns.cells, tags.rows, tags.theta, tags.place, boxes, margin)
+    normals, gradients = _squares()(*arguments, strides(tags.corners_px, side_px, edges=True), square_px)
+    normal, noise2 = normals.sum(axis=1), tags.noise**2
+    # one over the noise is of no account but for the prior on the kurtosis
+    inverse = inverse_normal(normal, np.stack([np.full(len(tags), PARAMETERS + 1.0), noise2], axis=1))
+    D = corners_by_homography(frame, tags.theta, tags.place, tags.corners_px).reshape(len(tags), 8, 8)
+    B = inverse[:, :, :8] @ D.transpose(0, 2, 1)
+    white = np.einsum("nie,nij,nje->ne", B, normal, B)
+    moved = gradients @ B
+    W = normals @ B[:, None]
+    fitted = np.sum(W * (inverse[:, None] @ W), axis=(1, 2))
+    scale = np.maximum(white, 1e-300)
+    observed = np.sum(moved**2, axis=1) / np.maximum(noise2, 1e-12)[:, None] / scale
+    return observed.mean(axis=1), np.maximum((white - fitted) / scale, 0).mean(axis=1)
+
+
+@cache
+def _squares() -> Callable[..., tuple[Array, Array]]:
+    """Return the compiled sums over squares where numba is installed, else those in numpy."""
+    try:
+        from detect.align.kernels import squares  # noqa: PLC0415 - optional and slow to import
+    except ImportError:
+        return model.squares
+    return squares

@@ -1,0 +1,72 @@
+import cv2
+import numpy as np
+import pytest
+from aligned_views import PLAIN, TARGET, pose, truth, view, width_px
+from test_align_model import PATTERNS, _state
+
+from detect.align import misfit, model
+from detect.align.locate import locate_tags
+from detect.align.solve import align
+from target.render import Look
+
+
+def _grained(azimuth_deg, seed, spread_px):
+    """Return a view with strong noise whose neighbouring pixels agree, and where its corners are."""
+    T = pose(azimuth_deg, distance=0.6)
+    rng = np.random.default_rng(seed)
+    grain = cv2.GaussianBlur(rng.standard_normal((480, 640)), (0, 0), spread_px) if spread_px else 0
+    grain = 4 * grain / max(np.std(grain), 1e-9) + rng.standard_normal((480, 640))
+    image = view(T, Look(blur_px=PLAIN.blur_px)) + grain
+    return np.clip(np.rint(image), 0, 255).astype(np.uint8), truth(T)[0]
+
+
+@pytest.mark.parametrize("tone", ["linear", "srgb"])
+def test_compiled_sums_over_squares_are_those_of_the_reference(tone):
+    kernels = pytest.importorskip("detect.align.kernels", reason="numba is not installed")
+    arguments = _state(33.0, tone, 5)
+    sides = np.array([8, 9, 12])
+    plain, fast = model.squares(*arguments, sides), kernels.squares(*arguments, sides)
+    whole = model.accumulate(*arguments)
+    np.testing.assert_allclose(plain[0].sum(axis=1), whole.normal, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(plain[1].sum(axis=1), whole.gradient, rtol=1e-9, atol=1e-12)
+    size = np.sqrt(np.einsum("nii,njj->nij", whole.normal, whole.normal))
+    off = np.abs(fast[0] - plain[0]) / size[:, None]
+    assert off.max() < (6e-3 if tone == "linear" else 0.03)
+
+
+def _normalised_deviation():
+    normalised = []
+    for seed, azimuth_deg in enumerate((5.0, 20.0, 33.0, 47.0)):
+        image, uv = _grained(azimuth_deg, seed, spread_px=0.8)
+        tags = locate_tags(image, TARGET)
+        wide = width_px(uv[tags.ids]) >= 12
+        errors, covs = (tags.corners_px - uv[tags.ids])[wide], tags.cov_px2[wide]
+        normalised.append(np.linalg.solve(np.linalg.cholesky(covs), errors[..., None]).ravel())
+    return float(np.concatenate(normalised).std())
+
+
+def test_sigmas_hold_where_neighbouring_pixels_agree(monkeypatch):
+    assert 0.85 < _normalised_deviation() < 1.2
+    monkeypatch.setattr("detect.align.locate.noise_share", lambda *_: 1.0)
+    assert _normalised_deviation() > 1.5
+
+
+@pytest.mark.parametrize(("spread_px", "least", "most"), [(0.0, 0.75, 1.2), (1.2, 1.8, 8.0)])
+def test_share_is_one_only_where_noise_is_white(monkeypatch, spread_px, least, most):
+    told = []
+    monkeypatch.setattr(
+        "detect.align.locate.noise_share", lambda *arguments: told.append(misfit.noise_share(*arguments)) or told[-1]
+    )
+    for seed, azimuth_deg in enumerate((5.0, 33.0)):
+        T = pose(azimuth_deg, distance=0.6)
+        if spread_px:
+            locate_tags(_grained(azimuth_deg, seed, spread_px)[0], TARGET)
+        else:
+            locate_tags(view(T, Look(blur_px=0.6, noise=8.0), seed=seed), TARGET)
+    assert least < np.mean(told) / misfit.TOGETHER < most
+
+
+def test_nothing_seen_is_taken_for_white_noise():
+    frame = model.Frame(grey=np.zeros((8, 8), np.float32), tone=np.array([0.0, 1.0]), lens=np.array([0, 0, 0, 0, 1.0]))
+    none = align(frame, PATTERNS, np.zeros(0, np.int64), np.zeros((0, 4, 2)))
+    assert misfit.noise_share(frame, PATTERNS, none, 22.0) == 1.0
