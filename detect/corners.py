@@ -113,7 +113,7 @@ def linear_light(image: NDArray[np.uint8], tone: str) -> NDArray[np.float32]:
     grey = np.arange(256) / 255
     if tone == "srgb":
         grey = np.where(grey <= 0.04045, grey / 12.92, ((grey + 0.055) / 1.055) ** 2.4)
-    return np.asarray(grey.astype(np.float32)[image])
+    return np.asarray(cv2.LUT(image, grey.astype(np.float32)), dtype=np.float32)
 
 
 def edge_normals(corners_px: Array) -> Array:

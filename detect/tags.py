@@ -7,7 +7,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from detect.align.locate import LEAST_SIDE_PX, LocateSettings, locate_tags, to_grey
+from detect.align.grey import LEAST_SIDE_PX, to_grey8
+from detect.align.locate import LocateSettings, locate_tags
 from detect.corners import CornerSettings, refine, systematic_px
 from detect.depth import DeepGrey, eight_bits
 from detect.errors import DetectError
@@ -98,7 +99,7 @@ def find_tags(image: DeepGrey, target: Target, settings: TagSettings | None = No
                 foreign_ids=np.zeros(0, dtype=np.int64),
                 cov_px2=located.cov_px2,
             )
-        ids, _ = _detect(to_grey(image)[1], target.box.dictionary, settings.threshold_windows_px)
+        ids, _ = _detect(to_grey8(image), target.box.dictionary, settings.threshold_windows_px)
         return _no_tags(np.unique(ids[~np.isin(ids, target.tag_ids)]))
     grey = eight_bits(image)
     ids, corners = _detect(grey, target.box.dictionary, settings.threshold_windows_px)

@@ -5,6 +5,7 @@ from numpy.typing import NDArray
 
 from detect.align.guided import consistent_seeds
 from detect.align.pattern import Array, Index, target_patterns
+from detect.align.search import FEW_TAGS, shrinkings
 from detect.align.seeds import find_seeds
 from detect.corners import CornerSettings, refine
 from target.box import Target
@@ -22,7 +23,12 @@ def preview(grey8: NDArray[np.uint8], target: Target, tone: str, window_px: int)
     No tag is predicted and none is compared with its pattern beyond its decoding; the edges are those of
     :func:`detect.corners.refine`.
     """
-    seeds = consistent_seeds(target, find_seeds(grey8, target_patterns(target), (window_px,)))
+    patterns = target_patterns(target)
+    # half as much shrunk as a search that has still to predict what it missed
+    factor = max(1, shrinkings((grey8.shape[1], grey8.shape[0]))[0] // 2)
+    seeds = consistent_seeds(target, find_seeds(grey8, patterns, (window_px,), scale=1 / factor))
+    if len(seeds) < FEW_TAGS and factor > 1:
+        seeds = consistent_seeds(target, find_seeds(grey8, patterns, (window_px,)))
     seeds = seeds.take(seeds.score >= MIN_SCORE)
     corners, good = refine(grey8, seeds.corners_px, _LINES[tone])
     return seeds.rows[good], corners[good]

@@ -1,14 +1,13 @@
 """Find the tags of a target in an image, their corners at the noise limit: the steps in their order."""
 
 from dataclasses import dataclass, field, replace
-from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from detect.align.coarse import Pyramid, align_coarsely
 from detect.align.fast import SIGMA_PX, preview
+from detect.align.grey import to_grey, to_grey8
 from detect.align.guided import (
     RIGID_TOLERANCE_MODULES,
     RIGID_TOLERANCE_PX,
@@ -28,7 +27,6 @@ MODEL_ERROR_PX = 0.001
 """Deviation per axis of what the model leaves out (lens, print, pixel response); no residual shows it."""
 SYSTEMATIC_PX, SYSTEMATIC_PX2 = 0.033, 0.38
 """Of tags of any width, and times the inverse of the width."""
-MAX_SIDE_PX = 16_384
 STOP_PX = 0.03
 LARGE_MODULE_PX = 10.0
 """Where modules are wider than this, the lens may bend a tag enough to be fitted once more."""
@@ -36,7 +34,6 @@ BENT_PX = 0.01
 """It is if a better known lens moves the middle of an edge by more than this against the corners."""
 FINE_SIDE_PX = 22.0
 """Tags twice as large are aligned on every second pixel both ways, and so on."""
-LEAST_SIDE_PX = 8
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -128,7 +125,7 @@ def locate_tags(image: NDArray[np.generic], target: Target, settings: LocateSett
     Parameters
     ----------
     image : (H, W) or (H, W, 3)
-        Grey or BGR; uint8, uint16 (full scale 65535; see :func:`to_grey` for 10 and 12 bits) or float (full scale 1).
+        Grey or BGR; uint8, uint16 (white at 65535; of fewer bits see :mod:`detect.depth`) or float (full scale 1).
     target
         The box to look for.
     settings
@@ -140,11 +137,11 @@ def locate_tags(image: NDArray[np.generic], target: Target, settings: LocateSett
         If that is no image.
     """
     settings = settings or LocateSettings()
-    grey, grey8 = to_grey(image)
     patterns = target_patterns(target)
     if settings.fast:
         tone = "srgb" if settings.tone == "srgb" else "linear"
-        return _previewed(patterns, *preview(grey8, target, tone, settings.windows_px[0]), tone)
+        return _previewed(patterns, *preview(to_grey8(image), target, tone, settings.windows_px[0]), tone)
+    grey, grey8 = to_grey(image)
     size = (grey.shape[1], grey.shape[0])
     frame = Frame(grey=grey, tone=tone_table("linear"), lens=_straight_lens(grey))
     found = find_box(Pyramid(frame), grey8, target, patterns, windows_px=settings.windows_px, limits=settings.limits)
@@ -197,33 +194,6 @@ def _finely(frame: Frame, patterns: Patterns, tags: Aligned, taking: Taking) -> 
         stop_px=STOP_PX,
     )
     return under, aligned
-
-
-def to_grey(image: NDArray[np.generic], bits: int | None = None) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
-    """Return an image as grey levels 0..1 (H, W) and in 8 bits; ``bits`` is what full scale of uint16 has (16)."""
-    if image.ndim not in {2, 3} or (image.ndim == 3 and image.shape[2] not in {1, 3, 4}):
-        raise DetectError(f"an image of shape {image.shape}: (H, W) or (H, W, 3) is needed; convert it first")
-    if not all(LEAST_SIDE_PX <= s <= MAX_SIDE_PX for s in image.shape[:2]):
-        raise DetectError(f"an image of {image.shape[1]} x {image.shape[0]} px: 8 to {MAX_SIDE_PX} a side are needed")
-    scale = {"uint8": 255.0, "uint16": 2.0 ** (bits or 16) - 1, "float32": 1.0, "float64": 1.0}.get(image.dtype.name)
-    if scale is None:
-        raise DetectError(f"an image of type {image.dtype}: uint8, uint16 or float is needed; convert it first")
-    if image.ndim == 3:
-        shrunk = image[..., 0] if image.shape[2] == 1 else None
-        plain = image.astype(np.float32) if image.dtype == np.float64 else image
-        image = shrunk if shrunk is not None else _luma(plain)
-    grey = np.multiply(image, np.float32(1 / scale), dtype=np.float32)
-    if image.dtype == np.uint8:
-        return grey, np.ascontiguousarray(image, dtype=np.uint8)
-    if not np.isfinite(grey).all():
-        raise DetectError("an image with values that are not finite: numbers from 0 to 1 are needed; convert it first")
-    low, high = np.quantile(grey[::4, ::4], (0.001, 0.999))
-    stretched = (grey - low) * np.float32(255 / max(float(high - low), 1e-6))
-    return grey, np.asarray(np.clip(stretched, 0, 255), dtype=np.uint8)
-
-
-def _luma(image: Any) -> NDArray[np.generic]:
-    return np.asarray(cv2.cvtColor(np.ascontiguousarray(image[..., :3]), cv2.COLOR_BGR2GRAY))
 
 
 def _straight_lens(grey: NDArray[np.float32]) -> Array:

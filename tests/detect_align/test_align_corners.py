@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 from aligned_views import PLAIN, TARGET, pose, truth, view, width_px
 
-from detect.align.locate import LocateSettings, locate_copies, locate_tags, to_grey
+from detect.align.grey import to_grey
+from detect.align.locate import LocateSettings, locate_copies, locate_tags
 from detect.align.pattern import family_patterns
 from detect.corners import CornerSettings
 from detect.errors import DetectError
