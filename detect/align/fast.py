@@ -22,7 +22,9 @@ def preview(grey8: NDArray[np.uint8], target: Target, tone: str, window_px: int)
     No tag is predicted and none is compared with its pattern beyond its decoding; the edges are those of
     :func:`detect.corners.refine`.
     """
-    seeds = consistent_seeds(target, find_seeds(grey8, target_patterns(target), (window_px,)))
+    seeds = consistent_seeds(
+        target, find_seeds(grey8, target_patterns(target), (window_px,)), (grey8.shape[1], grey8.shape[0])
+    )
     seeds = seeds.take(seeds.score >= MIN_SCORE)
     corners, good = refine(grey8, seeds.corners_px, _LINES[tone])
     return seeds.rows[good], corners[good]

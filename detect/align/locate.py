@@ -17,6 +17,7 @@ from detect.align.guided import (
     follow,
     plan,
 )
+from detect.align.lens import straight_lens
 from detect.align.model import KURTOSIS, Frame
 from detect.align.pattern import Array, Index, Patterns, target_patterns
 from detect.align.rigid import LEAST_SIGMA_PX, BoxFit, fit_box
@@ -138,7 +139,7 @@ def locate_tags(image: NDArray[np.generic], target: Target, settings: LocateSett
         tone = "srgb" if settings.tone == "srgb" else "linear"
         return _previewed(patterns, *preview(grey8, target, tone, settings.windows_px[0]), tone)
     size = (grey.shape[1], grey.shape[0])
-    seeds = search_seeds(grey8, patterns, settings, lambda found: consistent_seeds(target, found))
+    seeds = search_seeds(grey8, patterns, settings, lambda found: consistent_seeds(target, found, size))
     if len(seeds) == 0:
         return _located(patterns, _none(patterns), "linear" if settings.tone == "auto" else settings.tone)
     search = plan(target, patterns, seeds, size)
@@ -165,7 +166,7 @@ def locate_copies(image: NDArray[np.generic], patterns: Patterns, settings: Loca
     limits = settings.limits.relaxed()
     grey, grey8 = to_grey(image)
     seeds = search_seeds(grey8, patterns, settings)
-    frame = Frame(grey=grey, tone=tone_table("linear"), lens=_straight_lens(grey))
+    frame = Frame(grey=grey, tone=tone_table("linear"), lens=straight_lens((grey.shape[1], grey.shape[0])))
     tags = align_coarsely(Pyramid(frame), patterns, seeds.rows, seeds.corners_px)
     tags = tags.take(verified(patterns, tags, limits.relaxed()))
     taking = probe(frame, patterns, tags, settings.tone)
@@ -241,11 +242,6 @@ def search_seeds(
     return found if believed is None else believed(found)
 
 
-def _straight_lens(grey: NDArray[np.float32]) -> Array:
-    height, width = grey.shape
-    return np.array([(width - 1) / 2, (height - 1) / 2, 0.0, 0.0, 2 / max(width, height)])
-
-
 def _on_the_box(target: Target, patterns: Patterns, tags: Aligned, fit: BoxFit) -> Aligned:
     """Return the tags that lie on the rigid box."""
     uv, _ = fit.predict(target.tag_corners[tags.rows].reshape(-1, 3))
@@ -267,7 +263,7 @@ def _previewed(patterns: Patterns, rows: Index, corners_px: Array, tone: str) ->
 
 def _none(patterns: Patterns) -> Aligned:
     rows = np.zeros(0, dtype=np.int64)
-    frame = Frame(grey=np.zeros((8, 8), np.float32), tone=tone_table("linear"), lens=np.array([0, 0, 0, 0, 1.0]))
+    frame = Frame(grey=np.zeros((8, 8), np.float32), tone=tone_table("linear"), lens=straight_lens((8, 8)))
     return align(frame, patterns, rows, np.zeros((0, 4, 2)))
 
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from detect.align import model
 from detect.align.homography import fit_homographies
+from detect.align.lens import bend, bend_jacobian, straighten
 from detect.align.model import GAIN, KURTOSIS, LOG_SIGMA, OFFSET, PARAMETERS, Frame, Sums
 from detect.align.pattern import Array, Index, Patterns
 
@@ -167,14 +168,12 @@ def align(
         As many as went in, in their order; those that diverged have a correlation of -1.
     """
     schedule = _FIRST if start is None else (_AGAIN if relight else _FURTHER)
-    straight = model.straighten(frame.lens, corners_px)
-    place, theta = _start(patterns, straight)
+    place, places, theta = _start(frame.lens, patterns, corners_px)
     if start is not None:
         theta[:, OFFSET:] = start.theta[:, OFFSET:]
     boxes, margin = _pixels(frame, patterns, corners_px, theta[:, LOG_SIGMA])
     stride = _strides(corners_px, side_px, edges=start is not None)
     last = model.no_sums(len(rows), patterns.cells)
-    places = (straight - place[:, None, :2]) * place[:, 2, None, None]
     side = np.linalg.norm(corners_px - np.roll(corners_px, 1, axis=1), axis=2).max(axis=1)
     (_descent() if sums_of is None else partial(_descend, sums_of))(
         frame, patterns.cells, rows, theta, place, boxes, margin, stride, last,
@@ -261,15 +260,17 @@ def _strides(corners_px: Array, side_px: float, edges: bool) -> NDArray[np.int64
     return np.stack([_FIBONACCI[at], _FIBONACCI[at - 1], np.where(edges, near, _FIBONACCI[at])], axis=1)
 
 
-def _start(patterns: Patterns, straight: Array) -> tuple[Array, Array]:
-    centre = straight.mean(axis=1)
-    scale = np.maximum(np.linalg.norm(straight - centre[:, None], axis=2).max(axis=1), 1.0)
+def _start(lens: Array, patterns: Patterns, corners_px: Array) -> tuple[Array, Array, Array]:
+    """Return centres and scales (N, 3), the corners' normalised places (N, 4, 2) and parameters (N, 14)."""
+    centre = corners_px.mean(axis=1)
+    scale = np.maximum(np.linalg.norm(corners_px - centre[:, None], axis=2).max(axis=1), 1.0)
     place = np.column_stack([centre, 1 / scale])
-    theta = np.zeros((len(straight), PARAMETERS))
-    theta[:, :8] = fit_homographies((straight - centre[:, None]) / scale[:, None, None], patterns.corners)
+    places = straighten(lens, place, corners_px)
+    theta = np.zeros((len(corners_px), PARAMETERS))
+    theta[:, :8] = fit_homographies(places, patterns.corners)
     theta[:, OFFSET], theta[:, GAIN] = 0.2, 0.5
     theta[:, LOG_SIGMA] = np.log(START_SIGMA_PX)
-    return place, theta
+    return place, places, theta
 
 
 def _pixels(frame: Frame, patterns: Patterns, corners_px: Array, log_sigma: Array) -> tuple[NDArray[np.int64], Array]:
@@ -335,7 +336,7 @@ def _finish(
     frame: Frame, patterns: Patterns, *, rows: Index, theta: Array, place: Array, sums: Sums, covariance: bool
 ) -> Aligned:
     places = _normalised_corners(patterns, theta)
-    corners = model.bend(frame.lens, places / place[:, 2, None, None] + place[:, None, :2])
+    corners = bend(frame.lens, place, places)
     n, r2, y, y2, p, p2 = sums.stats.T
     count = np.maximum(n, 1)
     var_y, var_p = y2 / count - (y / count) ** 2, p2 / count - (p / count) ** 2
@@ -371,13 +372,13 @@ def _covariance(  # noqa: PLR0917
     frame: Frame, sums: Sums, noise2: Array, theta: Array, place: Array, corners: Array
 ) -> Array:
     """Return the corners' covariances (N, 4, 2, 2): residual variance by the inverse normal matrix."""
-    places = (model.straighten(frame.lens, corners) - place[:, None, :2]) * place[:, 2, None, None]
+    places = straighten(frame.lens, place, corners)
     normal = sums.normal.copy()
     normal[:, KURTOSIS, KURTOSIS] += _kurtosis_prior(sums)
     normal[:, range(PARAMETERS), range(PARAMETERS)] += 1e-12 + 1e-9 * np.einsum("nii->ni", sums.normal)
     cov_h = np.linalg.inv(normal)[:, :8, :8] * noise2[:, None, None]
     D = _corner_jacobian(theta, places) / place[:, 2, None, None, None]
-    D = np.einsum("ncij,ncjk->ncik", _bend_jacobian(frame, corners), D)
+    D = np.einsum("ncij,ncjk->ncik", bend_jacobian(frame.lens, place, corners), D)
     cov = np.einsum("ncik,nkl,ncjl->ncij", D, cov_h, D)
     return np.asarray(cov)
 
@@ -415,16 +416,3 @@ def _corner_jacobian(theta: Array, xy: Array) -> Array:
         / np.where(np.abs(determinant) > 1e-15, determinant, 1e-15)[..., None, None]
     )
     return np.asarray(-inverse @ by_h)
-
-
-def _bend_jacobian(frame: Frame, corners_px: Array) -> Array:
-    """Return how pixels move with their undistorted places: (N, 4, 2, 2)."""
-    lens = frame.lens
-    d = corners_px - lens[:2]
-    q = np.sum(d * d, axis=-1) * lens[4] ** 2
-    f = 1 + q * (lens[2] + q * lens[3])
-    slope = 2 * (lens[2] + 2 * q * lens[3]) * lens[4] ** 2
-    J = f[..., None, None] * np.eye(2) + slope[..., None, None] * d[..., :, None] * d[..., None, :]
-    determinant = J[..., 0, 0] * J[..., 1, 1] - J[..., 0, 1] * J[..., 1, 0]
-    J[~(np.abs(determinant) > 1e-6)] = np.eye(2)
-    return np.linalg.inv(J)
