@@ -25,10 +25,11 @@ def preview(grey8: NDArray[np.uint8], target: Target, tone: str, window_px: int)
     """
     patterns = target_patterns(target)
     # half as much shrunk as a search that has still to predict what it missed
-    factor = max(1, shrinkings((grey8.shape[1], grey8.shape[0]))[0] // 2)
-    seeds = consistent_seeds(target, find_seeds(grey8, patterns, (window_px,), scale=1 / factor))
+    size = (grey8.shape[1], grey8.shape[0])
+    factor = max(1, shrinkings(size)[0] // 2)
+    seeds = consistent_seeds(target, find_seeds(grey8, patterns, (window_px,), scale=1 / factor), size)
     if len(seeds) < FEW_TAGS and factor > 1:
-        seeds = consistent_seeds(target, find_seeds(grey8, patterns, (window_px,)))
+        seeds = consistent_seeds(target, find_seeds(grey8, patterns, (window_px,)), size)
     seeds = seeds.take(seeds.score >= MIN_SCORE)
     corners, good = refine(grey8, seeds.corners_px, _LINES[tone])
     return seeds.rows[good], corners[good]

@@ -1,6 +1,6 @@
 """From a few tags to all of them: predict where the box's other tags must be, align, accept what is really there."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -8,8 +8,9 @@ from numpy.typing import NDArray
 
 from detect.align.coarse import Pyramid, align_coarsely, align_midway
 from detect.align.homography import least_squares_homography, map_points
+from detect.align.lens import fisheye_lens, straighten
 from detect.align.pattern import Array, Index, Patterns
-from detect.align.rigid import BoxFit, fit_box
+from detect.align.rigid import FISHEYES, BoxFit, fit_box
 from detect.align.seeds import Seeds
 from detect.align.solve import Aligned
 from detect.align.verify import Limits, convex, module_px, verified
@@ -25,6 +26,8 @@ SEED_TOLERANCE = 0.35
 """How far from the face's other tags a seed may lie, tag sides."""
 RIGID_TOLERANCE_MODULES, RIGID_TOLERANCE_PX = 0.5, 0.75
 ROUNDS = 4
+ENOUGH = 0.8
+"""Share of a face's seeds whose agreement ends the search for a larger one."""
 _PAIRS = 24
 
 
@@ -66,17 +69,28 @@ class Found:
     lost_module_px: float
 
 
-def consistent_seeds(target: Target, seeds: Seeds) -> Seeds:
+def consistent_seeds(target: Target, seeds: Seeds, image_size: tuple[int, int]) -> Seeds:
     """Return the seeds that agree on where their face is, each tag once.
 
-    On each face the largest set wins that one homography explains. A tag seen in several places counts only where
-    two other tags at least agree with one of them.
+    On each face the largest set wins that one homography explains, as the image stands or, where many do not agree,
+    on the charts of fisheyes. A tag seen in several places counts only where two other tags at least agree with one of
+    them.
     """
     kept: list[int] = []
     faces = target.tag_faces[seeds.rows]
     for face in np.unique(faces):
         at = np.flatnonzero(faces == face)
-        kept += [int(k) for k in at[_largest_agreement(target, int(face), seeds.take(at))]]
+        here = seeds.take(at)
+        agree = _largest_agreement(target, int(face), here)
+        for focal in FISHEYES:
+            if agree.sum() >= ENOUGH * len(at):
+                break
+            lens = fisheye_lens(image_size, focal * max(image_size))
+            place = np.array([[*np.median(here.corners_px, axis=(0, 1)), 1.0]])
+            charted = replace(here, corners_px=straighten(lens, place, here.corners_px[None])[0])
+            other = _largest_agreement(target, int(face), charted)
+            agree = other if other.sum() > agree.sum() else agree
+        kept += [int(k) for k in at[agree]]
     chosen = np.array(kept, dtype=np.int64)
     rows, count = np.unique(seeds.rows[chosen], return_counts=True)
     return seeds.take(chosen[np.isin(seeds.rows[chosen], rows[count == 1])])
@@ -100,7 +114,7 @@ def _largest_agreement(target: Target, face: int, seeds: Seeds) -> NDArray[np.bo
         agree = np.nan_to_num(off, nan=np.inf) < SEED_TOLERANCE * side
         if agree.sum() > best.sum():
             best = agree
-        if best.sum() >= 0.8 * n:
+        if best.sum() >= ENOUGH * n:
             break
     if best.sum() >= 3:
         return best

@@ -103,13 +103,19 @@ def _run(  # noqa: PLR0917 - arrays in, arrays out
 def _line(lens: Any, theta: Any, place: Any, first: Any, row: Any, out: Any) -> None:  # noqa: PLR0917
     """Fill x, y, u and v of the pixels of a row, from the first column on."""
     h0, h1, h2, h3, h4, h5, h6, h7 = theta[0], theta[1], theta[2], theta[3], theta[4], theta[5], theta[6], theta[7]
-    centre_x, centre_y, a1, a2, per_px2 = lens[0], lens[1], lens[2], lens[3], lens[4] * lens[4]
+    centre_x, centre_y, a1, a2, a3, per_px2 = lens[0], lens[1], lens[2], lens[3], lens[5], lens[4] * lens[4]
     place_x, place_y, scale = place[0], place[1], place[2]
+    # the chart about the tag's centre
+    dx, dy = place_x - centre_x, place_y - centre_y
+    q = (dx * dx + dy * dy) * per_px2
+    slope = -2 * per_px2 * (a1 + q * (2 * a2 + q * (3 * a3)))
+    bx, by, D = slope * dx, slope * dy, 1 + q * (a1 + q * (3 * a2 + q * (5 * a3)))
     dy = row - centre_y
+    rest = 1 - by * dy
     for i in range(out.shape[1]):
         dx = np.float64(first + i) - centre_x
         q = (dx * dx + dy * dy) * per_px2
-        f = 1 + q * (a1 + q * a2)
+        f = D / (rest - bx * dx - q * (a1 + q * (a2 + q * a3)))
         x = (centre_x + dx * f - place_x) * scale
         y = (centre_y + dy * f - place_y) * scale
         w = 1 / (h6 * x + h7 * y + 1)

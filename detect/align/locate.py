@@ -12,8 +12,9 @@ from detect.align.guided import (
     RIGID_TOLERANCE_MODULES,
     RIGID_TOLERANCE_PX,
 )
+from detect.align.lens import bent_otherwise_px, straight_lens
 from detect.align.misfit import noise_share
-from detect.align.model import KURTOSIS, Frame, bent_otherwise_px
+from detect.align.model import KURTOSIS, Frame
 from detect.align.pattern import Array, Index, Patterns, target_patterns
 from detect.align.rigid import LEAST_SIGMA_PX, BoxFit, fit_box
 from detect.align.search import find_box, search_copies
@@ -143,7 +144,7 @@ def locate_tags(image: NDArray[np.generic], target: Target, settings: LocateSett
         return _previewed(patterns, *preview(to_grey8(image), target, tone, settings.windows_px[0]), tone)
     grey, grey8 = to_grey(image)
     size = (grey.shape[1], grey.shape[0])
-    frame = Frame(grey=grey, tone=tone_table("linear"), lens=_straight_lens(grey))
+    frame = Frame(grey=grey, tone=tone_table("linear"), lens=straight_lens(size))
     found = find_box(Pyramid(frame), grey8, target, patterns, windows_px=settings.windows_px, limits=settings.limits)
     if found is None:
         return nothing("linear" if settings.tone == "auto" else settings.tone)
@@ -170,7 +171,7 @@ def locate_copies(image: NDArray[np.generic], patterns: Patterns, settings: Loca
     limits = settings.limits.relaxed()
     grey, grey8 = to_grey(image)
     seeds = search_copies(grey8, patterns, settings.windows_px)
-    frame = Frame(grey=grey, tone=tone_table("linear"), lens=_straight_lens(grey))
+    frame = Frame(grey=grey, tone=tone_table("linear"), lens=straight_lens((grey.shape[1], grey.shape[0])))
     tags = align_coarsely(Pyramid(frame), patterns, seeds.rows, seeds.corners_px)
     tags = tags.take(verified(patterns, tags, limits.relaxed()))
     frame, tags = _finely(frame, patterns, tags, probe(frame, patterns, tags, settings.tone))
@@ -194,11 +195,6 @@ def _finely(frame: Frame, patterns: Patterns, tags: Aligned, taking: Taking) -> 
         stop_px=STOP_PX,
     )
     return under, aligned
-
-
-def _straight_lens(grey: NDArray[np.float32]) -> Array:
-    height, width = grey.shape
-    return np.array([(width - 1) / 2, (height - 1) / 2, 0.0, 0.0, 2 / max(width, height)])
 
 
 def _on_the_box(target: Target, patterns: Patterns, tags: Aligned, fit: BoxFit) -> Aligned:

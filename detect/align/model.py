@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
+from detect.align.lens import straighten
 from detect.align.pattern import Array
 
 PARAMETERS = 14
@@ -37,8 +38,6 @@ SQUARES = 9
 """Squares of the image each way that a tag is divided into, see :func:`squares`."""
 STATS = 6
 """n, sum r^2, sum y, sum y^2, sum p, sum p^2 have columns 0..5; y grey level, p prediction."""
-_STILL = 1e-7
-"""A radius that moves less, in units of the lens's, is found: Newton's next error is its square."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -71,46 +70,13 @@ class Frame:
         Grey levels, scaled so that 1 is full scale.
     tone : (K,)
         Grey level T(m) of light m at ``m = k / (K - 1)``; the identity for a linear camera.
-    lens : (5,)
-        Centre (x, y) px, a1, a2 and 1 / radius px: a pixel at d from the centre lies, without distortion, at
-        ``d (1 + a1 q + a2 q^2)``, ``q = |d|^2 / radius^2``.
+    lens : (6,)
+        Centre (x, y) px, a1, a2, 1 / radius px and a3, see :mod:`detect.align.lens`.
     """
 
     grey: NDArray[np.float32]
     tone: Array
     lens: Array
-
-
-def straighten(lens: Array, uv_px: Array) -> Array:
-    """Return where pixels (..., 2) would lie without distortion."""
-    d = uv_px - lens[:2]
-    q = np.sum(d * d, axis=-1, keepdims=True) * lens[4] ** 2
-    return np.asarray(lens[:2] + d * (1 + q * (lens[2] + q * lens[3])))
-
-
-def bend(lens: Array, xy_px: Array) -> Array:
-    """Return the pixels of undistorted places (..., 2): the inverse of :func:`straighten` (Newton on the radius)."""
-    d = xy_px - lens[:2]
-    r = np.linalg.norm(d, axis=-1, keepdims=True) * lens[4]
-    s = r.copy()
-    for _ in range(12):
-        q = s * s
-        slope = 1 + q * (3 * lens[2] + 5 * q * lens[3])
-        new = s - (s * (1 + q * (lens[2] + q * lens[3])) - r) / np.where(np.abs(slope) < 0.1, 0.1, slope)
-        new = np.clip(new, 0, 4 * r + 1)
-        still = np.abs(new - s) < _STILL
-        s = new
-        if still.all():
-            break
-    return np.asarray(lens[:2] + d * np.where(r > 1e-12, s / np.maximum(r, 1e-12), 1.0))
-
-
-def bent_otherwise_px(lens: Array, other: Array, corners_px: Array) -> float:
-    """Return how far apart two lenses have the middles of tags' edges, seen from the corners (N, 4, 2); at most, px."""
-    ends = np.stack([corners_px, np.roll(corners_px, -1, axis=1)], axis=2)
-    points = np.concatenate([ends, ends.mean(axis=2, keepdims=True)], axis=2)
-    apart = straighten(lens, points) - straighten(other, points)
-    return float(np.linalg.norm(apart[:, :, 2] - apart[:, :, :2].mean(axis=2), axis=-1).max(initial=0))
 
 
 def apply_h(h: Array, xy: Array) -> Array:
@@ -145,7 +111,8 @@ def accumulate(  # noqa: PLR0917 - a kernel's arguments, by position
     theta : (N, 14)
         Parameters; h maps normalised places, see ``place``, to modules.
     place : (N, 3)
-        Centre (x, y) px and 1 / scale px: the normalised place of a pixel is ``(straightened - centre) / scale``.
+        Centre (x, y) px and 1 / scale px: the normalised place of a pixel is ``(chart - centre) / scale``, on the chart
+        about the centre (:mod:`detect.align.lens`).
     boxes : (N, 4)
         Pixels to use: first and last column, first and last row (last exclusive), within the image.
     margin : (N,)
@@ -334,7 +301,7 @@ def _seen(  # noqa: PLR0917
     if x1 <= x0 or y1 <= y0:
         return None
     columns, lines = (a.ravel() for a in np.meshgrid(np.arange(x0, x1), np.arange(y0, y1)))
-    xy = (straighten(frame.lens, np.stack([columns, lines], -1).astype(float)) - place[:2]) * place[2]
+    xy = straighten(frame.lens, place[None], np.stack([columns, lines], -1).astype(float)[None])[0]
     uv = apply_h(theta[None, :8], xy[None])[0]
     sampled = (columns - x0 - lines * stride[1] % stride[0]) % stride[0] == 0
     sampled |= ((columns + lines) % stride[2] == 0) & _crossed(cells, theta, place[2], uv)

@@ -1,29 +1,43 @@
 """One rigid box before a camera of unknown calibration: where its tags must be, and how surely.
 
-The camera here is a means to predict tags, never a result: focal length, principal point, two radial coefficients and
-pose, each held by a weak prior, fitted robustly to the corners of one image. What the corners do not determine (the
-focal length, from one face seen head-on) the covariance says, and so does that of every predicted corner.
+The camera here is a means to predict tags, never a result: focal length, principal point, three coefficients of the
+lens and pose, each held by a weak prior, fitted robustly to the corners of one image. What the corners do not determine
+(the focal length, from one face seen head-on) the covariance says, and so does that of every predicted corner.
+
+Residuals are taken on the chart about each seen corner (:mod:`detect.align.lens`), which is that pixel's tangent: exact
+where they vanish, and of a pinhole everywhere.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from detect.align.homography import least_squares_homography
-from detect.align.model import bend, straighten
+from detect.align.lens import chart, depth, fisheye_lens, straight_lens, straighten, to_pixels
 from detect.align.pattern import Array, Index
 from target.box import Target
 
-ITERATIONS = 14
+ITERATIONS, MORE_ITERATIONS = 14, 60
+GOOD, FAIR = 2.2, 5.0
+"""Median deviations, in sigmas: of a first fit, to end the competition; of a later one, to need no more iterations."""
+PLAIN = 0.1
+"""The competition goes on where a1 is larger."""
 FOCAL_LENGTHS = (1.1, 0.6, 2.2)
 """Where fits start, image widths."""
+FISHEYES = (0.32, 0.45)
+"""Focal lengths of the fisheyes that are tried where no ordinary camera explains the tags, image widths."""
 LEAST_SIGMA_PX = 0.05
 LEAST_DEPTH = 0.02
-_PRIORS = np.array([0.7, 0.05, 0.05, 0.15, 0.05])
-"""Deviations of log f, centre (image widths), a1 and a2."""
-_CAMERA = 5
+_PRIORS = np.array([0.7, 0.05, 0.05, 0.15, 0.05, 0.02])
+"""Deviations of log f, centre (image widths), a1, a2 and a3."""
+_CAMERA = 6
+_FITTED = [0, 1, 2, 3, 5]
+"""Which figures of a lens are fitted."""
+_RANGE = (-0.5, 1.5)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -33,11 +47,13 @@ class BoxFit:
     Attributes
     ----------
     focal_px : px
-    lens : (5,)
-        See :class:`detect.align.model.Frame`.
+    lens : (6,)
+        See :mod:`detect.align.lens`.
     T_cam_box : (4, 4), m
-    information : (11, 11)
-        Of log f, centre px, a1, a2 and the pose (left perturbation, rotation then translation), by px of residual.
+    expected : (6,)
+        Log f, centre px, a1, a2 and a3 before any tag was seen.
+    information : (12, 12)
+        Of those six and the pose (left perturbation, rotation then translation), by px of residual.
     sigma_px : px
         Robust deviation of the corners from the fit.
     off_px : (N,)
@@ -47,20 +63,20 @@ class BoxFit:
     focal_px: float
     lens: Array
     T_cam_box: Array
+    expected: Array
     information: Array
     sigma_px: float
     off_px: Array
 
     def predict(self, p_box: Array) -> tuple[Array, Array]:
-        """Return where points (P, 3) are seen, (P, 2) px, and how uncertain that is, (P,) px; NaN behind the camera."""
+        """Return where points (P, 3) are seen, (P, 2) px, and how uncertain that is, (P,) px; NaN where out of view."""
         p_cam = p_box @ self.T_cam_box[:3, :3].T + self.T_cam_box[:3, 3]
-        before = p_cam[:, 2] > 1e-6
-        p_cam[~before] = (0, 0, 1)
-        straight = self.focal_px * p_cam[:, :2] / p_cam[:, 2:] + self.lens[:2]
-        uv = bend(self.lens, straight)
-        J = _jacobian(self.focal_px, self.lens, p_cam, uv)
-        half = np.linalg.solve(np.linalg.cholesky(self.information), J.reshape(-1, J.shape[2]).T)
-        sd = self.sigma_px * np.sqrt((half**2).sum(axis=0).reshape(-1, 2).sum(axis=1))
+        uv = to_pixels(self.lens, p_cam * (1, 1, 1 / self.focal_px))
+        before = np.isfinite(uv[:, 0])
+        p_cam[~before], uv[~before] = (0, 0, 1), self.lens[:2]
+        J = _Tangent(self.focal_px, self.lens, p_cam, uv).jacobian()
+        half = np.linalg.solve(np.linalg.cholesky(self.information), J.reshape(len(J), -1))
+        sd = self.sigma_px * np.sqrt((half**2).sum(axis=0).reshape(2, -1).sum(axis=0))
         uv[~before] = np.nan
         return uv, np.where(before, sd, np.inf)
 
@@ -95,81 +111,101 @@ def fit_box(
     start
         A fit to much the same tags.
     """
+    refine = partial(_refine, target, rows, corners_px, width=max(image_size), sigma_px=sigma_px)
     if start is not None:
-        state = (start.focal_px, start.lens, start.T_cam_box)
-        return _refine(target, rows, corners_px, image_size=image_size, sigma_px=sigma_px, start=state)
+        return refine(start.focal_px, start.lens, start.T_cam_box, expected=start.expected, fair=FAIR * sigma_px)
     faces, counts = np.unique(target.tag_faces[rows], return_counts=True)
     main = target.tag_faces[rows] == faces[counts.argmax()]
-    fits = []
+    fits: list[BoxFit] = []
     # seen from one side a box fits several focal lengths: they compete, those of ordinary cameras first
-    for focal in FOCAL_LENGTHS:
-        first = _start(target, rows[main], corners_px[main], image_size, focal * max(image_size))
-        fits.append(_refine(target, rows, corners_px, image_size=image_size, sigma_px=sigma_px, start=first))
-        if np.median(fits[-1].off_px) < 3 * sigma_px:
+    for focal, lens, expected in _cameras(image_size):
+        T = _start(target, rows[main], corners_px[main], lens, focal)
+        fits.append(refine(focal, lens, T, expected=expected))
+        if np.median(fits[-1].off_px) < GOOD * sigma_px and abs(fits[-1].lens[2]) < PLAIN:
             break
     return min(fits, key=lambda fit: float(np.median(fit.off_px)))
 
 
-def _start(
-    target: Target, rows: Index, corners_px: Array, image_size: tuple[int, int], focal: float
-) -> tuple[float, Array, Array]:
+def _cameras(image_size: tuple[int, int]) -> Iterator[tuple[float, Array, Array]]:
+    """Yield focal length, lens and expected figures of the cameras that may have taken a picture."""
+    width, straight = max(image_size), straight_lens(image_size)
+    usual = np.array([np.log(1.1 * width), *straight[_FITTED]])
+    for focal in FOCAL_LENGTHS:
+        yield focal * width, straight, usual
+    for focal in FISHEYES:
+        lens = fisheye_lens(image_size, focal * width)
+        yield focal * width, lens, np.array([np.log(focal * width), *lens[_FITTED]])
+
+
+def _start(target: Target, rows: Index, corners_px: Array, lens: Array, focal: float) -> Array:
+    """Return the pose (4, 4) that tags of one face have before a camera."""
     face = int(target.tag_faces[rows[0]])
     T_box_face = target.T_box_face(face)
     p_face = (target.tag_corners[rows].reshape(-1, 3) - T_box_face[:3, 3]) @ T_box_face[:3, :3]
-    centre = np.array([(image_size[0] - 1) / 2, (image_size[1] - 1) / 2])
-    H = least_squares_homography(p_face[:, :2], (corners_px.reshape(-1, 2) - centre) / focal)
+    uv = corners_px.reshape(-1, 2)
+    # on the chart about their middle they are a homography; from there to rays is linear
+    place = np.array([[*uv.mean(axis=0), 1.0]])
+    b, D = chart(lens, place[0, :2])
+    places = straighten(lens, place, uv[None])[0] + place[0, :2] - lens[:2]
+    rays = np.array([[1 / focal, 0, 0], [0, 1 / focal, 0], [*b, D]])
+    H = rays @ least_squares_homography(p_face[:, :2], places)
     H = H / np.linalg.norm(H[:, :2], axis=0).mean()
-    if H[2, 2] < 0:
+    middle = np.array([*(place[0, :2] - lens[:2]), focal * float(b @ (place[0, :2] - lens[:2]) + D)])
+    if H @ [*p_face[:, :2].mean(axis=0), 1] @ middle < 0:
         H = -H
     u, _, vt = np.linalg.svd(np.column_stack([H[:, 0], H[:, 1], np.cross(H[:, 0], H[:, 1])]))
     R = u @ np.diag([1, 1, np.linalg.det(u @ vt)]) @ vt
     T_cam_face = np.eye(4)
     T_cam_face[:3, :3], T_cam_face[:3, 3] = R, H[:, 2]
-    lens = np.array([*centre, 0.0, 0.0, 2 / max(image_size)])
-    return focal, lens, T_cam_face @ np.linalg.inv(T_box_face)
+    return np.asarray(T_cam_face @ np.linalg.inv(T_box_face))
 
 
-def _refine(
+def _refine(  # noqa: PLR0917 - the state by position
     target: Target,
     rows: Index,
     corners_px: Array,
+    focal: float,
+    lens: Array,
+    T_cam_box: Array,
     *,
-    image_size: tuple[int, int],
+    width: int,
     sigma_px: float,
-    start: tuple[float, Array, Array],
+    expected: Array,
+    fair: float = np.inf,
 ) -> BoxFit:
-    """Levenberg-Marquardt on reweighted squares; the residuals are those of undistorted corners."""
-    focal, lens, T = start[0], start[1].copy(), start[2].copy()
+    """Levenberg-Marquardt on reweighted squares; longer where the median deviation stays above ``fair``, px."""
+    lens, T = lens.copy(), T_cam_box.copy()
     p_box, uv = target.tag_corners[rows].reshape(-1, 3), corners_px.reshape(-1, 2)
-    # a start from tags that are not on one plane may have corners behind the camera
-    T[2, 3] += max(0.0, LEAST_DEPTH - float((p_box @ T[2, :3] + T[2, 3]).min()))
-    reference = np.array([np.log(1.1 * max(image_size)), (image_size[0] - 1) / 2, (image_size[1] - 1) / 2, 0, 0])
+    _bring_forward(focal, lens, T, p_box, uv)
     prior = np.zeros(_CAMERA + 6)
-    prior[:_CAMERA] = (sigma_px / (_PRIORS * (1, max(image_size), max(image_size), 1, 1))) ** 2
+    prior[:_CAMERA] = (sigma_px / (_PRIORS * (1, width, width, 1, 1, 1))) ** 2
     damping, cost = 1e-4, np.inf
     kept = (focal, lens, T)
     information, gradient = np.eye(_CAMERA + 6), np.zeros(_CAMERA + 6)
     off = np.zeros(len(uv))
-    for _ in range(ITERATIONS):
+    for iteration in range(MORE_ITERATIONS):
+        if iteration >= ITERATIONS and np.median(off) < fair:
+            break
         p_cam = p_box @ T[:3, :3].T + T[:3, 3]
-        p_cam[:, 2] = np.where(np.abs(p_cam[:, 2]) > 1e-6, p_cam[:, 2], 1e-6)
-        r = straighten(lens, uv) - (focal * p_cam[:, :2] / p_cam[:, 2:] + lens[:2])
-        now_off = np.linalg.norm(r, axis=1)
+        tangent = _Tangent(focal, lens, p_cam, uv)
+        r = uv.T - lens[:2, None] - tangent.seen
+        now_off = np.hypot(r[0], r[1])
         scale = 3 * max(sigma_px, 1.2 * float(np.median(now_off)))
-        camera = np.array([np.log(focal), *lens[:4]])
-        now = float(np.sum(scale**2 * np.log1p((now_off / scale) ** 2)) + prior[:_CAMERA] @ (camera - reference) ** 2)
-        if not now <= cost * (1 + 1e-9) + 1e-12 or not np.all(p_cam[:, 2] > 0):
+        camera = np.array([np.log(focal), *lens[_FITTED]])
+        now = float(np.sum(scale**2 * np.log1p((now_off / scale) ** 2)) + prior[:_CAMERA] @ (camera - expected) ** 2)
+        if not now <= cost * (1 + 1e-9) + 1e-12 or not tangent.before.all():
             damping *= 10
             if damping > 1e6:
                 break
         else:
             done = cost - now < 1e-3 * now + 1e-9
             kept, cost, off = (focal, lens.copy(), T.copy()), now, now_off
-            weight = np.repeat(1 / (1 + (now_off / scale) ** 2), 2)
-            J = _jacobian(focal, lens, p_cam, uv).reshape(len(uv) * 2, -1)
-            information = (J * weight[:, None]).T @ J + np.diag(prior)
-            gradient = J.T @ (weight * r.ravel())
-            gradient[:_CAMERA] -= prior[:_CAMERA] * (camera - reference)
+            weight = 1 / (1 + (now_off / scale) ** 2)
+            J = tangent.jacobian()
+            weighted = (J * weight).reshape(len(J), -1)
+            information = weighted @ J.reshape(len(J), -1).T + np.diag(prior)
+            gradient = weighted @ r.ravel()
+            gradient[:_CAMERA] -= prior[:_CAMERA] * (camera - expected)
             damping = max(damping * 0.2, 1e-9)
             if done:
                 break
@@ -180,6 +216,7 @@ def _refine(
         focal_px=focal,
         lens=lens,
         T_cam_box=T,
+        expected=expected,
         information=information + 1e-12 * np.diag(np.diag(information)),
         sigma_px=max(LEAST_SIGMA_PX, sigma_px, 1.2 * float(np.median(off))),
         off_px=off.reshape(-1, 4).max(axis=1),
@@ -189,28 +226,67 @@ def _refine(
 def _moved(state: tuple[float, Array, Array], step: Array) -> tuple[float, Array, Array]:
     focal, lens, T = state
     lens = lens.copy()
-    lens[:4] += step[1:5]
-    lens[2:4] = np.clip(lens[2:4], -0.5, 1.0)
+    lens[_FITTED] += step[1:_CAMERA]
+    lens[_FITTED[2:]] = np.clip(lens[_FITTED[2:]], *_RANGE)
     dT = np.eye(4)
-    dT[:3, :3] = cv2.Rodrigues(np.clip(step[5:8], -0.5, 0.5))[0]
+    dT[:3, :3] = cv2.Rodrigues(np.clip(step[_CAMERA : _CAMERA + 3], -0.5, 0.5))[0]
     moved = dT @ T
-    moved[:3, 3] += step[8:11]
+    moved[:3, 3] += step[_CAMERA + 3 :]
     return float(focal * np.exp(np.clip(step[0], -0.4, 0.4))), lens, np.asarray(moved)
 
 
-def _jacobian(focal: float, lens: Array, p_cam: Array, uv: Array) -> Array:
-    """Return how the residual's prediction moves with the 11 unknowns, (P, 2, 11) px."""
+def _bring_forward(focal: float, lens: Array, T_cam_box: Array, p_box: Array, uv: Array) -> None:
+    """Move a box, whose tags may not be on one plane as its start took them, until all are before the camera."""
     d = uv - lens[:2]
-    q = np.sum(d * d, axis=1, keepdims=True) * lens[4] ** 2
-    depth = focal / p_cam[:, 2]
-    x, y = p_cam[:, 0] / p_cam[:, 2], p_cam[:, 1] / p_cam[:, 2]
-    J = np.zeros((len(uv), 2, _CAMERA + 6))
-    J[:, 0, 0], J[:, 1, 0] = focal * x, focal * y
-    J[:, 0, 1] = J[:, 1, 2] = 1
-    J[:, :, 3], J[:, :, 4] = -d * q, -d * q * q
-    # d(x, y) of a turned and moved point: [[-xy, 1 + xx, -y], [-1 - yy, xy, x]] and [[1, 0, -x], [0, 1, -y]] / z
-    J[:, 0, 5], J[:, 0, 6], J[:, 0, 7] = -focal * x * y, focal * (1 + x * x), -focal * y
-    J[:, 1, 5], J[:, 1, 6], J[:, 1, 7] = -focal * (1 + y * y), focal * x * y, focal * x
-    J[:, 0, 8] = J[:, 1, 9] = depth
-    J[:, 0, 10], J[:, 1, 10] = -depth * x, -depth * y
-    return J
+    g, slope, D = depth(lens, np.sum(d * d, axis=1) * lens[4] ** 2)
+    rays = np.column_stack([d, focal * g])
+    away = np.mean(rays / np.linalg.norm(rays, axis=1, keepdims=True), axis=0)
+    across = np.column_stack([-focal * slope[:, None] * d, np.ones(len(d))]) / D[:, None]
+    short = LEAST_DEPTH - np.sum(across * (p_box @ T_cam_box[:3, :3].T + T_cam_box[:3, 3]), axis=1)
+    T_cam_box[:3, 3] += away * max(0.0, float((short / np.maximum(across @ away, 1e-3)).max()))
+
+
+class _Tangent:
+    """Points of the camera on the chart about the pixel where each is seen, or ought to be.
+
+    Attributes
+    ----------
+    seen : (2, P), px
+        Where they lie there, from the lens's centre; the pixel itself where they are seen exactly there.
+    before : (P,)
+        Whether they lie before the chart.
+    """
+
+    def __init__(self, focal: float, lens: Array, p_cam: Array, uv: Array) -> None:
+        self._d, self._p = uv.T - lens[:2, None], np.ascontiguousarray(p_cam.T)
+        self._focal, self._per_px2 = focal, float(lens[4]) ** 2
+        self._q = (self._d[0] ** 2 + self._d[1] ** 2) * self._per_px2
+        _, slope, self._D = depth(lens, self._q)
+        self._across = np.empty((3, len(uv)))
+        self._across[:2], self._across[2] = -slope / self._D * self._d, 1 / (focal * self._D)
+        w = (self._across * self._p).sum(axis=0)
+        self.before = w > 1e-6 / focal
+        self._per_w = 1 / np.where(np.abs(w) > 1e-6 / focal, w, 1e-6 / focal)
+        self.seen = self._p[:2] * self._per_w
+
+    def jacobian(self) -> Array:
+        """Return how ``seen`` moves with the 12 unknowns, (12, 2, P) px; of the centre, where it is the pixel."""
+        p, q, seen = self._p, self._q, self.seen
+        J = np.zeros((_CAMERA + 6, 2, len(q)))
+        along = seen / self._D
+        np.multiply(along, p[2] * self._per_w / self._focal, out=J[0])
+        J[1, 0] = J[2, 1] = 1
+        # of a term a q^k: slope and D change by -2 k q^(k-1) / radius^2 and (2 k - 1) q^k
+        toward = (2 * self._per_px2) * (self._d[0] * seen[0] + self._d[1] * seen[1])
+        J[3] = along * (q - toward)
+        J[4] = along * (q * (3 * q - 2 * toward))
+        J[5] = along * (q * q * (5 * q - 3 * toward))
+        moved = J[_CAMERA + 3 :]
+        np.multiply((-self._per_w * self._across)[:, None], seen, out=moved)
+        moved[0, 0] += self._per_w
+        moved[1, 1] += self._per_w
+        # turned: dp = turn x p
+        J[6] = p[1] * moved[2] - p[2] * moved[1]
+        J[7] = p[2] * moved[0] - p[0] * moved[2]
+        J[8] = p[0] * moved[1] - p[1] * moved[0]
+        return J

@@ -47,16 +47,16 @@ def find_box(
     """
     size = (grey8.shape[1], grey8.shape[0])
     for factor in shrinkings(size):
-        seeds = consistent_seeds(target, find_seeds(grey8, patterns, windows_px[:1], scale=1 / factor))
+        seeds = consistent_seeds(target, find_seeds(grey8, patterns, windows_px[:1], scale=1 / factor), size)
         if len(seeds) < FEW_TAGS:
             continue
         search = plan(target, patterns, seeds, size, sigma_px=SEED_SIGMA_PX * factor)
         found = follow(pyramid, target, patterns, search, limits)
         if factor == 1 or (len(found.tags) >= FEW_TAGS and found.lost_module_px < SEEN_MODULE_PX * factor / 2):
             return found
-    seeds = consistent_seeds(target, find_seeds(grey8, patterns, windows_px))
+    seeds = consistent_seeds(target, find_seeds(grey8, patterns, windows_px), size)
     if len(seeds) < FEW_TAGS and grey8.size <= MOST_ENLARGED:
-        seeds = consistent_seeds(target, seeds.merged(find_seeds(grey8, patterns, windows_px, scale=2.0)))
+        seeds = consistent_seeds(target, seeds.merged(find_seeds(grey8, patterns, windows_px, scale=2.0)), size)
     if len(seeds) == 0:
         return None
     return follow(pyramid, target, patterns, plan(target, patterns, seeds, size), limits)

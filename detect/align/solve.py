@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from detect.align import model
 from detect.align.homography import to_square
+from detect.align.lens import bend, bend_jacobian, straighten
 from detect.align.model import GAIN, KURTOSIS, LOG_SIGMA, OFFSET, PARAMETERS, Frame, Sums
 from detect.align.pattern import Array, Index, Patterns
 
@@ -166,14 +167,12 @@ def align(
         As many as went in, in their order; those that diverged have a correlation of -1.
     """
     schedule = _FIRST if start is None else (_AGAIN if relight else _FURTHER)
-    straight = model.straighten(frame.lens, corners_px)
-    place, theta = _start(patterns, straight)
+    place, places, theta = _start(frame.lens, patterns, corners_px)
     if start is not None:
         theta[:, OFFSET:] = start.theta[:, OFFSET:]
     boxes, margin = pixels_of(frame, patterns, corners_px, theta[:, LOG_SIGMA])
     stride = strides(corners_px, side_px, edges=start is not None)
     last = model.no_sums(len(rows), patterns.cells)
-    places = (straight - place[:, None, :2]) * place[:, 2, None, None]
     side = np.linalg.norm(corners_px - np.roll(corners_px, 1, axis=1), axis=2).max(axis=1)
     (_descent() if sums_of is None else partial(_descend, sums_of))(
         frame, patterns.cells, rows, theta, place, boxes, margin, stride, last,
@@ -264,15 +263,17 @@ def strides(corners_px: Array, side_px: float, edges: bool) -> NDArray[np.int64]
     return np.stack([_FIBONACCI[at], _FIBONACCI[at - 1], np.where(edges, near, _FIBONACCI[at])], axis=1)
 
 
-def _start(patterns: Patterns, straight: Array) -> tuple[Array, Array]:
-    centre = straight.mean(axis=1)
-    scale = np.maximum(np.linalg.norm(straight - centre[:, None], axis=2).max(axis=1), 1.0)
+def _start(lens: Array, patterns: Patterns, corners_px: Array) -> tuple[Array, Array, Array]:
+    """Return centres and scales (N, 3), the corners' normalised places (N, 4, 2) and parameters (N, 14)."""
+    centre = corners_px.mean(axis=1)
+    scale = np.maximum(np.linalg.norm(corners_px - centre[:, None], axis=2).max(axis=1), 1.0)
     place = np.column_stack([centre, 1 / scale])
-    theta = np.zeros((len(straight), PARAMETERS))
-    theta[:, :8] = to_square((straight - centre[:, None]) / scale[:, None, None], patterns.modules)
+    places = straighten(lens, place, corners_px)
+    theta = np.zeros((len(corners_px), PARAMETERS))
+    theta[:, :8] = to_square(places, patterns.modules)
     theta[:, OFFSET], theta[:, GAIN] = 0.2, 0.5
     theta[:, LOG_SIGMA] = np.log(START_SIGMA_PX)
-    return place, theta
+    return place, places, theta
 
 
 def pixels_of(frame: Frame, patterns: Patterns, corners_px: Array, log_sigma: Array) -> tuple[NDArray[np.int64], Array]:
@@ -338,7 +339,7 @@ def _finish(
     frame: Frame, patterns: Patterns, *, rows: Index, theta: Array, place: Array, sums: Sums, covariance: bool
 ) -> Aligned:
     places = _normalised_corners(patterns, theta)
-    corners = model.bend(frame.lens, places / place[:, 2, None, None] + place[:, None, :2])
+    corners = bend(frame.lens, place, places)
     n, r2, y, y2, p, p2 = sums.stats.T
     count = np.maximum(n, 1)
     var_y, var_p = y2 / count - (y / count) ** 2, p2 / count - (p / count) ** 2
@@ -390,9 +391,8 @@ def inverse_normal(normal: Array, stats: Array) -> Array:
 
 def corners_by_homography(frame: Frame, theta: Array, place: Array, corners_px: Array) -> Array:
     """Return how corners (N, 4, 2), px, move with the homographies' entries: (N, 4, 2, 8)."""
-    places = (model.straighten(frame.lens, corners_px) - place[:, None, :2]) * place[:, 2, None, None]
-    D = _corner_jacobian(theta, places) / place[:, 2, None, None, None]
-    return np.asarray(np.einsum("ncij,ncjk->ncik", _bend_jacobian(frame, corners_px), D))
+    D = _corner_jacobian(theta, straighten(frame.lens, place, corners_px)) / place[:, 2, None, None, None]
+    return np.asarray(np.einsum("ncij,ncjk->ncik", bend_jacobian(frame.lens, place, corners_px), D))
 
 
 def _corner_jacobian(theta: Array, xy: Array) -> Array:
@@ -428,16 +428,3 @@ def _corner_jacobian(theta: Array, xy: Array) -> Array:
         / np.where(np.abs(determinant) > 1e-15, determinant, 1e-15)[..., None, None]
     )
     return np.asarray(-inverse @ by_h)
-
-
-def _bend_jacobian(frame: Frame, corners_px: Array) -> Array:
-    """Return how pixels move with their undistorted places: (N, 4, 2, 2)."""
-    lens = frame.lens
-    d = corners_px - lens[:2]
-    q = np.sum(d * d, axis=-1) * lens[4] ** 2
-    f = 1 + q * (lens[2] + q * lens[3])
-    slope = 2 * (lens[2] + 2 * q * lens[3]) * lens[4] ** 2
-    J = f[..., None, None] * np.eye(2) + slope[..., None, None] * d[..., :, None] * d[..., None, :]
-    determinant = J[..., 0, 0] * J[..., 1, 1] - J[..., 0, 1] * J[..., 1, 0]
-    J[~(np.abs(determinant) > 1e-6)] = np.eye(2)
-    return np.linalg.inv(J)

@@ -90,7 +90,7 @@ def test_colour_and_deep_pictures_give_the_same_corners():
         np.testing.assert_array_equal(tags.ids, plain.ids)
         # the seeds come from rounded greys, so that at a tag's rim some pixels more or fewer may count
         off = np.abs(tags.corners_px - plain.corners_px)
-        np.testing.assert_array_less(off, 0.5 * np.sqrt(np.einsum("ncii->nci", plain.cov_px2)))
+        np.testing.assert_array_less(off, 0.8 * np.sqrt(np.einsum("ncii->nci", plain.cov_px2)))
         assert np.median(off) < 1e-3
 
 

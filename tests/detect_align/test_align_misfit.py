@@ -5,6 +5,7 @@ from aligned_views import PLAIN, TARGET, pose, truth, view, width_px
 from test_align_model import PATTERNS, _state
 
 from detect.align import misfit, model
+from detect.align.lens import straight_lens
 from detect.align.locate import locate_tags
 from detect.align.solve import align
 from target.render import Look
@@ -67,6 +68,6 @@ def test_share_is_one_only_where_noise_is_white(monkeypatch, spread_px, least, m
 
 
 def test_nothing_seen_is_taken_for_white_noise():
-    frame = model.Frame(grey=np.zeros((8, 8), np.float32), tone=np.array([0.0, 1.0]), lens=np.array([0, 0, 0, 0, 1.0]))
+    frame = model.Frame(grey=np.zeros((8, 8), np.float32), tone=np.array([0.0, 1.0]), lens=straight_lens((8, 8)))
     none = align(frame, PATTERNS, np.zeros(0, np.int64), np.zeros((0, 4, 2)))
     assert misfit.noise_share(frame, PATTERNS, none, 22.0) == 1.0

@@ -79,7 +79,7 @@ def test_two_copies_of_one_tag_alone_are_both_dropped():
     image[100:164, 100:164] = image[300:364, 400:464] = marker
     seeds = find_seeds(image, PATTERNS, (25,))
     assert len(seeds) == 2
-    assert len(consistent_seeds(TARGET, seeds)) == 0
+    assert len(consistent_seeds(TARGET, seeds, SIZE)) == 0
     assert len(locate_tags(image, TARGET).ids) == 0
 
 

@@ -1,0 +1,127 @@
+"""Lenses from pinhole to fisheye: charts, rays, the rigid box before them, and tags that they curve."""
+
+import numpy as np
+import pytest
+from aligned_views import SIZE, TARGET, pose, width_px
+from fisheye_views import aimed, fisheye, fisheye_truth, fisheye_view
+
+from detect.align.homography import least_squares_homography, map_points
+from detect.align.lens import bend, bend_jacobian, depth, fisheye_lens, straighten, to_pixels
+from detect.align.locate import locate_tags
+from detect.align.rigid import _moved, _Tangent, fit_box
+
+PLAIN = np.array([325.0, 236.0, 0.04, -0.01, 1 / 320, 0.002])
+SIDEWAYS = fisheye_lens(SIZE, 200.0)
+LENSES = pytest.mark.parametrize("lens", [PLAIN, SIDEWAYS], ids=["plain", "fisheye"])
+PLACES = {"centre": (320, 240), "side": (90, 265), "corner": (525, 105)}
+
+
+def _pixels(count=60):
+    return np.random.default_rng(1).uniform(0, 1, (count, 2)) * (np.array(SIZE) - 1)
+
+
+def _rays(lens, uv):
+    d = uv - lens[:2]
+    return np.column_stack([d, depth(lens, np.sum(d * d, axis=1) * lens[4] ** 2)[0]])
+
+
+def _charts(uv, reach_px):
+    near = uv[:, None] + np.random.default_rng(2).uniform(-reach_px, reach_px, (len(uv), 6, 2))
+    return np.column_stack([uv, np.full(len(uv), 0.1)]), near
+
+
+@LENSES
+def test_rays_lead_back_to_their_pixels(lens):
+    uv = _pixels()
+    np.testing.assert_allclose(to_pixels(lens, _rays(lens, uv) * np.linspace(0.5, 2, len(uv))[:, None]), uv, atol=1e-9)
+
+
+def test_a_fisheye_sees_sideways_and_a_pinhole_does_not():
+    assert (_rays(SIDEWAYS, _pixels())[:, 2] < 0).any()
+    behind = np.array([[10.0, 3.0, -1.0], [0.0, 0.0, -1.0], [np.nan, 1.0, 1.0]])
+    assert np.isnan(to_pixels(fisheye_lens(SIZE, 1e9), behind)).all()
+
+
+def test_angles_of_a_fisheye_grow_as_the_radius():
+    for degrees in (30.0, 60.0, 80.0):
+        angle = np.deg2rad(degrees)
+        uv = to_pixels(SIDEWAYS, np.array([[np.sin(angle), 0, np.cos(angle) / 200.0]]))
+        assert uv[0, 0] - SIDEWAYS[0] == pytest.approx(200.0 * angle, abs=0.3)
+
+
+@LENSES
+def test_bend_undoes_straighten(lens):
+    place, near = _charts(_pixels(), 25)
+    np.testing.assert_allclose(bend(lens, place, straighten(lens, place, near)), near, atol=1e-9)
+
+
+@LENSES
+def test_a_charts_steps_are_pixels_at_its_centre(lens):
+    place, near = _charts(_pixels(), 1e-4)
+    np.testing.assert_allclose(straighten(lens, place, near) * 10, near - place[:, None, :2], atol=1e-9)
+
+
+@LENSES
+def test_bend_jacobian_is_its_derivative(lens):
+    place, near = _charts(_pixels(), 25)
+    xy, J = straighten(lens, place, near), bend_jacobian(lens, place, near)
+    for k, step in enumerate(np.eye(2) * 1e-4):
+        numeric = (bend(lens, place, xy + step) - bend(lens, place, xy - step)) / 2e-3
+        np.testing.assert_allclose(numeric, J[..., k], atol=1e-6)
+
+
+def test_a_plane_is_a_homography_on_a_chart_to_the_side_of_a_fisheye():
+    on_plane = np.stack(np.meshgrid(np.linspace(-1, 1, 6), np.linspace(-1, 1, 6)), -1).reshape(-1, 2)
+    # across a ray at 85 degrees, tilted
+    p_cam = [1, 0.1, 0.09] + on_plane[:, :1] * [0.1, 0.05, -0.3] + on_plane[:, 1:] * [0.02, 0.3, 0.05]
+    uv = to_pixels(SIDEWAYS, p_cam * (1, 1, 1 / 200.0))
+    place = np.array([[*uv.mean(axis=0), 0.05]])
+    xy = straighten(SIDEWAYS, place, uv[None])[0]
+    np.testing.assert_allclose(map_points(least_squares_homography(on_plane, xy), on_plane), xy, atol=1e-9)
+    bent = np.abs(map_points(least_squares_homography(on_plane, uv), on_plane) - uv).max()
+    assert bent > 3.0
+
+
+@LENSES
+def test_derivatives_of_the_rigid_box_are_those_of_its_projection(lens):
+    focal = 200.0
+    uv = _pixels()
+    p_cam = _rays(lens, uv) * (1, 1, focal) * 0.002
+    tangent = _Tangent(focal, lens, p_cam, uv)
+    assert tangent.before.all()
+    np.testing.assert_allclose(tangent.seen.T, uv - lens[:2], atol=1e-9)
+    J = tangent.jacobian()
+    for k in range(len(J)):
+        seen = []
+        for sign in (1, -1):
+            f, moved, T = _moved((focal, lens, np.eye(4)), sign * 1e-5 * np.eye(len(J))[k])
+            seen.append(to_pixels(moved, (p_cam @ T[:3, :3].T + T[:3, 3]) * (1, 1, 1 / f)))
+        numeric = (seen[0] - seen[1]) / 2e-5
+        np.testing.assert_allclose(J[k].T, numeric, atol=1e-6 * np.abs(numeric).max() + 1e-7)
+
+
+def test_the_box_is_fitted_to_exact_corners_at_the_side_of_a_fisheye():
+    camera = fisheye(180.0)
+    T = aimed(pose(20.0, distance=0.4), camera, PLACES["side"])
+    uv, seen = fisheye_truth(T, camera)
+    fit = fit_box(TARGET, seen, uv[seen], image_size=SIZE, sigma_px=0.05)
+    assert np.median(fit.off_px) < 0.03
+    np.testing.assert_allclose(fit.T_cam_box, T, atol=0.01)
+
+
+@pytest.mark.parametrize("place", PLACES)
+@pytest.mark.parametrize("fov_deg", [120.0, 150.0, 180.0, 210.0])
+def test_tags_curved_by_a_fisheye_are_found_at_the_noise_limit(fov_deg, place):
+    camera = fisheye(fov_deg, k=(-0.02, -0.004, 0.001, 0.0))
+    T = aimed(pose(18.0, distance=0.36), camera, PLACES[place])
+    uv, seen = fisheye_truth(T, camera)
+    tags = locate_tags(fisheye_view(T, camera), TARGET)
+    wanted = seen[width_px(uv[seen]) >= 10]
+    assert len(wanted) > 15
+    assert set(wanted) <= set(tags.ids)
+    errors = tags.corners_px - uv[tags.ids]
+    assert np.abs(errors).max() < 0.2
+    errors = errors[np.isin(tags.ids, wanted)]
+    assert np.sqrt((errors**2).sum(axis=2).mean()) < 0.025
+    cov = tags.cov_px2[np.isin(tags.ids, wanted)]
+    assert 0.7 < np.linalg.solve(np.linalg.cholesky(cov), errors[..., None]).std() < 1.3
