@@ -20,13 +20,13 @@ from detect.align.model import PARAMETERS, SQUARES, Frame
 from detect.align.pattern import Array, Patterns
 from detect.align.solve import Aligned, corners_by_homography, inverse_normal, pixels_of, strides
 
-MOST_TAGS = 10
+MOST_TAGS = 8
 SQUARE_PX = 8
 """Least side of a square: JPEG's blocks have it."""
 PRIOR_TAGS = 1.0
 """So many tags' worth of squares are taken to have shown white noise."""
 RANGE = (0.25, 25.0)
-TOGETHER = 0.9
+TOGETHER = 0.86
 """Neighbouring squares that share an edge undo each other's part of its misfit: measured over the conditions of
 benchmarks/detector.py, errors have so much of the variance that squares which know nothing of each other would give."""
 
@@ -81,7 +81,7 @@ def _squared(frame: Frame, patterns: Patterns, tags: Aligned, side_px: float) ->
 def _squares() -> Callable[..., tuple[Array, Array]]:
     """Return the compiled sums over squares where numba is installed, else those in numpy."""
     try:
-        from detect.align.kernels import squares  # noqa: PLC0415 - optional and slow to import
+        from detect.align.compiled.sums import squares  # noqa: PLC0415 - optional and slow to import
     except ImportError:
         return model.squares
     return squares

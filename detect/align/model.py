@@ -14,7 +14,7 @@ A real blur is no Gaussian (a defocused lens spreads less far, a discrete filter
 term of the Edgeworth series, ``Phi(a) - k (a^3 - 3 a) phi(a) / 24`` with the excess kurtosis k free.
 The light is ``m = o + g P + (s_x x + s_y y)(P + kappa)``, kappa = o / g held fixed, and the grey level T(m).
 
-This module is the reference in numpy; :mod:`detect.align.kernels` computes the same sums compiled.
+This module is the reference in numpy; :mod:`detect.align.compiled.sums` computes the same sums compiled.
 """
 
 from dataclasses import dataclass
@@ -34,7 +34,7 @@ NEAR_SIGMAS = 2.5
 MIDDLE = 0.3
 """Half the width of the middle of a module, modules: there blur hardly mixes black and white."""
 LEAST_GAIN = 1e-3
-SQUARES = 9
+SQUARES = 6
 """Squares of the image each way that a tag is divided into, see :func:`squares`."""
 STATS = 6
 """n, sum r^2, sum y, sum y^2, sum p, sum p^2 have columns 0..5; y grey level, p prediction."""

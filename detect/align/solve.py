@@ -180,14 +180,53 @@ def align(
         damping=_DAMPING if start is not None else _FIRST_DAMPING, stop_px=stop_px, iterations=iterations,
         guess=start is None,
     )  # fmt: skip
-    return _finish(frame, patterns, rows=rows, theta=theta, place=place, sums=last, covariance=covariance)
+    finishing = finish if sums_of is not None else _finishing()
+    corners, cov, figures = finishing(frame, patterns, theta=theta, place=place, sums=last, covariance=covariance)
+    good = np.isfinite(corners).all(axis=(1, 2)) & np.isfinite(cov).all(axis=(1, 2, 3))
+    good &= last.stats[:, 0] > 2 * PARAMETERS
+    return Aligned(
+        rows=rows,
+        corners_px=np.where(good[:, None, None], corners, 0.0),
+        cov_px2=np.where(good[:, None, None, None], cov, 1.0),
+        sigma_px=np.exp(theta[:, LOG_SIGMA]),
+        offset=theta[:, OFFSET],
+        gain=theta[:, GAIN],
+        correlation=np.where(good, figures[:, 0], -1.0),
+        worst_block=figures[:, 1],
+        worst_module=figures[:, 2],
+        noise=figures[:, 3],
+        theta=theta,
+        place=place,
+    )
+
+
+@cache
+def _finishing() -> Callable[..., tuple[Array, Array, Array]]:
+    """Return the compiled end of an alignment where numba is installed, else that in numpy."""
+    try:
+        from detect.align.compiled import finish as compiled  # noqa: PLC0415 - optional and slow to import
+    except ImportError:
+        return finish
+
+    def run(
+        frame: Frame, patterns: Patterns, *, theta: Array, place: Array, sums: Sums, covariance: bool
+    ) -> tuple[Array, Array, Array]:
+        n = len(theta)
+        corners, cov, figures = np.empty((n, 4, 2)), np.zeros((n, 4, 2, 2)), np.empty((n, 4))
+        compiled.finish(
+            frame.lens, patterns.modules, theta, place, sums.normal, sums.stats, sums.blocks, KURTOSIS_PRIOR,
+            covariance, corners, cov, figures,
+        )  # fmt: skip
+        return corners, cov, figures
+
+    return run
 
 
 @cache
 def _descent() -> Callable[..., None]:
     """Return the compiled steps where numba is installed, else those in numpy."""
     try:
-        from detect.align.descent import descend  # noqa: PLC0415 - optional and slow to import
+        from detect.align.compiled.descent import descend  # noqa: PLC0415 - optional and slow to import
     except ImportError:
         return partial(_descend, model.accumulate)
     limits = np.array([np.log([MIN_SIGMA_PX, MAX_SIGMA_PX]), KURTOSIS_RANGE])
@@ -215,7 +254,7 @@ def _descend(  # noqa: PLR0917 - the sums' arguments first
     iterations: int,
     guess: bool,
 ) -> None:
-    """Take steps until each tag stands still; for the arguments see :func:`detect.align.descent.descend`."""
+    """Take steps until each tag stands still; for the arguments see :func:`detect.align.compiled.descent.descend`."""
     if guess:
         model.first_light(frame, cells, rows, theta, place, boxes, margin, stride)
     active = np.arange(len(rows))
@@ -335,18 +374,18 @@ def _normalised_corners(patterns: Patterns, theta: Array) -> Array:
     return np.where(np.abs(corners) < 1e3, corners, np.nan)
 
 
-def _finish(
-    frame: Frame, patterns: Patterns, *, rows: Index, theta: Array, place: Array, sums: Sums, covariance: bool
-) -> Aligned:
-    places = _normalised_corners(patterns, theta)
-    corners = bend(frame.lens, place, places)
+def finish(
+    frame: Frame, patterns: Patterns, *, theta: Array, place: Array, sums: Sums, covariance: bool
+) -> tuple[Array, Array, Array]:
+    """Return corners (N, 4, 2), px, covariances (N, 4, 2, 2), px^2, and correlation, worst block and module, noise."""
+    corners = bend(frame.lens, place, _normalised_corners(patterns, theta))
     n, r2, y, y2, p, p2 = sums.stats.T
     count = np.maximum(n, 1)
     var_y, var_p = y2 / count - (y / count) ** 2, p2 / count - (p / count) ** 2
     cross = 0.5 * (y2 + p2 - r2) / count - (y / count) * (p / count)
     correlation = np.minimum(cross / np.sqrt(np.maximum(var_y * var_p, 1e-12)), 1.0)
     noise2 = r2 / np.maximum(n - PARAMETERS, 1)
-    cov = _covariance(frame, sums, noise2, theta, place, corners) if covariance else np.zeros((len(rows), 4, 2, 2))
+    cov = _covariance(frame, sums, noise2, theta, place, corners) if covariance else np.zeros((len(theta), 4, 2, 2))
     mean = sums.blocks[..., 0] / np.maximum(sums.blocks[..., 1], 1)
     contrast = np.maximum(np.sqrt(np.maximum(var_y, 0)) * 2, 1e-6)
     worst_module = np.where(sums.blocks[..., 1] >= 4, np.abs(mean), 0).max(axis=(1, 2)) / contrast
@@ -354,21 +393,7 @@ def _finish(
     fours = even[:, ::2, ::2] + even[:, 1::2, ::2] + even[:, ::2, 1::2] + even[:, 1::2, 1::2]
     mean = fours[..., 0] / np.maximum(fours[..., 1], 1)
     worst = np.where(fours[..., 1] >= 2, np.abs(mean), 0).max(axis=(1, 2)) / contrast
-    good = np.isfinite(corners).all(axis=(1, 2)) & np.isfinite(cov).all(axis=(1, 2, 3)) & (n > 2 * PARAMETERS)
-    return Aligned(
-        rows=rows,
-        corners_px=np.where(good[:, None, None], corners, 0.0),
-        cov_px2=np.where(good[:, None, None, None], cov, 1.0),
-        sigma_px=np.exp(theta[:, LOG_SIGMA]),
-        offset=theta[:, OFFSET],
-        gain=theta[:, GAIN],
-        correlation=np.where(good, correlation, -1.0),
-        worst_block=worst,
-        worst_module=worst_module,
-        noise=np.sqrt(noise2),
-        theta=theta,
-        place=place,
-    )
+    return corners, cov, np.stack([correlation, worst, worst_module, np.sqrt(noise2)], axis=1)
 
 
 def _covariance(  # noqa: PLR0917

@@ -23,7 +23,7 @@ def _grained(azimuth_deg, seed, spread_px):
 
 @pytest.mark.parametrize("tone", ["linear", "srgb"])
 def test_compiled_sums_over_squares_are_those_of_the_reference(tone):
-    kernels = pytest.importorskip("detect.align.kernels", reason="numba is not installed")
+    kernels = pytest.importorskip("detect.align.compiled.sums", reason="numba is not installed")
     arguments = _state(33.0, tone, 5)
     sides = np.array([8, 9, 12])
     plain, fast = model.squares(*arguments, sides), kernels.squares(*arguments, sides)
@@ -47,7 +47,7 @@ def _normalised_deviation():
 
 
 def test_sigmas_hold_where_neighbouring_pixels_agree(monkeypatch):
-    assert 0.85 < _normalised_deviation() < 1.2
+    assert 0.85 < _normalised_deviation() < 1.25
     monkeypatch.setattr("detect.align.locate.noise_share", lambda *_: 1.0)
     assert _normalised_deviation() > 1.5
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from aligned_views import PLAIN, TARGET, pose, truth, view
 
-from detect.align import model
+from detect.align import model, solve
 from detect.align.homography import from_square, least_squares_homography, map_points, to_square
 from detect.align.model import GAIN, KURTOSIS, LOG_SIGMA, OFFSET, Frame
 from detect.align.pattern import target_patterns
@@ -67,7 +67,7 @@ def test_gradient_is_the_derivative_of_the_residuals(azimuth_deg, tone, toleranc
 @pytest.mark.parametrize("tone", ["linear", "srgb"])
 @pytest.mark.parametrize("lens", [LENS, BENT], ids=["plain", "fisheye"])
 def test_compiled_sums_are_those_of_the_reference(tone, side, lens):
-    kernels = pytest.importorskip("detect.align.kernels", reason="numba is not installed")
+    kernels = pytest.importorskip("detect.align.compiled.sums", reason="numba is not installed")
     arguments = _state(33.0, tone, side, lens)
     plain, fast = model.accumulate(*arguments), kernels.accumulate(*arguments)
     np.testing.assert_array_equal(fast.stats[:, 0], plain.stats[:, 0])
@@ -91,6 +91,23 @@ def test_numpy_alone_aligns_as_well_as_compiled():
     assert np.median(off) < 1e-3
     # the compiled steps keep to the pixels that they began with: a few at the rim of a small tag come and go
     np.testing.assert_array_less(off, 0.3 * np.sqrt(np.trace(plain.cov_px2, axis1=2, axis2=3)))
+
+
+def test_compiled_end_of_an_alignment_is_that_of_the_reference():
+    pytest.importorskip("numba", reason="numba is not installed")
+    frame, _, _, theta, place, *_ = arguments = _state(33.0)
+    sums = model.accumulate(*arguments)
+    plain = solve.finish(frame, PATTERNS, theta=theta, place=place, sums=sums, covariance=True)
+    fast = solve._finishing()(frame, PATTERNS, theta=theta, place=place, sums=sums, covariance=True)
+    assert solve._finishing() is not solve.finish
+    np.testing.assert_allclose(fast[0], plain[0], rtol=0, atol=1e-9)
+    np.testing.assert_allclose(fast[1], plain[1], rtol=1e-6)
+    np.testing.assert_allclose(fast[2], plain[2], rtol=1e-9)
+    lost = theta.copy()
+    lost[:, 3:6] = lost[:, :3]
+    for finish in (solve.finish, solve._finishing()):
+        corners, *_ = finish(frame, PATTERNS, theta=lost, place=place, sums=sums, covariance=True)
+        assert np.isnan(corners).any(axis=(1, 2)).all()
 
 
 def test_pattern_without_blur_is_the_pattern():

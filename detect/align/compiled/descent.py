@@ -8,16 +8,9 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from detect.align.kernels import (
-    add_blocks,
-    add_products,
-    collect,
-    differentiate,
-    first_light,
-    is_linear,
-    replace_pixels,
-    room,
-)
+from detect.align.compiled.cholesky import solve_positive
+from detect.align.compiled.pixels import BLOCK, add_blocks, collect, first_light, replace_pixels, room
+from detect.align.compiled.sums import ROWS, add_products, differentiate, is_linear
 from detect.align.model import KURTOSIS, LOG_SIGMA, PARAMETERS, Frame, Sums
 from detect.align.pattern import Array
 
@@ -75,7 +68,7 @@ def _descend(  # noqa: PLR0917 - arrays in, arrays out
         if not np.all(np.isfinite(theta[k])):
             continue
         pixels, n, since = room(boxes[k]), 0, np.inf
-        jac = np.empty((0, 16, 64), np.float32)
+        jac = np.empty((0, ROWS, BLOCK), np.float32)
         for number in range(iterations):
             normal[k], gradient[k], stats[k] = 0.0, 0.0, 0.0
             if since > _FAR_MODULES:
@@ -119,25 +112,7 @@ def _solve(  # noqa: PLR0917
         if not free[i]:
             A[i, :], A[:, i] = 0.0, 0.0
             A[i, i], b[i] = 1.0, 0.0
-    for i in range(PARAMETERS):
-        for j in range(i + 1):
-            total = A[i, j]
-            for m in range(j):
-                total -= A[i, m] * A[j, m]
-            if i == j:
-                A[i, i] = np.sqrt(max(total, 1e-300))
-            else:
-                A[i, j] = total / A[j, j]
-    for i in range(PARAMETERS):
-        total = b[i]
-        for m in range(i):
-            total -= A[i, m] * step[m]
-        step[i] = total / A[i, i]
-    for i in range(PARAMETERS - 1, -1, -1):
-        total = step[i]
-        for m in range(i + 1, PARAMETERS):
-            total -= A[m, i] * step[m]
-        step[i] = total / A[i, i]
+    solve_positive(A, b, step)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -1,0 +1,42 @@
+"""Small positive definite systems by Cholesky's decomposition."""
+
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def factor(A: Any) -> None:
+    """Replace the lower triangle of A (n, n) by that of its factor L, ``A = L L^T``."""
+    for i in range(len(A)):
+        for j in range(i + 1):
+            total = A[i, j]
+            for m in range(j):
+                total -= A[i, m] * A[j, m]
+            if i == j:
+                A[i, i] = np.sqrt(max(total, 1e-300))
+            else:
+                A[i, j] = total / A[j, j]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def solve_lower(L: Any, b: Any, x: Any) -> None:
+    """Fill x (n,) with the solution of ``L x = b``."""
+    for i in range(len(L)):
+        total = b[i]
+        for m in range(i):
+            total -= L[i, m] * x[m]
+        x[i] = total / L[i, i]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def solve_positive(A: Any, b: Any, x: Any) -> None:
+    """Fill x (n,) with the solution of ``A x = b``; A is overwritten by its factor."""
+    factor(A)
+    solve_lower(A, b, x)
+    for i in range(len(A) - 1, -1, -1):
+        total = x[i]
+        for m in range(i + 1, len(A)):
+            total -= A[m, i] * x[m]
+        x[i] = total / A[i, i]

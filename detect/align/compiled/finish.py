@@ -1,0 +1,151 @@
+"""Corners, their covariances and what verification needs of aligned tags, from the sums of the last step."""
+
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+from detect.align.compiled.cholesky import factor, solve_lower
+from detect.align.model import KURTOSIS, PARAMETERS
+
+_STEPS = 12
+_STILL = 1e-7
+_FAR = 30.0
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def finish(  # noqa: PLR0917 - arrays in, arrays out
+    lens: Any, modules: Any, theta: Any, place: Any, normal: Any, stats: Any, blocks: Any, prior: Any,
+    covariance: Any, corners: Any, cov: Any, figures: Any,
+) -> None:  # fmt: skip
+    """Fill the corners (N, 4, 2), covariances (N, 4, 2, 2) and figures (N, 4) of tags.
+
+    The figures are correlation, worst block, worst module and noise, see :class:`detect.align.solve.Aligned`; what
+    cannot be told is NaN. ``prior`` is the deviation of the kurtosis. The reference is
+    :func:`detect.align.solve.finish`.
+    """
+    A = np.empty((PARAMETERS, PARAMETERS))
+    moves, half = np.zeros((2, PARAMETERS)), np.empty((2, PARAMETERS))
+    for k in range(len(theta)):
+        n, r2, y, y2, p, p2 = stats[k]
+        count = max(n, 1.0)
+        var_y, var_p = y2 / count - (y / count) ** 2, p2 / count - (p / count) ** 2
+        cross = 0.5 * (y2 + p2 - r2) / count - (y / count) * (p / count)
+        noise2 = r2 / max(n - PARAMETERS, 1.0)
+        contrast = max(2 * np.sqrt(max(var_y, 0.0)), 1e-6)
+        figures[k, 0] = min(cross / np.sqrt(max(var_y * var_p, 1e-12)), 1.0)
+        figures[k, 1] = _worst(blocks[k], 2, 2.0) / contrast
+        figures[k, 2] = _worst(blocks[k], 1, 4.0) / contrast
+        figures[k, 3] = np.sqrt(noise2)
+        if covariance:
+            A[:] = normal[k]
+            for i in range(PARAMETERS):
+                A[i, i] += 1e-12 + 1e-9 * normal[k, i, i]
+            A[KURTOSIS, KURTOSIS] += max(r2, 1e-9) / max(n - PARAMETERS, 1.0) / prior**2
+            factor(A)
+        for c in range(4):
+            u, v = modules * (c in {1, 2}), modules * (c in {2, 3})
+            _corner(lens, theta[k], place[k], float(u), float(v), corners[k, c])
+            if covariance:
+                _moves(lens, theta[k], place[k], corners[k, c], moves)
+                solve_lower(A, moves[0], half[0])
+                solve_lower(A, moves[1], half[1])
+                for i in range(2):
+                    for j in range(2):
+                        total = 0.0
+                        for m in range(PARAMETERS):
+                            total += half[i, m] * half[j, m]
+                        cov[k, c, i, j] = total * noise2
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _worst(blocks: Any, side: Any, least: Any) -> float:
+    """Return the largest mean residual of squares of modules that have pixels enough."""
+    most = 0.0
+    size = len(blocks)
+    for j in range(0, size, side):
+        for i in range(0, size, side):
+            total, count = 0.0, 0.0
+            for b in range(j, min(j + side, size)):
+                for a in range(i, min(i + side, size)):
+                    total += blocks[b, a, 0]
+                    count += blocks[b, a, 1]
+            if count >= least:
+                most = max(most, abs(total) / count)
+    return most
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _depth(lens: Any, q: Any) -> tuple[float, float, float]:
+    """Return g at the squared radius q, its slope and ``g - d dg/dd``, see :func:`detect.align.lens.depth`."""
+    a1, a2, a3 = lens[2], lens[3], lens[5]
+    return (
+        1 - q * (a1 + q * (a2 + q * a3)),
+        -2 * lens[4] ** 2 * (a1 + q * (2 * a2 + q * (3 * a3))),
+        1 + q * (a1 + q * (3 * a2 + q * (5 * a3))),
+    )
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _chart(lens: Any, place: Any) -> tuple[float, float, float]:
+    """Return b and D of the chart about a tag's centre, see :func:`detect.align.lens.chart`."""
+    dx, dy = place[0] - lens[0], place[1] - lens[1]
+    _, slope, D = _depth(lens, (dx * dx + dy * dy) * lens[4] ** 2)
+    return slope * dx, slope * dy, D
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _corner(lens: Any, h: Any, place: Any, u: Any, v: Any, out: Any) -> None:  # noqa: PLR0917
+    """Fill the pixel of a place on the tag: H inverted by its adjugate, then :func:`detect.align.lens.bend`."""
+    out[:] = np.nan
+    x = (h[4] - h[5] * h[7]) * u + (h[2] * h[7] - h[1]) * v + (h[1] * h[5] - h[2] * h[4])
+    y = (h[5] * h[6] - h[3]) * u + (h[0] - h[2] * h[6]) * v + (h[2] * h[3] - h[0] * h[5])
+    w = (h[3] * h[7] - h[4] * h[6]) * u + (h[1] * h[6] - h[0] * h[7]) * v + (h[0] * h[4] - h[1] * h[3])
+    x, y = x / w, y / w
+    if not (abs(x) < 1e3 and abs(y) < 1e3):
+        return
+    bx, by, D = _chart(lens, place)
+    ex, ey = x / place[2] + place[0] - lens[0], y / place[2] + place[1] - lens[1]
+    z = D + bx * ex + by * ey
+    rho = np.hypot(ex, ey) * lens[4]
+    size = np.hypot(rho, z)
+    down = z + np.sqrt(max(z * z + 4 * lens[2] * rho * rho, 0.0))
+    if not down > 1e-3 * size:
+        return
+    s, moved = 2 * rho / down, np.inf
+    for _ in range(_STEPS):
+        g, slope, _ = _depth(lens, s * s)
+        moved = (s * z - g * rho) / max(z - slope * s * rho / lens[4] ** 2, 0.05 * size)
+        s = min(max(s - moved, 0.0), _FAR)
+        if abs(moved) <= _STILL:
+            break
+    if abs(moved) < 1e-3:
+        scale = s / rho if rho > 1e-12 * size else 1 / z
+        out[0], out[1] = lens[0] + ex * scale, lens[1] + ey * scale
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _moves(lens: Any, h: Any, place: Any, corner: Any, out: Any) -> None:
+    """Fill how a corner, px, moves with the homography: it stays where its modules are."""
+    bx, by, D = _chart(lens, place)
+    dx, dy = corner[0] - lens[0], corner[1] - lens[1]
+    g, slope, _ = _depth(lens, (dx * dx + dy * dy) * lens[4] ** 2)
+    f = D / (g - bx * dx - by * dy)
+    x, y = (dx * f + lens[0] - place[0]) * place[2], (dy * f + lens[1] - place[1]) * place[2]
+    # of the place on the chart by the pixel
+    cx, cy = -f * f / D * (slope * dx - bx), -f * f / D * (slope * dy - by)
+    xx, xy, yx, yy = f + dx * cx, dx * cy, dy * cx, f + dy * cy
+    w = 1 / (h[6] * x + h[7] * y + 1)
+    u, v = (h[0] * x + h[1] * y + h[2]) * w, (h[3] * x + h[4] * y + h[5]) * w
+    ux, uy, vx, vy = (h[0] - u * h[6]) * w, (h[1] - u * h[7]) * w, (h[3] - v * h[6]) * w, (h[4] - v * h[7]) * w
+    # of the modules by the pixel, and its inverse
+    a, b = (ux * xx + uy * yx) * place[2], (ux * xy + uy * yy) * place[2]
+    c, d = (vx * xx + vy * yx) * place[2], (vx * xy + vy * yy) * place[2]
+    det = a * d - b * c
+    det = det if abs(det) > 1e-15 else 1e-15
+    for row in range(2):
+        by_u, by_v = (-d / det, b / det) if row == 0 else (c / det, -a / det)
+        out[row, 0], out[row, 1], out[row, 2] = by_u * x * w, by_u * y * w, by_u * w
+        out[row, 3], out[row, 4], out[row, 5] = by_v * x * w, by_v * y * w, by_v * w
+        both = -(by_u * u + by_v * v) * w
+        out[row, 6], out[row, 7] = both * x, both * y
