@@ -8,9 +8,9 @@ Residuals are taken on the chart about each seen corner (:mod:`detect.align.lens
 where they vanish, and of a pinhole everywhere.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import partial
+from functools import cache, partial
 
 import cv2
 import numpy as np
@@ -38,6 +38,8 @@ _CAMERA = 6
 _FITTED = [0, 1, 2, 3, 5]
 """Which figures of a lens are fitted."""
 _RANGE = (-0.5, 1.5)
+State = tuple[float, Array, Array]
+"""Focal length, px, lens (6,) and T_cam_box (4, 4)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -173,45 +175,12 @@ def _refine(  # noqa: PLR0917 - the state by position
     expected: Array,
     fair: float = np.inf,
 ) -> BoxFit:
-    """Levenberg-Marquardt on reweighted squares; longer where the median deviation stays above ``fair``, px."""
+    """Return the fit from a start; longer where the median deviation stays above ``fair``, px."""
     lens, T = lens.copy(), T_cam_box.copy()
     p_box, uv = target.tag_corners[rows].reshape(-1, 3), corners_px.reshape(-1, 2)
     _bring_forward(focal, lens, T, p_box, uv)
-    prior = np.zeros(_CAMERA + 6)
-    prior[:_CAMERA] = (sigma_px / (_PRIORS * (1, width, width, 1, 1, 1))) ** 2
-    damping, cost = 1e-4, np.inf
-    kept = (focal, lens, T)
-    information, gradient = np.eye(_CAMERA + 6), np.zeros(_CAMERA + 6)
-    off = np.zeros(len(uv))
-    for iteration in range(MORE_ITERATIONS):
-        if iteration >= ITERATIONS and np.median(off) < fair:
-            break
-        p_cam = p_box @ T[:3, :3].T + T[:3, 3]
-        tangent = _Tangent(focal, lens, p_cam, uv)
-        r = uv.T - lens[:2, None] - tangent.seen
-        now_off = np.hypot(r[0], r[1])
-        scale = 3 * max(sigma_px, 1.2 * float(np.median(now_off)))
-        camera = np.array([np.log(focal), *lens[_FITTED]])
-        now = float(np.sum(scale**2 * np.log1p((now_off / scale) ** 2)) + prior[:_CAMERA] @ (camera - expected) ** 2)
-        if not now <= cost * (1 + 1e-9) + 1e-12 or not tangent.before.all():
-            damping *= 10
-            if damping > 1e6:
-                break
-        else:
-            done = cost - now < 1e-3 * now + 1e-9
-            kept, cost, off = (focal, lens.copy(), T.copy()), now, now_off
-            weight = 1 / (1 + (now_off / scale) ** 2)
-            J = tangent.jacobian()
-            weighted = (J * weight).reshape(len(J), -1)
-            information = weighted @ J.reshape(len(J), -1).T + np.diag(prior)
-            gradient = weighted @ r.ravel()
-            gradient[:_CAMERA] -= prior[:_CAMERA] * (camera - expected)
-            damping = max(damping * 0.2, 1e-9)
-            if done:
-                break
-        step = np.linalg.solve(information + damping * np.diag(np.diag(information) + 1e-9), gradient)
-        focal, lens, T = _moved(kept, np.clip(step, -1e3, 1e3))
-    focal, lens, T = kept
+    prior = (sigma_px / (_PRIORS * (1, width, width, 1, 1, 1))) ** 2
+    focal, lens, T, information, off = _steps()(p_box, uv, (focal, lens, T), prior, expected, sigma_px, fair)
     return BoxFit(
         focal_px=focal,
         lens=lens,
@@ -223,7 +192,72 @@ def _refine(  # noqa: PLR0917 - the state by position
     )
 
 
-def _moved(state: tuple[float, Array, Array], step: Array) -> tuple[float, Array, Array]:
+@cache
+def _steps() -> Callable[..., tuple[float, Array, Array, Array, Array]]:
+    """Return the compiled iterations where numba is installed, else those in numpy."""
+    try:
+        from detect.align.compiled import rigid as compiled  # noqa: PLC0415 - optional and slow to import
+    except ImportError:
+        return levenberg_marquardt
+
+    iterations, limits = np.array([ITERATIONS, MORE_ITERATIONS]), np.array(_RANGE)
+
+    def run(  # noqa: PLR0917
+        p_box: Array, uv: Array, start: State, prior: Array, expected: Array, sigma_px: float, fair: float
+    ) -> tuple[float, Array, Array, Array, Array]:
+        lens, T = start[1].copy(), start[2].copy()
+        information, off = np.empty((_CAMERA + 6, _CAMERA + 6)), np.empty(len(uv))
+        focal = compiled.refine(
+            p_box, uv, float(start[0]), lens, T, prior, expected, float(sigma_px), float(fair), iterations, limits,
+            information, off,
+        )  # fmt: skip
+        return focal, lens, T, information, off
+
+    return run
+
+
+def levenberg_marquardt(  # noqa: PLR0917 - as the compiled one
+    p_box: Array, uv: Array, start: State, prior: Array, expected: Array, sigma_px: float, fair: float
+) -> tuple[float, Array, Array, Array, Array]:
+    """Return focal length, lens, T_cam_box, information (12, 12) and deviations (P,), px, by reweighted squares."""
+    kept = focal, lens, T = start
+    full = np.zeros(_CAMERA + 6)
+    full[:_CAMERA] = prior
+    damping, cost = 1e-4, np.inf
+    information, gradient = np.eye(_CAMERA + 6), np.zeros(_CAMERA + 6)
+    off = np.zeros(len(uv))
+    for iteration in range(MORE_ITERATIONS):
+        if iteration >= ITERATIONS and np.median(off) < fair:
+            break
+        p_cam = p_box @ T[:3, :3].T + T[:3, 3]
+        tangent = _Tangent(focal, lens, p_cam, uv)
+        r = uv.T - lens[:2, None] - tangent.seen
+        now_off = np.hypot(r[0], r[1])
+        scale = 3 * max(sigma_px, 1.2 * float(np.median(now_off)))
+        camera = np.array([np.log(focal), *lens[_FITTED]])
+        now = float(np.sum(scale**2 * np.log1p((now_off / scale) ** 2)) + prior @ (camera - expected) ** 2)
+        if not now <= cost * (1 + 1e-9) + 1e-12 or not tangent.before.all():
+            damping *= 10
+            if damping > 1e6:
+                break
+        else:
+            done = cost - now < 1e-3 * now + 1e-9
+            kept, cost, off = (focal, lens.copy(), T.copy()), now, now_off
+            weight = 1 / (1 + (now_off / scale) ** 2)
+            J = tangent.jacobian()
+            weighted = (J * weight).reshape(len(J), -1)
+            information = weighted @ J.reshape(len(J), -1).T + np.diag(full)
+            gradient = weighted @ r.ravel()
+            gradient[:_CAMERA] -= prior * (camera - expected)
+            damping = max(damping * 0.2, 1e-9)
+            if done:
+                break
+        step = np.linalg.solve(information + damping * np.diag(np.diag(information) + 1e-9), gradient)
+        focal, lens, T = _moved(kept, np.clip(step, -1e3, 1e3))
+    return *kept, information, off
+
+
+def _moved(state: State, step: Array) -> State:
     focal, lens, T = state
     lens = lens.copy()
     lens[_FITTED] += step[1:_CAMERA]

@@ -6,9 +6,9 @@ from aligned_views import SIZE, TARGET, pose, width_px
 from fisheye_views import aimed, fisheye, fisheye_truth, fisheye_view
 
 from detect.align.homography import least_squares_homography, map_points
-from detect.align.lens import bend, bend_jacobian, depth, fisheye_lens, straighten, to_pixels
+from detect.align.lens import bend, bend_jacobian, depth, fisheye_lens, straight_lens, straighten, to_pixels
 from detect.align.locate import locate_tags
-from detect.align.rigid import _moved, _Tangent, fit_box
+from detect.align.rigid import _moved, _steps, _Tangent, fit_box, levenberg_marquardt
 
 PLAIN = np.array([325.0, 236.0, 0.04, -0.01, 1 / 320, 0.002])
 SIDEWAYS = fisheye_lens(SIZE, 200.0)
@@ -124,4 +124,26 @@ def test_tags_curved_by_a_fisheye_are_found_at_the_noise_limit(fov_deg, place):
     errors = errors[np.isin(tags.ids, wanted)]
     assert np.sqrt((errors**2).sum(axis=2).mean()) < 0.025
     cov = tags.cov_px2[np.isin(tags.ids, wanted)]
-    assert 0.7 < np.linalg.solve(np.linalg.cholesky(cov), errors[..., None]).std() < 1.3
+    assert 0.6 < np.linalg.solve(np.linalg.cholesky(cov), errors[..., None]).std() < 1.4
+
+
+@pytest.mark.parametrize(
+    ("lens", "focal", "off_px"), [(PLAIN, 450.0, 0.3), (SIDEWAYS, 200.0, 0.3), (PLAIN, 450.0, 6.0)]
+)
+def test_compiled_fit_of_the_rigid_box_is_that_in_numpy(lens, focal, off_px):
+    pytest.importorskip("numba", reason="numba is not installed")
+    T = pose(20.0)
+    rows = np.flatnonzero(TARGET.tag_faces == 0)
+    rng = np.random.default_rng(4)
+    p_box = TARGET.tag_corners[rows].reshape(-1, 3)
+    uv = to_pixels(lens, (p_box @ T[:3, :3].T + T[:3, 3]) * (1, 1, 1 / focal)) + rng.normal(0, off_px, (len(p_box), 2))
+    started = straight_lens(SIZE) if lens is PLAIN else fisheye_lens(SIZE, 230.0)
+    expected = np.array([np.log(600.0), *started[[0, 1, 2, 3, 5]]])
+    prior = (0.3 / np.array([0.7, 32.0, 32.0, 0.15, 0.05, 0.02])) ** 2
+    moved = T.copy()
+    moved[:3, 3] += 0.02
+    arguments = (p_box, uv, (1.1 * focal, started, moved), prior, expected, 0.3, 1.5)
+    plain, fast = levenberg_marquardt(*arguments), _steps()(*arguments)
+    assert _steps() is not levenberg_marquardt
+    for a, b, tolerance in zip(plain, fast, (1e-6, 1e-4, 1e-8, 1.0, 1e-5), strict=True):
+        np.testing.assert_allclose(b, a, rtol=1e-6, atol=tolerance)

@@ -56,13 +56,12 @@ def squares(  # noqa: PLR0917 - as the reference
     square_px: NDArray[np.int64],
 ) -> tuple[Array, Array]:
     """Return the normal equations of each square of the image apart; see :func:`detect.align.model.squares`."""
-    normal = np.zeros((len(rows), SQUARES**2, PARAMETERS, PARAMETERS))
-    gradient = np.zeros((len(rows), SQUARES**2, PARAMETERS))
+    products = np.zeros((len(rows), SQUARES**2, PARAMETERS, ROWS), dtype=np.float32)
     _squares(
         frame.grey, frame.tone, is_linear(frame.tone), frame.lens, cells, rows, theta, place, boxes, margin, stride,
-        square_px, normal, gradient,
+        square_px, products,
     )  # fmt: skip
-    return normal, gradient
+    return products[..., :PARAMETERS].astype(np.float64), products[..., PARAMETERS].astype(np.float64)
 
 
 def is_linear(tone: Array) -> bool:
@@ -229,12 +228,12 @@ def add_products(jac: Any, normal: Any, gradient: Any) -> None:
                 normal[j, i], normal[j + 1, i], normal[j, i + 1], normal[j + 1, i + 1] = a, b, c, d
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
 def _squares(  # noqa: PLR0917
     grey: Any, tone: Any, linear: Any, lens: Any, cells: Any, rows: Any, theta: Any, place: Any, boxes: Any,
-    margin: Any, stride: Any, square_px: Any, normal: Any, gradient: Any,
+    margin: Any, stride: Any, square_px: Any, products: Any,
 ) -> None:  # fmt: skip
-    stats = np.zeros(6)
+    stats, row = np.zeros(6), np.empty(ROWS, np.float32)
     for k in range(len(rows)):
         if not np.all(np.isfinite(theta[k])):
             continue
@@ -243,14 +242,12 @@ def _squares(  # noqa: PLR0917
         jac = differentiate(tone, linear, cells[rows[k]], theta[k], place[k], pixels, n, stats)
         side = square_px[k]
         left, top = boxes[k, 0] // side, boxes[k, 2] // side
-        row = np.empty(ROWS, np.float32)
         for p in range(n):
             i = min(int(pixels[5, p]) // side - left, SQUARES - 1)
             j = min(int(pixels[6, p]) // side - top, SQUARES - 1)
-            at = j * SQUARES + i
+            square = products[k, j * SQUARES + i]
             for a in range(ROWS):
                 row[a] = jac[p // BLOCK, a, p % BLOCK]
             for a in range(PARAMETERS):
-                for b in range(PARAMETERS):
-                    normal[k, at, a, b] += row[a] * row[b]
-                gradient[k, at, a] += row[a] * row[14]
+                for b in range(ROWS):
+                    square[a, b] += row[a] * row[b]
