@@ -1,7 +1,6 @@
 """From a few tags to all of them: predict where the box's other tags must be, align, accept what is really there."""
 
 from dataclasses import dataclass, replace
-from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -126,11 +125,12 @@ def _largest_agreement(target: Target, face: int, seeds: Seeds) -> NDArray[np.bo
 def _pairs(seeds: Seeds) -> list[tuple[int, int]]:
     """Return pairs of seeds to try, spread over the face: the best with those far away first."""
     order = np.argsort(-seeds.score)[:12]
-    centre = seeds.corners_px.mean(axis=1)
-    pairs = [(int(i), int(j)) for i, j in combinations(order, 2)]
-    pairs.sort(key=lambda p: -float(np.linalg.norm(centre[p[0]] - centre[p[1]])))
-    step = max(1, len(pairs) // _PAIRS)
-    return pairs[::step][:_PAIRS]
+    i, j = np.triu_indices(len(order), 1)
+    centre = seeds.corners_px[order].mean(axis=1)
+    apart = np.linalg.norm(centre[i] - centre[j], axis=1)
+    far = np.argsort(-apart, kind="stable")
+    far = far[:: max(1, len(far) // _PAIRS)][:_PAIRS]
+    return [(int(order[a]), int(order[b])) for a, b in zip(i[far], j[far], strict=True)]
 
 
 def plan(

@@ -18,7 +18,7 @@ import numpy as np
 from detect.align import model
 from detect.align.model import PARAMETERS, SQUARES, Frame
 from detect.align.pattern import Array, Patterns
-from detect.align.solve import Aligned, corners_by_homography, inverse_normal, pixels_of, strides
+from detect.align.solve import Aligned, corners_by_homography, footprints, inverse_normal
 
 MOST_TAGS = 8
 SQUARE_PX = 8
@@ -57,12 +57,13 @@ def _squared(frame: Frame, patterns: Patterns, tags: Aligned, side_px: float) ->
 
     Both are in units of the variance that white noise gives to the corners' eight coordinates.
     """
-    boxes, margin = pixels_of(frame, patterns, tags.corners_px, tags.theta[:, model.LOG_SIGMA])
-    square_px = np.maximum(
-        np.maximum(np.ptp(boxes[:, :2], axis=1), np.ptp(boxes[:, 2:], axis=1)) // (SQUARES - 1) + 1, SQUARE_PX
+    boxes, margin, stride, _ = footprints(
+        frame, patterns, tags.corners_px, tags.theta[:, model.LOG_SIGMA], side_px=side_px, edges=True
     )
-    arguments = (frame, patterns.cells, tags.rows, tags.theta, tags.place, boxes, margin)
-    normals, gradients = _squares()(*arguments, strides(tags.corners_px, side_px, edges=True), square_px)
+    widest = np.maximum(boxes[:, 1] - boxes[:, 0], boxes[:, 3] - boxes[:, 2])
+    square_px = np.maximum(widest // (SQUARES - 1) + 1, SQUARE_PX)
+    arguments = (frame, patterns.cells, tags.rows, tags.theta, tags.place, boxes, margin, stride, square_px)
+    normals, gradients = _squares()(*arguments)
     normal, noise2 = normals.sum(axis=1), tags.noise**2
     # one over the noise is of no account but for the prior on the kurtosis
     inverse = inverse_normal(normal, np.stack([np.full(len(tags), PARAMETERS + 1.0), noise2], axis=1))

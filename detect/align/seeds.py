@@ -107,10 +107,8 @@ def _quads(image: NDArray[np.uint8], window_px: int) -> Array:
 
 
 def _four_sided(contours: Sequence[Any], least: int, most: int) -> Iterator[Array]:
-    for contour in contours:
+    for contour in [c for c in contours if least <= len(c) <= most]:
         length = len(contour)
-        if not least <= length <= most:
-            continue
         area = cv2.contourArea(contour, oriented=True)
         # outer outlines are negative; a quadrilateral of this length is not thinner than 1 : 8
         if -area < 0.02 * length * length:

@@ -27,6 +27,7 @@ MUCH = 0.6
 _DAMPING, _FIRST_DAMPING = 1e-6, 1e-3
 _LONGEST_MODULES, _LONGEST_LOG, _MOST_EXPLAINED = 0.8, 0.35, 0.98
 
+_NEXT = np.array([1, 2, 3, 0])
 _FIBONACCI = np.array([1, 1, 2, 3, 5, 8, 13, 21, 34, 55, 89, 144, 233, 377, 610, 987], dtype=np.int64)
 
 
@@ -170,13 +171,13 @@ def align(
     place, places, theta = _start(frame.lens, patterns, corners_px)
     if start is not None:
         theta[:, OFFSET:] = start.theta[:, OFFSET:]
-    boxes, margin = pixels_of(frame, patterns, corners_px, theta[:, LOG_SIGMA])
-    stride = strides(corners_px, side_px, edges=start is not None)
+    boxes, margin, stride, module_px = footprints(
+        frame, patterns, corners_px, theta[:, LOG_SIGMA], side_px=side_px, edges=start is not None
+    )
     last = model.no_sums(len(rows), patterns.cells)
-    side = np.linalg.norm(corners_px - np.roll(corners_px, 1, axis=1), axis=2).max(axis=1)
     (_descent() if sums_of is None else partial(_descend, sums_of))(
         frame, patterns.cells, rows, theta, place, boxes, margin, stride, last,
-        places=places, module_px=side / patterns.modules, free=np.stack(schedule),
+        places=places, module_px=module_px, free=np.stack(schedule),
         damping=_DAMPING if start is not None else _FIRST_DAMPING, stop_px=stop_px, iterations=iterations,
         guess=start is None,
     )  # fmt: skip
@@ -288,46 +289,50 @@ def _put(sums: Sums, at: Index, some: Sums) -> None:
         getattr(sums, name)[at] = getattr(some, name)
 
 
-def strides(corners_px: Array, side_px: float, edges: bool) -> NDArray[np.int64]:
-    """Return which share of a tag's pixels to use so that they are as many as of a tag with sides of ``side_px``.
+def footprints(
+    frame: Frame, patterns: Patterns, corners_px: Array, log_sigma: Array, *, side_px: float, edges: bool
+) -> tuple[NDArray[np.int64], Array, NDArray[np.int64], Array]:
+    """Return which pixels of tags to use: boxes (N, 4), margins (N,) and strides (N, 3), and modules' widths (N,), px.
 
-    A Fibonacci lattice: of m pixels one, in each row shifted by q. Unlike every second row and column it meets a
-    module's edges at all phases, also where they run along the pixels. With ``edges``, of the pixels that an edge blurs
-    all count, or of very large tags every n-th.
+    For the first three see :func:`detect.align.model.accumulate`. So much of the white ring may be used that its
+    neighbours' blur does not reach. Of large tags no more pixels are used than one with sides of ``side_px`` has, on a
+    Fibonacci lattice: of m pixels one, in each row shifted by q. Unlike every second row and column it meets a module's
+    edges at all phases, also where they run along the pixels. With ``edges``, of the pixels that an edge blurs all
+    count, or of very large tags every n-th.
     """
-    side = np.linalg.norm(corners_px - np.roll(corners_px, -1, axis=1), axis=2).mean(axis=1)
-    at = np.searchsorted(_FIBONACCI, (np.nan_to_num(side) / side_px) ** 2, side="right") - 1
+    m = patterns.modules
+    corners = np.nan_to_num(corners_px)
+    along = corners[:, _NEXT] - corners
+    side = np.hypot(along[..., 0], along[..., 1])
+    blur = np.exp(np.clip(log_sigma, -2, 2)) * m / np.maximum(side.min(axis=1), 1e-3)
+    margin = np.clip(patterns.gap_modules - 2.5 * blur, 0.35, min(MARGIN_MODULES, 0.9 * patterns.gap_modules))
+    centre = corners.mean(axis=1, keepdims=True)
+    grown = centre + (corners - centre) * (1 + 2.2 * margin / m)[:, None, None]
+    boxes = np.empty((len(corners), 2, 2), dtype=np.int64)
+    limit = frame.grey.shape[::-1]
+    boxes[:, :, 0] = np.clip(np.floor(grown.min(axis=1)), 0, limit)
+    boxes[:, :, 1] = np.clip(np.ceil(grown.max(axis=1)) + 1, 0, limit)
+    mean = side.mean(axis=1)
+    at = np.searchsorted(_FIBONACCI, (mean / side_px) ** 2, side="right") - 1
     at = np.clip(at, 1, len(_FIBONACCI) - 1)
-    near = np.clip(np.nan_to_num(side) / EDGE_SIDE_PX, 1, 1000).astype(np.int64)
-    return np.stack([_FIBONACCI[at], _FIBONACCI[at - 1], np.where(edges, near, _FIBONACCI[at])], axis=1)
+    stride = np.stack([_FIBONACCI[at], _FIBONACCI[at - 1], _FIBONACCI[at]], axis=1)
+    if edges:
+        stride[:, 2] = np.clip(mean / EDGE_SIDE_PX, 1, 1000)
+    return boxes.reshape(-1, 4), margin, stride, side.max(axis=1) / m
 
 
 def _start(lens: Array, patterns: Patterns, corners_px: Array) -> tuple[Array, Array, Array]:
     """Return centres and scales (N, 3), the corners' normalised places (N, 4, 2) and parameters (N, 14)."""
-    centre = corners_px.mean(axis=1)
-    scale = np.maximum(np.linalg.norm(corners_px - centre[:, None], axis=2).max(axis=1), 1.0)
-    place = np.column_stack([centre, 1 / scale])
+    place = np.empty((len(corners_px), 3))
+    place[:, :2] = corners_px.mean(axis=1)
+    apart = corners_px - place[:, None, :2]
+    place[:, 2] = 1 / np.maximum(np.hypot(apart[..., 0], apart[..., 1]).max(axis=1), 1.0)
     places = straighten(lens, place, corners_px)
     theta = np.zeros((len(corners_px), PARAMETERS))
     theta[:, :8] = to_square(places, patterns.modules)
     theta[:, OFFSET], theta[:, GAIN] = 0.2, 0.5
     theta[:, LOG_SIGMA] = np.log(START_SIGMA_PX)
     return place, places, theta
-
-
-def pixels_of(frame: Frame, patterns: Patterns, corners_px: Array, log_sigma: Array) -> tuple[NDArray[np.int64], Array]:
-    """Return the pixel boxes around tags, and how much of the white ring may be used without its neighbours' blur."""
-    m = patterns.modules
-    side = np.linalg.norm(corners_px - np.roll(corners_px, -1, axis=1), axis=2).min(axis=1) / m
-    blur = np.exp(np.clip(log_sigma, -2, 2)) / np.maximum(side, 1e-3)
-    margin = np.clip(patterns.gap_modules - 2.5 * blur, 0.35, min(MARGIN_MODULES, 0.9 * patterns.gap_modules))
-    centre = corners_px.mean(axis=1, keepdims=True)
-    grown = centre + (corners_px - centre) * (1 + 2.2 * margin / m)[:, None, None]
-    height, width = frame.grey.shape
-    low, high = np.floor(np.nan_to_num(grown.min(axis=1))), np.ceil(np.nan_to_num(grown.max(axis=1))) + 1
-    x = np.clip(np.stack([low[:, 0], high[:, 0]], 1), 0, width)
-    y = np.clip(np.stack([low[:, 1], high[:, 1]], 1), 0, height)
-    return np.hstack([x, y]).astype(np.int64), margin
 
 
 def _step(sums: Sums, theta: Array, free: NDArray[np.bool_], damping: float) -> Array:
