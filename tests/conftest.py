@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 
+COMPILED = Path(__file__).resolve().parents[1] / "detect" / "align" / "compiled"
 SHARED_DATA = Path(__file__).resolve().parents[1] / "../shared/data"
 
 
@@ -13,3 +14,13 @@ def shared_data() -> Path:
     if not SHARED_DATA.is_dir():
         pytest.skip(f"real data is not here: no folder {SHARED_DATA.name} in shared/ beside the project")
     return SHARED_DATA.resolve()
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Drop compiled code older than its sources: of a function numba looks only at its own file."""
+    if hasattr(config, "workerinput"):
+        return
+    newest = max(source.stat().st_mtime for source in COMPILED.glob("*.py"))
+    for kept in (COMPILED / "__pycache__").glob("*.nb[ic]"):
+        if kept.stat().st_mtime < newest:
+            kept.unlink()

@@ -5,9 +5,10 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
-from detect.align.model import LOG_SIGMA, Frame
 from detect.align.pattern import Array, Index, Patterns
-from detect.align.solve import Aligned, align
+from detect.align.photometric.model import Frame
+from detect.align.photometric.parameters import LOG_SIGMA
+from detect.align.photometric.solve import Aligned, align
 from detect.align.verify import module_px
 
 LEAST_MODULE_PX = 1.2

@@ -3,10 +3,10 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from detect.align.guided import consistent_seeds
 from detect.align.pattern import Array, Index, target_patterns
-from detect.align.search import FEW_TAGS, shrinkings
-from detect.align.seeds import find_seeds
+from detect.align.search.find import FEW_TAGS, shrinkings
+from detect.align.search.guided import consistent_seeds
+from detect.align.search.seeds import find_seeds
 from detect.corners import CornerSettings, refine
 from target.box import Target
 

@@ -8,17 +8,18 @@ from numpy.typing import NDArray
 from detect.align.coarse import Pyramid, align_coarsely
 from detect.align.fast import SIGMA_PX, preview
 from detect.align.grey import to_grey, to_grey8
-from detect.align.guided import (
+from detect.align.lens import bent_otherwise_px, straight_lens
+from detect.align.misfit import noise_share
+from detect.align.pattern import Array, Index, Patterns, target_patterns
+from detect.align.photometric.model import Frame
+from detect.align.photometric.parameters import KURTOSIS
+from detect.align.photometric.solve import Aligned, align
+from detect.align.search.find import find_box, search_copies
+from detect.align.search.guided import (
     RIGID_TOLERANCE_MODULES,
     RIGID_TOLERANCE_PX,
 )
-from detect.align.lens import bent_otherwise_px, straight_lens
-from detect.align.misfit import noise_share
-from detect.align.model import KURTOSIS, Frame
-from detect.align.pattern import Array, Index, Patterns, target_patterns
-from detect.align.rigid import LEAST_SIGMA_PX, BoxFit, fit_box
-from detect.align.search import find_box, search_copies
-from detect.align.solve import Aligned, align
+from detect.align.search.rigid import LEAST_SIGMA_PX, BoxFit, fit_box
 from detect.align.tone import TONES, Taking, Tone, probe, relit, tone_table
 from detect.align.verify import Limits, module_px, verified
 from detect.errors import DetectError

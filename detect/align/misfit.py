@@ -15,10 +15,12 @@ from functools import cache
 
 import numpy as np
 
-from detect.align import model
-from detect.align.model import PARAMETERS, SQUARES, Frame
 from detect.align.pattern import Array, Patterns
-from detect.align.solve import Aligned, corners_by_homography, footprints, inverse_normal
+from detect.align.photometric import model
+from detect.align.photometric.finish import corners_by_homography, inverse_normal
+from detect.align.photometric.model import SQUARES, Frame
+from detect.align.photometric.parameters import LOG_SIGMA, PARAMETERS
+from detect.align.photometric.solve import Aligned, footprints
 
 MOST_TAGS = 8
 SQUARE_PX = 8
@@ -39,7 +41,7 @@ def noise_share(frame: Frame, patterns: Patterns, tags: Aligned, side_px: float)
     frame
         The image, tone curve and lens with which the tags were aligned.
     patterns, tags
-        Tags as :func:`detect.align.solve.align` returned them.
+        Tags as :func:`detect.align.photometric.solve.align` returned them.
     side_px
         With which share of large tags' pixels that was, see there.
     """
@@ -58,7 +60,7 @@ def _squared(frame: Frame, patterns: Patterns, tags: Aligned, side_px: float) ->
     Both are in units of the variance that white noise gives to the corners' eight coordinates.
     """
     boxes, margin, stride, _ = footprints(
-        frame, patterns, tags.corners_px, tags.theta[:, model.LOG_SIGMA], side_px=side_px, edges=True
+        frame, patterns, tags.corners_px, tags.theta[:, LOG_SIGMA], side_px=side_px, edges=True
     )
     widest = np.maximum(boxes[:, 1] - boxes[:, 0], boxes[:, 3] - boxes[:, 2])
     square_px = np.maximum(widest // (SQUARES - 1) + 1, SQUARE_PX)

@@ -10,9 +10,10 @@ from typing import Literal
 
 import numpy as np
 
-from detect.align.model import GAIN, KURTOSIS, OFFSET, SLOPE_X, SLOPE_Y, Frame
 from detect.align.pattern import Array, Patterns
-from detect.align.solve import Aligned, align
+from detect.align.photometric.model import Frame
+from detect.align.photometric.parameters import GAIN, KURTOSIS, OFFSET, SLOPE_X, SLOPE_Y
+from detect.align.photometric.solve import Aligned, align
 from detect.errors import DetectError
 
 Tone = Literal["auto", "linear", "srgb"]

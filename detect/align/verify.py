@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from detect.align.pattern import Array, Patterns
-from detect.align.solve import Aligned
+from detect.align.photometric.solve import Aligned
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

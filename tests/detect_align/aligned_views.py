@@ -1,7 +1,14 @@
 """Views of boxes with their truth, for the tests of the alignment."""
 
+from dataclasses import replace
+
 import numpy as np
 
+from detect.align.pattern import target_patterns
+from detect.align.photometric.model import Frame
+from detect.align.photometric.parameters import KURTOSIS
+from detect.align.photometric.solve import align
+from detect.align.tone import tone_table
 from target.box import Box, make_target
 from target.projection import Intrinsics, project
 from target.render import Look, render, visible_tags
@@ -10,6 +17,9 @@ SIZE = (640, 480)
 CAMERA = Intrinsics(fu=700.0, fv=700.0, cu=325.0, cv=236.0, kr=-0.1)
 PLAIN = Look(noise=2.0, blur_px=0.6)
 TARGET = make_target(Box())
+PATTERNS = target_patterns(TARGET)
+LENS = np.array([325.0, 236.0, 0.012, 0.001, 1 / 320, 0.002])
+BENT = np.array([340.0, 220.0, 0.5, 0.1, 1 / 320, 0.02])
 
 
 def pose(azimuth_deg=20.0, distance=0.7, elevation_deg=12.0, roll_deg=5.0):
@@ -42,3 +52,21 @@ def width_px(corners):
 
 def view(T_cam_box, look=PLAIN, target=TARGET, camera=CAMERA, seed=1):
     return render(target, camera, T_cam_box, SIZE, look, np.random.default_rng(seed))
+
+
+def sums_arguments(azimuth_deg, tone="linear", side=1, lens=LENS):
+    """Return the arguments of the sums for three tags of a view, all parameters off their best by some per cent."""
+    T = pose(azimuth_deg)
+    uv, seen = truth(T)
+    rows = seen[::12][:3]
+    frame = Frame(
+        grey=(view(T, replace(PLAIN, srgb=tone == "srgb")) / np.float32(255)), tone=tone_table(tone), lens=lens
+    )
+    tags = align(frame, PATTERNS, rows, uv[rows] + 0.1, iterations=4)
+    theta = tags.theta.copy()
+    theta[:, KURTOSIS] = 0.3
+    theta[:, :8] *= 1.002
+    low, high = uv[rows].min(axis=1).astype(int) - 4, uv[rows].max(axis=1).astype(int) + 5
+    boxes = np.stack([low[:, 0], high[:, 0], low[:, 1], high[:, 1]], axis=1).astype(np.int64)
+    stride = np.tile(np.array([[1, 1, 1], [5, 3, 1]])[0 if side == 1 else 1], (3, 1))
+    return frame, PATTERNS.cells, rows, theta, tags.place, boxes, np.full(3, 0.8), stride

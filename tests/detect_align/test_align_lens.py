@@ -8,7 +8,8 @@ from fisheye_views import aimed, fisheye, fisheye_truth, fisheye_view
 from detect.align.homography import least_squares_homography, map_points
 from detect.align.lens import bend, bend_jacobian, depth, fisheye_lens, straight_lens, straighten, to_pixels
 from detect.align.locate import locate_tags
-from detect.align.rigid import _moved, _steps, _Tangent, fit_box, levenberg_marquardt
+from detect.align.search.box_steps import Tangent, levenberg_marquardt, moved_by
+from detect.align.search.rigid import _steps, fit_box
 
 PLAIN = np.array([325.0, 236.0, 0.04, -0.01, 1 / 320, 0.002])
 SIDEWAYS = fisheye_lens(SIZE, 200.0)
@@ -87,14 +88,14 @@ def test_derivatives_of_the_rigid_box_are_those_of_its_projection(lens):
     focal = 200.0
     uv = _pixels()
     p_cam = _rays(lens, uv) * (1, 1, focal) * 0.002
-    tangent = _Tangent(focal, lens, p_cam, uv)
+    tangent = Tangent(focal, lens, p_cam, uv)
     assert tangent.before.all()
     np.testing.assert_allclose(tangent.seen.T, uv - lens[:2], atol=1e-9)
     J = tangent.jacobian()
     for k in range(len(J)):
         seen = []
         for sign in (1, -1):
-            f, moved, T = _moved((focal, lens, np.eye(4)), sign * 1e-5 * np.eye(len(J))[k])
+            f, moved, T = moved_by((focal, lens, np.eye(4)), sign * 1e-5 * np.eye(len(J))[k])
             seen.append(to_pixels(moved, (p_cam @ T[:3, :3].T + T[:3, 3]) * (1, 1, 1 / f)))
         numeric = (seen[0] - seen[1]) / 2e-5
         np.testing.assert_allclose(J[k].T, numeric, atol=1e-6 * np.abs(numeric).max() + 1e-7)

@@ -1,13 +1,13 @@
 import cv2
 import numpy as np
 import pytest
-from aligned_views import PLAIN, TARGET, pose, truth, view, width_px
-from test_align_model import PATTERNS, _state
+from aligned_views import PATTERNS, PLAIN, TARGET, pose, sums_arguments, truth, view, width_px
 
-from detect.align import misfit, model
+from detect.align import misfit
 from detect.align.lens import straight_lens
 from detect.align.locate import locate_tags
-from detect.align.solve import align
+from detect.align.photometric import model
+from detect.align.photometric.solve import align
 from target.render import Look
 
 
@@ -24,7 +24,7 @@ def _grained(azimuth_deg, seed, spread_px):
 @pytest.mark.parametrize("tone", ["linear", "srgb"])
 def test_compiled_sums_over_squares_are_those_of_the_reference(tone):
     kernels = pytest.importorskip("detect.align.compiled.sums", reason="numba is not installed")
-    arguments = _state(33.0, tone, 5)
+    arguments = sums_arguments(33.0, tone, 5)
     sides = np.array([8, 9, 12])
     plain, fast = model.squares(*arguments, sides), kernels.squares(*arguments, sides)
     whole = model.accumulate(*arguments)

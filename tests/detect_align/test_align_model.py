@@ -1,37 +1,14 @@
-from dataclasses import replace
-
 import numpy as np
 import pytest
-from aligned_views import PLAIN, TARGET, pose, truth, view
+from aligned_views import BENT, LENS, PATTERNS, pose, sums_arguments, truth, view
 
-from detect.align import model, solve
 from detect.align.homography import from_square, least_squares_homography, map_points, to_square
-from detect.align.model import GAIN, KURTOSIS, LOG_SIGMA, OFFSET, Frame
-from detect.align.pattern import target_patterns
-from detect.align.solve import align
+from detect.align.photometric import blur, model, solve
+from detect.align.photometric.finish import finish
+from detect.align.photometric.model import Frame
+from detect.align.photometric.parameters import GAIN, LOG_SIGMA, OFFSET, PARAMETERS
+from detect.align.photometric.solve import align
 from detect.align.tone import tone_table
-
-PATTERNS = target_patterns(TARGET)
-LENS = np.array([325.0, 236.0, 0.012, 0.001, 1 / 320, 0.002])
-BENT = np.array([340.0, 220.0, 0.5, 0.1, 1 / 320, 0.02])
-
-
-def _state(azimuth_deg, tone="linear", side=1, lens=LENS):
-    """Return the arguments of the sums for three tags of a view, all parameters off their best by some per cent."""
-    T = pose(azimuth_deg)
-    uv, seen = truth(T)
-    rows = seen[::12][:3]
-    frame = Frame(
-        grey=(view(T, replace(PLAIN, srgb=tone == "srgb")) / np.float32(255)), tone=tone_table(tone), lens=lens
-    )
-    tags = align(frame, PATTERNS, rows, uv[rows] + 0.1, iterations=4)
-    theta = tags.theta.copy()
-    theta[:, KURTOSIS] = 0.3
-    theta[:, :8] *= 1.002
-    low, high = uv[rows].min(axis=1).astype(int) - 4, uv[rows].max(axis=1).astype(int) + 5
-    boxes = np.stack([low[:, 0], high[:, 0], low[:, 1], high[:, 1]], axis=1).astype(np.int64)
-    stride = np.tile(np.array([[1, 1, 1], [5, 3, 1]])[0 if side == 1 else 1], (3, 1))
-    return frame, PATTERNS.cells, rows, theta, tags.place, boxes, np.full(3, 0.8), stride
 
 
 def _pixels(arguments, theta):
@@ -46,13 +23,13 @@ def _cost(arguments, theta):
     ("azimuth_deg", "tone", "tolerance"), [(0.0, "linear", 6e-3), (38.0, "linear", 2e-2), (0.0, "srgb", 1e-2)]
 )
 def test_gradient_is_the_derivative_of_the_residuals(azimuth_deg, tone, tolerance):
-    arguments = _state(azimuth_deg, tone)
+    arguments = sums_arguments(azimuth_deg, tone)
     theta = arguments[3]
     theta[:, 10:12] = 0
     sums = model.accumulate(*arguments)
     size = np.sqrt(np.einsum("nii->ni", sums.normal) * sums.stats[:, 1, None])
-    for k in range(model.PARAMETERS):
-        step = np.zeros(model.PARAMETERS)
+    for k in range(PARAMETERS):
+        step = np.zeros(PARAMETERS)
         step[k] = 1e-5
         numeric = (_cost(arguments, theta + step) - _cost(arguments, theta - step)) / 2e-5
         # a tag that a pixel has just entered or left has no derivative
@@ -68,7 +45,7 @@ def test_gradient_is_the_derivative_of_the_residuals(azimuth_deg, tone, toleranc
 @pytest.mark.parametrize("lens", [LENS, BENT], ids=["plain", "fisheye"])
 def test_compiled_sums_are_those_of_the_reference(tone, side, lens):
     kernels = pytest.importorskip("detect.align.compiled.sums", reason="numba is not installed")
-    arguments = _state(33.0, tone, side, lens)
+    arguments = sums_arguments(33.0, tone, side, lens)
     plain, fast = model.accumulate(*arguments), kernels.accumulate(*arguments)
     np.testing.assert_array_equal(fast.stats[:, 0], plain.stats[:, 0])
     scale = np.sqrt(np.einsum("nii,njj->nij", plain.normal, plain.normal))
@@ -95,32 +72,32 @@ def test_numpy_alone_aligns_as_well_as_compiled():
 
 def test_compiled_end_of_an_alignment_is_that_of_the_reference():
     pytest.importorskip("numba", reason="numba is not installed")
-    frame, _, _, theta, place, *_ = arguments = _state(33.0)
+    frame, _, _, theta, place, *_ = arguments = sums_arguments(33.0)
     sums = model.accumulate(*arguments)
-    plain = solve.finish(frame, PATTERNS, theta=theta, place=place, sums=sums, covariance=True)
+    plain = finish(frame, PATTERNS, theta=theta, place=place, sums=sums, covariance=True)
     fast = solve._finishing()(frame, PATTERNS, theta=theta, place=place, sums=sums, covariance=True)
-    assert solve._finishing() is not solve.finish
+    assert solve._finishing() is not finish
     np.testing.assert_allclose(fast[0], plain[0], rtol=0, atol=1e-9)
     np.testing.assert_allclose(fast[1], plain[1], rtol=1e-6)
     np.testing.assert_allclose(fast[2], plain[2], rtol=1e-9)
     lost = theta.copy()
     lost[:, 3:6] = lost[:, :3]
-    for finish in (solve.finish, solve._finishing()):
-        corners, *_ = finish(frame, PATTERNS, theta=lost, place=place, sums=sums, covariance=True)
+    for end in (finish, solve._finishing()):
+        corners, *_ = end(frame, PATTERNS, theta=lost, place=place, sums=sums, covariance=True)
         assert np.isnan(corners).any(axis=(1, 2)).all()
 
 
 def test_pattern_without_blur_is_the_pattern():
-    theta = np.zeros(model.PARAMETERS)
+    theta = np.zeros(PARAMETERS)
     theta[[0, 4]] = 1.0
     theta[[OFFSET, GAIN, LOG_SIGMA]] = 0, 1, np.log(1e-3)
     uv = np.stack(np.meshgrid(np.arange(-1, 9) + 0.5, np.arange(-1, 9) + 0.5), -1).reshape(-1, 2)
-    p, *_ = model.pattern_value(PATTERNS.cells[7], theta, uv, uv, 1.0)
+    p, *_ = blur.pattern_value(PATTERNS.cells[7], theta, uv, uv, 1.0)
     np.testing.assert_allclose(p.reshape(10, 10), PATTERNS.cells[7], atol=1e-12)
 
 
 def test_pattern_under_a_sheared_blur_is_the_convolution():
-    theta = np.zeros(model.PARAMETERS)
+    theta = np.zeros(PARAMETERS)
     theta[:8] = (0.25, 0.1, 0.1, -0.05, 0.2, 0.3, 0, 0)
     theta[LOG_SIGMA] = np.log(1.5)
     rng = np.random.default_rng(3)
@@ -132,7 +109,7 @@ def test_pattern_under_a_sheared_blur_is_the_convolution():
     near = model.apply_h(theta[None, :8], (xy[:, None] + spread[None]).reshape(1, -1, 2))[0].reshape(len(xy), -1, 2)
     at = np.clip(np.floor(near + 1).astype(int), 0, 9)
     sampled = PATTERNS.cells[7][at[..., 1], at[..., 0]].mean(axis=1)
-    p, *_ = model.pattern_value(PATTERNS.cells[7], theta, xy, uv, 1.0)
+    p, *_ = blur.pattern_value(PATTERNS.cells[7], theta, xy, uv, 1.0)
     np.testing.assert_allclose(p, sampled, atol=0.012)
 
 

@@ -2,10 +2,10 @@ import cv2
 import numpy as np
 from aligned_views import SIZE, TARGET, pose, truth, view
 
-from detect.align.guided import consistent_seeds
 from detect.align.locate import locate_tags
 from detect.align.pattern import target_patterns
-from detect.align.seeds import find_seeds
+from detect.align.search.guided import consistent_seeds
+from detect.align.search.seeds import find_seeds
 from target.box import Box, make_target
 
 PATTERNS = target_patterns(TARGET)

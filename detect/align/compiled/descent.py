@@ -1,6 +1,6 @@
-"""The steps of :func:`detect.align.solve.align`, compiled by numba: tag after tag, without a call per step and sum.
+"""The steps of an alignment, tag after tag, without a call per step and sum.
 
-Importing this module needs numba (the extra ``fast``); :mod:`detect.align.solve` takes the same steps in numpy.
+The reference is :func:`detect.align.photometric.steps.descend`.
 """
 
 from typing import Any
@@ -11,8 +11,9 @@ from numba import njit
 from detect.align.compiled.cholesky import solve_positive
 from detect.align.compiled.pixels import BLOCK, add_blocks, collect, first_light, replace_pixels, room
 from detect.align.compiled.sums import ROWS, add_products, differentiate, is_linear
-from detect.align.model import KURTOSIS, LOG_SIGMA, PARAMETERS, Frame, Sums
 from detect.align.pattern import Array
+from detect.align.photometric.model import Frame, Sums
+from detect.align.photometric.parameters import KURTOSIS, LOG_SIGMA, PARAMETERS
 
 _FAR_MODULES = 0.1
 """A tag that has moved less still covers the same pixels."""
@@ -28,7 +29,7 @@ def descend(  # noqa: PLR0917 - the sums' arguments first
     Parameters
     ----------
     frame, cells, rows, theta, place, boxes, margin, stride
-        See :func:`detect.align.model.accumulate`.
+        See :func:`detect.align.photometric.model.accumulate`.
     sums
         Of the last step, the sum of squared residuals less what that step explains.
     places : (N, 4, 2)
@@ -37,7 +38,7 @@ def descend(  # noqa: PLR0917 - the sums' arguments first
     free : (S, 14)
         What each step may change; the last row holds for all further steps.
     damping, stop_px, iterations
-        As in :func:`detect.align.solve.align`.
+        As in :func:`detect.align.photometric.solve.align`.
     limits : (2, 2)
         Least and most log sigma, then kurtosis.
     held

@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 
 from detect.align.compiled.cholesky import factor, solve_lower
-from detect.align.model import KURTOSIS, PARAMETERS
+from detect.align.photometric.parameters import KURTOSIS, PARAMETERS
 
 _STEPS = 12
 _STILL = 1e-7
@@ -20,9 +20,9 @@ def finish(  # noqa: PLR0917 - arrays in, arrays out
 ) -> None:  # fmt: skip
     """Fill the corners (N, 4, 2), covariances (N, 4, 2, 2) and figures (N, 4) of tags.
 
-    The figures are correlation, worst block, worst module and noise, see :class:`detect.align.solve.Aligned`; what
-    cannot be told is NaN. ``prior`` is the deviation of the kurtosis. The reference is
-    :func:`detect.align.solve.finish`.
+    The figures are correlation, worst block, worst module and noise, see
+    :class:`detect.align.photometric.solve.Aligned`; what cannot be told is NaN. ``prior`` is the deviation of the
+    kurtosis. The reference is :func:`detect.align.photometric.finish.finish`.
     """
     A = np.empty((PARAMETERS, PARAMETERS))
     moves, half = np.zeros((2, PARAMETERS)), np.empty((2, PARAMETERS))

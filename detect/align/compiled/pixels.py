@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from detect.align.model import LEAST_GAIN, MIDDLE, NEAR_SIGMAS
+from detect.align.photometric.model import LEAST_GAIN, MIDDLE, NEAR_SIGMAS
 
 BLOCK = 64
 """Pixels that are summed together."""
@@ -122,7 +122,10 @@ def replace_pixels(theta: Any, pixels: Any, n: Any) -> None:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def first_light(tone: Any, cells: Any, pixels: Any, n: Any, theta: Any) -> None:
-    """Set offset and gain of a tag from its collected pixels; see :func:`detect.align.model.first_light`."""
+    """Set offset and gain of a tag from its collected pixels.
+
+    The reference is :func:`detect.align.photometric.model.first_light`.
+    """
     total, count = np.zeros(2), np.zeros(2)
     for p in range(n):
         u, v = pixels[2, p] + np.float32(1), pixels[3, p] + np.float32(1)

@@ -1,4 +1,7 @@
-"""The fit of a rigid box, see :mod:`detect.align.rigid`, compiled: corner after corner, without a matrix of all."""
+"""The steps to a rigid box, corner after corner, without a matrix of all.
+
+The reference is :func:`detect.align.search.box_steps.levenberg_marquardt`.
+"""
 
 from typing import Any
 
@@ -31,7 +34,7 @@ def refine(  # noqa: PLR0917 - arrays in, arrays out
     prior, expected : (6,)
         Information on log f, centre, a1, a2 and a3, and their values.
     sigma_px, fair
-        See :func:`detect.align.rigid.levenberg_marquardt`.
+        See :func:`detect.align.search.rigid.fit_box`.
     iterations : (2,)
         At most, and at most where the median deviation stays above ``fair``.
     limits : (2,)
@@ -159,7 +162,7 @@ def _equations(  # noqa: PLR0917
         per_w = 1 / (w if abs(w) > least else least)
         seen_x, seen_y = x * per_w, y * per_w
         weight = 1 / (1 + (off[k] / scale) ** 2)
-        # see detect.align.rigid: the same, of one corner
+        # see detect.align.search.box_steps: the same, of one corner
         toward = 2 * per_px2 * (dx * seen_x + dy * seen_y)
         for row, seen in ((0, seen_x), (1, seen_y)):
             along = seen / D

@@ -1,6 +1,4 @@
-"""The sums of :mod:`detect.align.model`, compiled by numba: the same arguments, the same results to half a per cent.
-
-Importing this module needs numba (the extra ``fast``); :func:`detect.align.solve.align` falls back to numpy.
+"""The sums of :mod:`detect.align.photometric.model`: the same arguments, the same results to half a per cent.
 
 A tag's pixels are first collected (:mod:`detect.align.compiled.pixels`), then summed in blocks
 (:mod:`detect.align.compiled.edges`).
@@ -14,8 +12,9 @@ from numpy.typing import NDArray
 
 from detect.align.compiled.edges import OF_EDGE, across, blur_geometry, down, edge, jacobian, module_differences
 from detect.align.compiled.pixels import BLOCK, add_blocks, collect, room, widths
-from detect.align.model import PARAMETERS, SQUARES, Frame, Sums, no_sums
 from detect.align.pattern import Array
+from detect.align.photometric.model import SQUARES, Frame, Sums, no_sums
+from detect.align.photometric.parameters import PARAMETERS
 
 ROWS = 16
 """Rows of the Jacobian: the parameters, the residual, and one that stays zero."""
@@ -35,7 +34,7 @@ def accumulate(  # noqa: PLR0917 - as the reference
     margin: Array,
     stride: NDArray[np.int64],
 ) -> Sums:
-    """Return the normal equations of tags at their present parameters; see :func:`detect.align.model.accumulate`."""
+    """Return the normal equations of tags; see :func:`detect.align.photometric.model.accumulate`."""
     sums = no_sums(len(rows), cells)
     _run(
         frame.grey, frame.tone, is_linear(frame.tone), frame.lens, cells, rows, theta, place, boxes, margin, stride,
@@ -55,7 +54,7 @@ def squares(  # noqa: PLR0917 - as the reference
     stride: NDArray[np.int64],
     square_px: NDArray[np.int64],
 ) -> tuple[Array, Array]:
-    """Return the normal equations of each square of the image apart; see :func:`detect.align.model.squares`."""
+    """Return the normal equations of squares; see :func:`detect.align.photometric.model.squares`."""
     products = np.zeros((len(rows), SQUARES**2, PARAMETERS, ROWS), dtype=np.float32)
     _squares(
         frame.grey, frame.tone, is_linear(frame.tone), frame.lens, cells, rows, theta, place, boxes, margin, stride,

@@ -9,9 +9,9 @@ from detect.align.coarse import Pyramid, align_coarsely, align_midway
 from detect.align.homography import least_squares_homography, map_points
 from detect.align.lens import fisheye_lens, straighten
 from detect.align.pattern import Array, Index, Patterns
-from detect.align.rigid import FISHEYES, BoxFit, fit_box
-from detect.align.seeds import Seeds
-from detect.align.solve import Aligned
+from detect.align.photometric.solve import Aligned
+from detect.align.search.rigid import FISHEYES, BoxFit, fit_box
+from detect.align.search.seeds import Seeds
 from detect.align.verify import Limits, convex, module_px, verified
 from target.box import Target
 

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from detect.align.coarse import Pyramid
-from detect.align.guided import SEED_SIGMA_PX, Found, consistent_seeds, follow, plan
 from detect.align.pattern import Patterns
-from detect.align.seeds import Seeds, find_seeds
+from detect.align.search.guided import SEED_SIGMA_PX, Found, consistent_seeds, follow, plan
+from detect.align.search.seeds import Seeds, find_seeds
 from detect.align.verify import Limits
 from target.box import Target
 

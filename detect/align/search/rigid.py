@@ -3,25 +3,30 @@
 The camera here is a means to predict tags, never a result: focal length, principal point, three coefficients of the
 lens and pose, each held by a weak prior, fitted robustly to the corners of one image. What the corners do not determine
 (the focal length, from one face seen head-on) the covariance says, and so does that of every predicted corner.
-
-Residuals are taken on the chart about each seen corner (:mod:`detect.align.lens`), which is that pixel's tangent: exact
-where they vanish, and of a pinhole everywhere.
 """
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cache, partial
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from detect.align.homography import least_squares_homography
 from detect.align.lens import chart, depth, fisheye_lens, straight_lens, straighten, to_pixels
 from detect.align.pattern import Array, Index
+from detect.align.search.box_steps import (
+    CAMERA,
+    FITTED,
+    ITERATIONS,
+    MORE_ITERATIONS,
+    RANGE,
+    State,
+    Tangent,
+    levenberg_marquardt,
+)
 from target.box import Target
 
-ITERATIONS, MORE_ITERATIONS = 14, 60
 GOOD, FAIR = 2.2, 5.0
 """Median deviations, in sigmas: of a first fit, to end the competition; of a later one, to need no more iterations."""
 PLAIN = 0.1
@@ -34,12 +39,6 @@ LEAST_SIGMA_PX = 0.05
 LEAST_DEPTH = 0.02
 _PRIORS = np.array([0.7, 0.05, 0.05, 0.15, 0.05, 0.02])
 """Deviations of log f, centre (image widths), a1, a2 and a3."""
-_CAMERA = 6
-_FITTED = [0, 1, 2, 3, 5]
-"""Which figures of a lens are fitted."""
-_RANGE = (-0.5, 1.5)
-State = tuple[float, Array, Array]
-"""Focal length, px, lens (6,) and T_cam_box (4, 4)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -76,7 +75,7 @@ class BoxFit:
         uv = to_pixels(self.lens, p_cam * (1, 1, 1 / self.focal_px))
         before = np.isfinite(uv[:, 0])
         p_cam[~before], uv[~before] = (0, 0, 1), self.lens[:2]
-        J = _Tangent(self.focal_px, self.lens, p_cam, uv).jacobian()
+        J = Tangent(self.focal_px, self.lens, p_cam, uv).jacobian()
         half = np.linalg.solve(np.linalg.cholesky(self.information), J.reshape(len(J), -1))
         sd = self.sigma_px * np.sqrt((half**2).sum(axis=0).reshape(2, -1).sum(axis=0))
         uv[~before] = np.nan
@@ -131,12 +130,12 @@ def fit_box(
 def _cameras(image_size: tuple[int, int]) -> Iterator[tuple[float, Array, Array]]:
     """Yield focal length, lens and expected figures of the cameras that may have taken a picture."""
     width, straight = max(image_size), straight_lens(image_size)
-    usual = np.array([np.log(1.1 * width), *straight[_FITTED]])
+    usual = np.array([np.log(1.1 * width), *straight[FITTED]])
     for focal in FOCAL_LENGTHS:
         yield focal * width, straight, usual
     for focal in FISHEYES:
         lens = fisheye_lens(image_size, focal * width)
-        yield focal * width, lens, np.array([np.log(focal * width), *lens[_FITTED]])
+        yield focal * width, lens, np.array([np.log(focal * width), *lens[FITTED]])
 
 
 def _start(target: Target, rows: Index, corners_px: Array, lens: Array, focal: float) -> Array:
@@ -200,13 +199,13 @@ def _steps() -> Callable[..., tuple[float, Array, Array, Array, Array]]:
     except ImportError:
         return levenberg_marquardt
 
-    iterations, limits = np.array([ITERATIONS, MORE_ITERATIONS]), np.array(_RANGE)
+    iterations, limits = np.array([ITERATIONS, MORE_ITERATIONS]), np.array(RANGE)
 
     def run(  # noqa: PLR0917
         p_box: Array, uv: Array, start: State, prior: Array, expected: Array, sigma_px: float, fair: float
     ) -> tuple[float, Array, Array, Array, Array]:
         lens, T = start[1].copy(), start[2].copy()
-        information, off = np.empty((_CAMERA + 6, _CAMERA + 6)), np.empty(len(uv))
+        information, off = np.empty((CAMERA + 6, CAMERA + 6)), np.empty(len(uv))
         focal = compiled.refine(
             p_box, uv, float(start[0]), lens, T, prior, expected, float(sigma_px), float(fair), iterations, limits,
             information, off,
@@ -214,59 +213,6 @@ def _steps() -> Callable[..., tuple[float, Array, Array, Array, Array]]:
         return focal, lens, T, information, off
 
     return run
-
-
-def levenberg_marquardt(  # noqa: PLR0917 - as the compiled one
-    p_box: Array, uv: Array, start: State, prior: Array, expected: Array, sigma_px: float, fair: float
-) -> tuple[float, Array, Array, Array, Array]:
-    """Return focal length, lens, T_cam_box, information (12, 12) and deviations (P,), px, by reweighted squares."""
-    kept = focal, lens, T = start
-    full = np.zeros(_CAMERA + 6)
-    full[:_CAMERA] = prior
-    damping, cost = 1e-4, np.inf
-    information, gradient = np.eye(_CAMERA + 6), np.zeros(_CAMERA + 6)
-    off = np.zeros(len(uv))
-    for iteration in range(MORE_ITERATIONS):
-        if iteration >= ITERATIONS and np.median(off) < fair:
-            break
-        p_cam = p_box @ T[:3, :3].T + T[:3, 3]
-        tangent = _Tangent(focal, lens, p_cam, uv)
-        r = uv.T - lens[:2, None] - tangent.seen
-        now_off = np.hypot(r[0], r[1])
-        scale = 3 * max(sigma_px, 1.2 * float(np.median(now_off)))
-        camera = np.array([np.log(focal), *lens[_FITTED]])
-        now = float(np.sum(scale**2 * np.log1p((now_off / scale) ** 2)) + prior @ (camera - expected) ** 2)
-        if not now <= cost * (1 + 1e-9) + 1e-12 or not tangent.before.all():
-            damping *= 10
-            if damping > 1e6:
-                break
-        else:
-            done = cost - now < 1e-3 * now + 1e-9
-            kept, cost, off = (focal, lens.copy(), T.copy()), now, now_off
-            weight = 1 / (1 + (now_off / scale) ** 2)
-            J = tangent.jacobian()
-            weighted = (J * weight).reshape(len(J), -1)
-            information = weighted @ J.reshape(len(J), -1).T + np.diag(full)
-            gradient = weighted @ r.ravel()
-            gradient[:_CAMERA] -= prior * (camera - expected)
-            damping = max(damping * 0.2, 1e-9)
-            if done:
-                break
-        step = np.linalg.solve(information + damping * np.diag(np.diag(information) + 1e-9), gradient)
-        focal, lens, T = _moved(kept, np.clip(step, -1e3, 1e3))
-    return *kept, information, off
-
-
-def _moved(state: State, step: Array) -> State:
-    focal, lens, T = state
-    lens = lens.copy()
-    lens[_FITTED] += step[1:_CAMERA]
-    lens[_FITTED[2:]] = np.clip(lens[_FITTED[2:]], *_RANGE)
-    dT = np.eye(4)
-    dT[:3, :3] = cv2.Rodrigues(np.clip(step[_CAMERA : _CAMERA + 3], -0.5, 0.5))[0]
-    moved = dT @ T
-    moved[:3, 3] += step[_CAMERA + 3 :]
-    return float(focal * np.exp(np.clip(step[0], -0.4, 0.4))), lens, np.asarray(moved)
 
 
 def _bring_forward(focal: float, lens: Array, T_cam_box: Array, p_box: Array, uv: Array) -> None:
@@ -278,49 +224,3 @@ def _bring_forward(focal: float, lens: Array, T_cam_box: Array, p_box: Array, uv
     across = np.column_stack([-focal * slope[:, None] * d, np.ones(len(d))]) / D[:, None]
     short = LEAST_DEPTH - np.sum(across * (p_box @ T_cam_box[:3, :3].T + T_cam_box[:3, 3]), axis=1)
     T_cam_box[:3, 3] += away * max(0.0, float((short / np.maximum(across @ away, 1e-3)).max()))
-
-
-class _Tangent:
-    """Points of the camera on the chart about the pixel where each is seen, or ought to be.
-
-    Attributes
-    ----------
-    seen : (2, P), px
-        Where they lie there, from the lens's centre; the pixel itself where they are seen exactly there.
-    before : (P,)
-        Whether they lie before the chart.
-    """
-
-    def __init__(self, focal: float, lens: Array, p_cam: Array, uv: Array) -> None:
-        self._d, self._p = uv.T - lens[:2, None], np.ascontiguousarray(p_cam.T)
-        self._focal, self._per_px2 = focal, float(lens[4]) ** 2
-        self._q = (self._d[0] ** 2 + self._d[1] ** 2) * self._per_px2
-        _, slope, self._D = depth(lens, self._q)
-        self._across = np.empty((3, len(uv)))
-        self._across[:2], self._across[2] = -slope / self._D * self._d, 1 / (focal * self._D)
-        w = (self._across * self._p).sum(axis=0)
-        self.before = w > 1e-6 / focal
-        self._per_w = 1 / np.where(np.abs(w) > 1e-6 / focal, w, 1e-6 / focal)
-        self.seen = self._p[:2] * self._per_w
-
-    def jacobian(self) -> Array:
-        """Return how ``seen`` moves with the 12 unknowns, (12, 2, P) px; of the centre, where it is the pixel."""
-        p, q, seen = self._p, self._q, self.seen
-        J = np.zeros((_CAMERA + 6, 2, len(q)))
-        along = seen / self._D
-        np.multiply(along, p[2] * self._per_w / self._focal, out=J[0])
-        J[1, 0] = J[2, 1] = 1
-        # of a term a q^k: slope and D change by -2 k q^(k-1) / radius^2 and (2 k - 1) q^k
-        toward = (2 * self._per_px2) * (self._d[0] * seen[0] + self._d[1] * seen[1])
-        J[3] = along * (q - toward)
-        J[4] = along * (q * (3 * q - 2 * toward))
-        J[5] = along * (q * q * (5 * q - 3 * toward))
-        moved = J[_CAMERA + 3 :]
-        np.multiply((-self._per_w * self._across)[:, None], seen, out=moved)
-        moved[0, 0] += self._per_w
-        moved[1, 1] += self._per_w
-        # turned: dp = turn x p
-        J[6] = p[1] * moved[2] - p[2] * moved[1]
-        J[7] = p[2] * moved[0] - p[0] * moved[2]
-        J[8] = p[0] * moved[1] - p[1] * moved[0]
-        return J

@@ -1,0 +1,5 @@
+"""The parameters of a tag in the picture, by their place in theta."""
+
+PARAMETERS = 14
+"""h (8), offset o, gain g, slopes s_x and s_y, log sigma, excess kurtosis of the blur."""
+OFFSET, GAIN, SLOPE_X, SLOPE_Y, LOG_SIGMA, KURTOSIS = range(8, 14)
