@@ -100,12 +100,28 @@ def test_ids_that_the_target_does_not_carry_are_kept_apart() -> None:
     assert tags.foreign_ids.size > 20
 
 
-def test_another_family_is_named() -> None:
-    other = make_target(Box(dictionary="DICT_4X4_250"))
-    image = view(0.0, target=other)
+@pytest.mark.parametrize("angle_deg", [0.0, 30.0])
+@pytest.mark.parametrize(
+    ("dictionary", "smaller"),
+    [
+        ("DICT_4X4_250", {"DICT_4X4_50", "DICT_4X4_100"}),
+        ("DICT_6X6_250", {"DICT_6X6_50", "DICT_6X6_100"}),
+        ("DICT_ARUCO_MIP_36h12", set()),
+        ("DICT_ARUCO_ORIGINAL", set()),
+    ],
+)
+def test_another_family_is_named(dictionary: str, smaller: set[str], angle_deg: float) -> None:
+    image = view(angle_deg, target=make_target(Box(dictionary=dictionary)))
     assert find_tags(image, TARGET).ids.size == 0
-    assert other_family(image, TARGET.box.dictionary) in {"DICT_4X4_50", "DICT_4X4_250", "DICT_4X4_100"}
-    assert other_family(view(0.0), TARGET.box.dictionary) is None
+    assert other_family(image, TARGET.box.dictionary) in {dictionary, *smaller}
+
+
+@pytest.mark.parametrize("angle_deg", [0.0, 30.0])
+def test_no_other_family_is_named_where_there_is_none(angle_deg: float) -> None:
+    assert other_family(view(angle_deg), TARGET.box.dictionary) is None
+    assert other_family(np.zeros((4, 100), dtype=np.uint8), TARGET.box.dictionary) is None
+    noise = np.random.default_rng(1).integers(0, 255, (300, 400), dtype=np.uint8)
+    assert other_family(noise, TARGET.box.dictionary) is None
 
 
 def test_a_square_that_is_not_where_it_was_said_is_not_believed() -> None:
