@@ -25,6 +25,9 @@ def even_mosaic(mosaic: NDArray[Any], name: str) -> NDArray[Any]:
     steps of the scene, where a box with tags has most; medians keep coloured things out. Every pixel keeps its place
     and its noise: interpolating colours instead moves corners by 0.03 px.
 
+    Where samples went through a curve ``a x^p - b``, a gain c of the light is the gain ``c^p`` of the sample and the
+    offset ``b (c^p - 1)``: sRGB's curve stays sRGB's, but for its straight toe below 4 % of full scale.
+
     Parameters
     ----------
     mosaic

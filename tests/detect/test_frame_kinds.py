@@ -1,6 +1,6 @@
 """Cameras of every kind: a frame of more bits, as a colour mosaic or YUV has the corners of its 8-bit grey frame."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +21,7 @@ from detect.messages import RAW_IMAGE
 from detect.mosaic import MOSAICS
 from detect.recording import open_recording
 from target.box import FACES
+from target.look import srgb_curve
 from target.projection import project
 
 ANGLES = (10.0, 45.0, 130.0)
@@ -40,6 +41,24 @@ def _deep(bits: int, exposure: float = 1.0, name: str = "mono16") -> Camera:
 
     def take(_: float, grey: NDArray[np.uint8]) -> Bytes:
         return _rows(name, np.rint(grey * (exposure * ((1 << bits) - 1) / 255)).astype("<u2"))
+
+    return take
+
+
+def _srgb(light: NDArray[np.float64]) -> NDArray[np.uint8]:
+    """Return light, 255 at full scale, through sRGB's tone curve."""
+    return np.rint(255 * srgb_curve(np.clip(light / 255, 0, 1).astype(np.float32))).astype(np.uint8)
+
+
+def _bayer_srgb(name: str, exposure: float = 1.0, gain: Mapping[str, float] = GAIN) -> Camera:
+    """A camera of unequal colours that codes brightness."""
+
+    def take(angle_deg: float, grey: NDArray[np.uint8]) -> Bytes:
+        box, seen = _on_the_box(angle_deg), grey.astype(np.float64) * exposure
+        for k, letter in enumerate(name.removeprefix("bayer_")):
+            place = np.s_[k // 2 :: 2, k % 2 :: 2]
+            seen[place] = gain[letter] * (np.where(box, 1, TINT[letter]) * seen)[place]
+        return _rows(f"{name}8", _srgb(seen))
 
     return take
 
@@ -113,6 +132,13 @@ def plain(tmp_path_factory: pytest.TempPathFactory) -> Correspondences:
     )
 
 
+@pytest.fixture(scope="module")
+def plain_srgb(tmp_path_factory: pytest.TempPathFactory) -> Correspondences:
+    """What an 8-bit grey camera saw that codes brightness."""
+    path = _log(tmp_path_factory.mktemp("srgb") / "a.mcap", lambda _, g: _rows("mono8", _srgb(g.astype(np.float64))))
+    return extract(path, TARGET, settings=ExtractSettings(tone="srgb"))
+
+
 def _off_px(found: Correspondences, plain: Correspondences) -> NDArray[np.float64]:
     """Return by how much corners differ, (N, 2) px; every landmark must have been found."""
     off = []
@@ -141,6 +167,23 @@ def test_corners_are_those_of_the_grey_frame(
     off = _off_px(extract(_log(tmp_path / "a.mcap", camera), TARGET, settings=LINEAR), plain)
     assert len(off) > 300
     assert np.sqrt(np.mean(np.sum(off**2, axis=1))) < rms_px
+    assert np.all(np.abs(off.mean(axis=0)) < 0.001)
+
+
+@pytest.mark.parametrize(
+    "camera",
+    [
+        *(pytest.param(_bayer_srgb(name), id=name) for name in sorted(MOSAICS)),
+        pytest.param(_bayer_srgb("bayer_rggb", gain={"r": 0.35, "g": 1.0, "b": 0.45}), id="unbalanced"),
+        pytest.param(_bayer_srgb("bayer_rggb", exposure=0.5, gain={"r": 1.4, "g": 1.0, "b": 1.9}), id="overbalanced"),
+    ],
+)
+def test_a_mosaic_that_codes_brightness_has_the_corners_of_the_grey_frame(
+    tmp_path: Path, plain_srgb: Correspondences, camera: Camera
+) -> None:
+    off = _off_px(extract(_log(tmp_path / "a.mcap", camera), TARGET), plain_srgb)
+    assert len(off) > 300
+    assert np.sqrt(np.mean(np.sum(off**2, axis=1))) < 0.006
     assert np.all(np.abs(off.mean(axis=0)) < 0.001)
 
 
