@@ -56,12 +56,13 @@ def test_compiled_sums_are_those_of_the_reference(tone, side, lens):
     np.testing.assert_allclose(fast.blocks, plain.blocks, atol=0.02)
 
 
-def test_numpy_alone_aligns_as_well_as_compiled():
+@pytest.mark.parametrize("lens", [LENS, BENT], ids=["plain", "fisheye"])
+def test_numpy_alone_aligns_as_well_as_compiled(lens):
     pytest.importorskip("numba", reason="numba is not installed")
     T = pose(25.0)
     uv, seen = truth(T)
     rows = seen[::10]
-    frame = Frame(grey=(view(T) / np.float32(255)), tone=tone_table("linear"), lens=LENS)
+    frame = Frame(grey=(view(T) / np.float32(255)), tone=tone_table("linear"), lens=lens)
     plain = align(frame, PATTERNS, rows, uv[rows] + 0.2, stop_px=1e-4, iterations=30, sums_of=model.accumulate)
     fast = align(frame, PATTERNS, rows, uv[rows] + 0.2, stop_px=1e-4, iterations=30)
     off = np.linalg.norm(plain.corners_px - fast.corners_px, axis=2)
