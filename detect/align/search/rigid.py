@@ -29,8 +29,8 @@ from target.box import Target
 
 GOOD, FAIR = 2.2, 5.0
 """Median deviations, in sigmas: of a first fit, to end the competition; of a later one, to need no more iterations."""
-PLAIN = 0.1
-"""The competition goes on where a1 is larger."""
+PLAIN = 0.05
+"""Where a1 is larger, all cameras compete, and again if a later fit is not good."""
 FOCAL_LENGTHS = (1.1, 0.6, 2.2)
 """Where fits start, image widths."""
 FISHEYES = (0.32, 0.45)
@@ -114,10 +114,12 @@ def fit_box(
     """
     refine = partial(_refine, target, rows, corners_px, width=max(image_size), sigma_px=sigma_px)
     if start is not None:
-        return refine(start.focal_px, start.lens, start.T_cam_box, expected=start.expected, fair=FAIR * sigma_px)
+        fit = refine(start.focal_px, start.lens, start.T_cam_box, expected=start.expected, fair=FAIR * sigma_px)
+        if np.median(fit.off_px) < FAIR * sigma_px or abs(fit.lens[2]) < PLAIN:
+            return fit
     faces, counts = np.unique(target.tag_faces[rows], return_counts=True)
     main = target.tag_faces[rows] == faces[counts.argmax()]
-    fits: list[BoxFit] = []
+    fits = [] if start is None else [fit]
     # seen from one side a box fits several focal lengths: they compete, those of ordinary cameras first
     for focal, lens, expected in _cameras(image_size):
         T = _start(target, rows[main], corners_px[main], lens, focal)
