@@ -22,7 +22,7 @@ from detect.align.photometric.model import SQUARES, Frame
 from detect.align.photometric.parameters import LOG_SIGMA, PARAMETERS
 from detect.align.photometric.solve import Aligned, footprints
 
-MOST_TAGS = 8
+MOST_TAGS = 6
 SQUARE_PX = 8
 """Least side of a square: JPEG's blocks have it."""
 PRIOR_TAGS = 1.0

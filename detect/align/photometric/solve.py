@@ -240,7 +240,7 @@ def footprints(
     mean = side.mean(axis=1)
     at = np.searchsorted(_FIBONACCI, (mean / side_px) ** 2, side="right") - 1
     at = np.clip(at, 1, len(_FIBONACCI) - 1)
-    stride = np.stack([_FIBONACCI[at], _FIBONACCI[at - 1], _FIBONACCI[at]], axis=1)
+    stride = np.stack([_FIBONACCI[at], _FIBONACCI[at - 1], np.full(len(at), 1 << 40)], axis=1)
     if edges:
         stride[:, 2] = np.clip(mean / EDGE_SIDE_PX, 1, 1000)
     return boxes.reshape(-1, 4), margin, stride, side.max(axis=1) / m
