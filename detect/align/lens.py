@@ -15,11 +15,11 @@ import numpy as np
 
 from detect.align.pattern import Array
 
-_STEPS = 12
-_STILL = 1e-7
+STEPS = 12
+STILL = 1e-7
 """A radius that moves less, in units of the lens's, is found: Newton's next error is its square."""
-_LEAST_SLOPE = 0.05
-_FAR = 30.0
+LEAST_SLOPE = 0.05
+FAR = 30.0
 
 
 def straight_lens(image_size: tuple[int, int]) -> Array:
@@ -54,13 +54,13 @@ def to_pixels(lens: Array, rays: Array) -> Array:
     down = z + np.sqrt(np.maximum(z * z + 4 * lens[2] * rho * rho, 0))
     seen = down > 1e-3 * size
     s = 2 * rho / np.where(seen, down, 1)
-    least = _LEAST_SLOPE * np.maximum(size, 1e-300)
-    for _ in range(_STEPS):
+    least = LEAST_SLOPE * np.maximum(size, 1e-300)
+    for _ in range(STEPS):
         q = s * s
         g, slope, _ = depth(lens, q)
         moved = (s * z - g * rho) / np.maximum(z - slope * s * rho / lens[4] ** 2, least)
-        s = np.clip(s - moved, 0, _FAR)
-        if not np.any(np.abs(moved[seen]) > _STILL):
+        s = np.clip(s - moved, 0, FAR)
+        if not np.any(np.abs(moved[seen]) > STILL):
             break
     seen &= np.abs(moved) < 1e-3
     scale = np.where(rho > 1e-12 * size, s / np.maximum(rho, 1e-300), 1 / np.where(z > 0, z, 1))

@@ -9,7 +9,7 @@ from detect.align.homography import least_squares_homography, map_points
 from detect.align.lens import bend, bend_jacobian, depth, fisheye_lens, straight_lens, straighten, to_pixels
 from detect.align.locate import locate_tags
 from detect.align.search.box_steps import Tangent, levenberg_marquardt, moved_by
-from detect.align.search.rigid import _steps, fit_box
+from detect.align.search.rigid import _prediction, _steps, fit_box, predict
 
 PLAIN = np.array([325.0, 236.0, 0.04, -0.01, 1 / 320, 0.002])
 SIDEWAYS = fisheye_lens(SIZE, 200.0)
@@ -148,3 +148,17 @@ def test_compiled_fit_of_the_rigid_box_is_that_in_numpy(lens, focal, off_px):
     assert _steps() is not levenberg_marquardt
     for a, b, tolerance in zip(plain, fast, (1e-6, 1e-4, 1e-8, 1.0, 1e-5), strict=True):
         np.testing.assert_allclose(b, a, rtol=1e-6, atol=tolerance)
+
+
+@LENSES
+def test_compiled_prediction_is_that_in_numpy(lens):
+    pytest.importorskip("numba", reason="numba is not installed")
+    rng = np.random.default_rng(5)
+    p_box = rng.uniform(-0.5, 0.5, (80, 3))
+    A = rng.normal(0, 1, (12, 40))
+    arguments = (p_box, 300.0, lens, pose(20.0, distance=0.4), A @ A.T)
+    plain, fast = predict(*arguments), _prediction()(*arguments)
+    assert _prediction() is not predict
+    assert 0 < np.isnan(plain[0][:, 0]).sum() < 80 or lens is SIDEWAYS
+    np.testing.assert_allclose(fast[0], plain[0], rtol=1e-9)
+    np.testing.assert_allclose(fast[1], plain[1], rtol=1e-7)

@@ -6,11 +6,8 @@ import numpy as np
 from numba import njit
 
 from detect.align.compiled.cholesky import factor, solve_lower
+from detect.align.compiled.lens import chart, depth, to_pixel
 from detect.align.photometric.parameters import KURTOSIS, PARAMETERS
-
-_STEPS = 12
-_STILL = 1e-7
-_FAR = 30.0
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -76,25 +73,6 @@ def _worst(blocks: Any, side: Any, least: Any) -> float:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _depth(lens: Any, q: Any) -> tuple[float, float, float]:
-    """Return g at the squared radius q, its slope and ``g - d dg/dd``, see :func:`detect.align.lens.depth`."""
-    a1, a2, a3 = lens[2], lens[3], lens[5]
-    return (
-        1 - q * (a1 + q * (a2 + q * a3)),
-        -2 * lens[4] ** 2 * (a1 + q * (2 * a2 + q * (3 * a3))),
-        1 + q * (a1 + q * (3 * a2 + q * (5 * a3))),
-    )
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _chart(lens: Any, place: Any) -> tuple[float, float, float]:
-    """Return b and D of the chart about a tag's centre, see :func:`detect.align.lens.chart`."""
-    dx, dy = place[0] - lens[0], place[1] - lens[1]
-    _, slope, D = _depth(lens, (dx * dx + dy * dy) * lens[4] ** 2)
-    return slope * dx, slope * dy, D
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
 def _corner(lens: Any, h: Any, place: Any, u: Any, v: Any, out: Any) -> None:  # noqa: PLR0917
     """Fill the pixel of a place on the tag: H inverted by its adjugate, then :func:`detect.align.lens.bend`."""
     out[:] = np.nan
@@ -104,32 +82,17 @@ def _corner(lens: Any, h: Any, place: Any, u: Any, v: Any, out: Any) -> None:  #
     x, y = x / w, y / w
     if not (abs(x) < 1e3 and abs(y) < 1e3):
         return
-    bx, by, D = _chart(lens, place)
+    bx, by, D = chart(lens, place)
     ex, ey = x / place[2] + place[0] - lens[0], y / place[2] + place[1] - lens[1]
-    z = D + bx * ex + by * ey
-    rho = np.hypot(ex, ey) * lens[4]
-    size = np.hypot(rho, z)
-    down = z + np.sqrt(max(z * z + 4 * lens[2] * rho * rho, 0.0))
-    if not down > 1e-3 * size:
-        return
-    s, moved = 2 * rho / down, np.inf
-    for _ in range(_STEPS):
-        g, slope, _ = _depth(lens, s * s)
-        moved = (s * z - g * rho) / max(z - slope * s * rho / lens[4] ** 2, 0.05 * size)
-        s = min(max(s - moved, 0.0), _FAR)
-        if abs(moved) <= _STILL:
-            break
-    if abs(moved) < 1e-3:
-        scale = s / rho if rho > 1e-12 * size else 1 / z
-        out[0], out[1] = lens[0] + ex * scale, lens[1] + ey * scale
+    out[0], out[1] = to_pixel(lens, ex, ey, D + bx * ex + by * ey)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _moves(lens: Any, h: Any, place: Any, corner: Any, out: Any) -> None:
     """Fill how a corner, px, moves with the homography: it stays where its modules are."""
-    bx, by, D = _chart(lens, place)
+    bx, by, D = chart(lens, place)
     dx, dy = corner[0] - lens[0], corner[1] - lens[1]
-    g, slope, _ = _depth(lens, (dx * dx + dy * dy) * lens[4] ** 2)
+    g, slope, _ = depth(lens, (dx * dx + dy * dy) * lens[4] ** 2)
     f = D / (g - bx * dx - by * dy)
     x, y = (dx * f + lens[0] - place[0]) * place[2], (dy * f + lens[1] - place[1]) * place[2]
     # of the place on the chart by the pixel

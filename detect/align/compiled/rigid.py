@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from detect.align.compiled.cholesky import solve_positive
+from detect.align.compiled.cholesky import factor, solve_lower, solve_positive
+from detect.align.compiled.lens import to_pixel
 
 _UNKNOWNS = 12
 _CAMERA = 6
@@ -147,37 +148,66 @@ def _deviations(p_box: Any, uv: Any, focal: Any, lens: Any, T: Any, off: Any) ->
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def _differentiate(focal: Any, lens: Any, dx: Any, dy: Any, x: Any, y: Any, z: Any, J: Any) -> Any:  # noqa: PLR0917
+    """Return where a point (x, y, z) lies on the chart about (dx, dy); fill how that moves (2, 12)."""
+    q, D, ax, ay, az = _tangent(focal, lens, dx, dy)
+    w, least = ax * x + ay * y + az * z, _LEAST_W / focal
+    per_w = 1 / (w if abs(w) > least else least)
+    seen_x, seen_y = x * per_w, y * per_w
+    # see detect.align.search.box_steps: the same, of one corner
+    toward = 2 * lens[4] * lens[4] * (dx * seen_x + dy * seen_y)
+    for row, seen in ((0, seen_x), (1, seen_y)):
+        along = seen / D
+        J[row, 0] = along * z * per_w / focal
+        J[row, 1], J[row, 2] = 1.0 - row, float(row)
+        J[row, 3] = along * (q - toward)
+        J[row, 4] = along * (q * (3 * q - 2 * toward))
+        J[row, 5] = along * (q * q * (5 * q - 3 * toward))
+        mx, my, mz = -per_w * ax * seen, -per_w * ay * seen, -per_w * az * seen
+        if row == 0:
+            mx += per_w
+        else:
+            my += per_w
+        J[row, 9], J[row, 10], J[row, 11] = mx, my, mz
+        J[row, 6], J[row, 7], J[row, 8] = y * mz - z * my, z * mx - x * mz, x * my - y * mx
+    return seen_x, seen_y
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def predict(  # noqa: PLR0917
+    p_box: Any, focal: Any, lens: Any, T: Any, information: Any, uv: Any, spread: Any
+) -> None:
+    """Fill where points (P, 3) are seen, (P, 2) px, NaN where out of view, and the deviations (P,), else infinite."""
+    J, half = np.zeros((2, _UNKNOWNS)), np.zeros(_UNKNOWNS)
+    L = information.copy()
+    factor(L)
+    for k in range(len(p_box)):
+        x, y, z = _point(T, p_box[k])
+        uv[k, 0], uv[k, 1] = to_pixel(lens, x, y, z / focal)
+        if not np.isfinite(uv[k, 0]):
+            uv[k], spread[k] = np.nan, np.inf
+            continue
+        _differentiate(focal, lens, uv[k, 0] - lens[0], uv[k, 1] - lens[1], x, y, z, J)
+        total = 0.0
+        for row in range(2):
+            solve_lower(L, J[row], half)
+            for i in range(_UNKNOWNS):
+                total += half[i] * half[i]
+        spread[k] = np.sqrt(total)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def _equations(  # noqa: PLR0917
     p_box: Any, uv: Any, focal: Any, lens: Any, T: Any, off: Any, scale: Any, normal: Any, gradient: Any
 ) -> None:
     """Fill the normal equations of the corners, each weighted by its deviation."""
     J = np.zeros((2, _UNKNOWNS))
     normal[:], gradient[:] = 0.0, 0.0
-    least, per_px2 = _LEAST_W / focal, lens[4] * lens[4]
     for k in range(len(uv)):
         dx, dy = uv[k, 0] - lens[0], uv[k, 1] - lens[1]
-        q, D, ax, ay, az = _tangent(focal, lens, dx, dy)
         x, y, z = _point(T, p_box[k])
-        w = ax * x + ay * y + az * z
-        per_w = 1 / (w if abs(w) > least else least)
-        seen_x, seen_y = x * per_w, y * per_w
+        seen_x, seen_y = _differentiate(focal, lens, dx, dy, x, y, z, J)
         weight = 1 / (1 + (off[k] / scale) ** 2)
-        # see detect.align.search.box_steps: the same, of one corner
-        toward = 2 * per_px2 * (dx * seen_x + dy * seen_y)
-        for row, seen in ((0, seen_x), (1, seen_y)):
-            along = seen / D
-            J[row, 0] = along * z * per_w / focal
-            J[row, 1], J[row, 2] = 1.0 - row, float(row)
-            J[row, 3] = along * (q - toward)
-            J[row, 4] = along * (q * (3 * q - 2 * toward))
-            J[row, 5] = along * (q * q * (5 * q - 3 * toward))
-            mx, my, mz = -per_w * ax * seen, -per_w * ay * seen, -per_w * az * seen
-            if row == 0:
-                mx += per_w
-            else:
-                my += per_w
-            J[row, 9], J[row, 10], J[row, 11] = mx, my, mz
-            J[row, 6], J[row, 7], J[row, 8] = y * mz - z * my, z * mx - x * mz, x * my - y * mx
         rx, ry = dx - seen_x, dy - seen_y
         for i in range(_UNKNOWNS):
             a, b = weight * J[0, i], weight * J[1, i]

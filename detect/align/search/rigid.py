@@ -71,15 +71,8 @@ class BoxFit:
 
     def predict(self, p_box: Array) -> tuple[Array, Array]:
         """Return where points (P, 3) are seen, (P, 2) px, and how uncertain that is, (P,) px; NaN where out of view."""
-        p_cam = p_box @ self.T_cam_box[:3, :3].T + self.T_cam_box[:3, 3]
-        uv = to_pixels(self.lens, p_cam * (1, 1, 1 / self.focal_px))
-        before = np.isfinite(uv[:, 0])
-        p_cam[~before], uv[~before] = (0, 0, 1), self.lens[:2]
-        J = Tangent(self.focal_px, self.lens, p_cam, uv).jacobian()
-        half = np.linalg.solve(np.linalg.cholesky(self.information), J.reshape(len(J), -1))
-        sd = self.sigma_px * np.sqrt((half**2).sum(axis=0).reshape(2, -1).sum(axis=0))
-        uv[~before] = np.nan
-        return uv, np.where(before, sd, np.inf)
+        uv, spread = _prediction()(p_box, self.focal_px, self.lens, self.T_cam_box, self.information)
+        return uv, self.sigma_px * spread
 
     def faces_camera(self, corners_box: Array) -> NDArray[np.bool_]:
         """Return which tags (T, 4, 3) turn their printed side to the camera."""
@@ -191,6 +184,35 @@ def _refine(  # noqa: PLR0917 - the state by position
         sigma_px=max(LEAST_SIGMA_PX, sigma_px, 1.2 * float(np.median(off))),
         off_px=off.reshape(-1, 4).max(axis=1),
     )
+
+
+def predict(p_box: Array, focal: float, lens: Array, T_cam_box: Array, information: Array) -> tuple[Array, Array]:
+    """Return where points (P, 3) are seen, (P, 2) px, and their deviations (P,) where the fit's is 1 px."""
+    p_cam = p_box @ T_cam_box[:3, :3].T + T_cam_box[:3, 3]
+    uv = to_pixels(lens, p_cam * (1, 1, 1 / focal))
+    before = np.isfinite(uv[:, 0])
+    p_cam[~before], uv[~before] = (0, 0, 1), lens[:2]
+    J = Tangent(focal, lens, p_cam, uv).jacobian()
+    half = np.linalg.solve(np.linalg.cholesky(information), J.reshape(len(J), -1))
+    spread = np.sqrt((half**2).sum(axis=0).reshape(2, -1).sum(axis=0))
+    uv[~before] = np.nan
+    return uv, np.where(before, spread, np.inf)
+
+
+@cache
+def _prediction() -> Callable[..., tuple[Array, Array]]:
+    """Return the compiled prediction where numba is installed, else that in numpy."""
+    try:
+        from detect.align.compiled import rigid as compiled  # noqa: PLC0415 - optional and slow to import
+    except ImportError:
+        return predict
+
+    def run(p_box: Array, focal: float, lens: Array, T_cam_box: Array, information: Array) -> tuple[Array, Array]:
+        uv, spread = np.empty((len(p_box), 2)), np.empty(len(p_box))
+        compiled.predict(p_box, focal, lens, T_cam_box, information, uv, spread)
+        return uv, spread
+
+    return run
 
 
 @cache
