@@ -14,10 +14,11 @@ from collections.abc import Callable
 from functools import cache
 
 import numpy as np
+from numpy.typing import NDArray
 
 from detect.align.pattern import Array, Patterns
 from detect.align.photometric import model
-from detect.align.photometric.finish import corners_by_homography, inverse_normal
+from detect.align.photometric.finish import KURTOSIS_PRIOR, corners_by_homography, inverse_normal
 from detect.align.photometric.model import SQUARES, Frame
 from detect.align.photometric.parameters import LOG_SIGMA, PARAMETERS
 from detect.align.photometric.solve import Aligned, footprints
@@ -49,42 +50,70 @@ def noise_share(frame: Frame, patterns: Patterns, tags: Aligned, side_px: float)
         return 1.0
     size = np.linalg.norm(tags.corners_px[:, 2] - tags.corners_px[:, 0], axis=1)
     chosen = np.argsort(-size)[np.unique(np.linspace(0, len(tags) - 1, min(MOST_TAGS, len(tags))).astype(np.int64))]
-    observed, expected = _squared(frame, patterns, tags.take(chosen), side_px)
+    some = tags.take(chosen)
+    boxes, margin, stride, _ = footprints(
+        frame, patterns, some.corners_px, some.theta[:, LOG_SIGMA], side_px=side_px, edges=True
+    )
+    widest = np.maximum(boxes[:, 1] - boxes[:, 0], boxes[:, 3] - boxes[:, 2])
+    square_px = np.maximum(widest // (SQUARES - 1) + 1, SQUARE_PX)
+    observed, expected = _sums()(frame, patterns.cells, some, boxes, margin, stride, square_px)
     prior = PRIOR_TAGS * float(np.mean(expected)) + 1e-12
     return TOGETHER * float(np.clip((observed.sum() + prior) / (expected.sum() + prior), *RANGE))
 
 
-def _squared(frame: Frame, patterns: Patterns, tags: Aligned, side_px: float) -> tuple[Array, Array]:
+def squared(  # noqa: PLR0917 - as the sums
+    frame: Frame,
+    cells: Array,
+    tags: Aligned,
+    boxes: NDArray[np.int64],
+    margin: Array,
+    stride: NDArray[np.int64],
+    square_px: NDArray[np.int64],
+) -> tuple[Array, Array]:
     """Return for each tag (N,) the mean square of the squares' sums, and its expectation under white noise.
 
-    Both are in units of the variance that white noise gives to the corners' eight coordinates.
+    Both are in units of the variance that white noise gives to the corners' eight coordinates. Arguments as for
+    :func:`detect.align.photometric.model.squares`.
     """
-    boxes, margin, stride, _ = footprints(
-        frame, patterns, tags.corners_px, tags.theta[:, LOG_SIGMA], side_px=side_px, edges=True
+    normals, gradients = model.squares(
+        frame, cells, tags.rows, tags.theta, tags.place, boxes, margin, stride, square_px
     )
-    widest = np.maximum(boxes[:, 1] - boxes[:, 0], boxes[:, 3] - boxes[:, 2])
-    square_px = np.maximum(widest // (SQUARES - 1) + 1, SQUARE_PX)
-    arguments = (frame, patterns.cells, tags.rows, tags.theta, tags.place, boxes, margin, stride, square_px)
-    normals, gradients = _squares()(*arguments)
     normal, noise2 = normals.sum(axis=1), tags.noise**2
-    # one over the noise is of no account but for the prior on the kurtosis
+    # one pixel more than parameters: their squared sum is then the variance that the prior is weighed by
     inverse = inverse_normal(normal, np.stack([np.full(len(tags), PARAMETERS + 1.0), noise2], axis=1))
     D = corners_by_homography(frame, tags.theta, tags.place, tags.corners_px).reshape(len(tags), 8, 8)
     B = inverse[:, :, :8] @ D.transpose(0, 2, 1)
-    white = np.einsum("nie,nij,nje->ne", B, normal, B)
+    white = np.maximum(np.einsum("nie,nij,nje->ne", B, normal, B), 1e-300)
     moved = gradients @ B
     W = normals @ B[:, None]
     fitted = np.sum(W * (inverse[:, None] @ W), axis=(1, 2))
-    scale = np.maximum(white, 1e-300)
-    observed = np.sum(moved**2, axis=1) / np.maximum(noise2, 1e-12)[:, None] / scale
-    return observed.mean(axis=1), np.maximum((white - fitted) / scale, 0).mean(axis=1)
+    observed = np.sum(moved**2, axis=1) / np.maximum(noise2, 1e-12)[:, None] / white
+    return observed.mean(axis=1), np.maximum((white - fitted) / white, 0).mean(axis=1)
 
 
 @cache
-def _squares() -> Callable[..., tuple[Array, Array]]:
+def _sums() -> Callable[..., tuple[Array, Array]]:
     """Return the compiled sums over squares where numba is installed, else those in numpy."""
     try:
-        from detect.align.compiled.sums import squares  # noqa: PLC0415 - optional and slow to import
+        from detect.align.compiled import misfit as compiled  # noqa: PLC0415 - optional and slow to import
+        from detect.align.compiled.sums import is_linear  # noqa: PLC0415
     except ImportError:
-        return model.squares
-    return squares
+        return squared
+
+    def run(  # noqa: PLR0917
+        frame: Frame,
+        cells: Array,
+        tags: Aligned,
+        boxes: NDArray[np.int64],
+        margin: Array,
+        stride: NDArray[np.int64],
+        square_px: NDArray[np.int64],
+    ) -> tuple[Array, Array]:
+        observed, expected = np.empty(len(tags)), np.empty(len(tags))
+        compiled.squared(
+            frame.grey, frame.tone, is_linear(frame.tone), frame.lens, cells, tags.rows, tags.theta, tags.place,
+            boxes, margin, stride, square_px, tags.corners_px, tags.noise**2, KURTOSIS_PRIOR, observed, expected,
+        )  # fmt: skip
+        return observed, expected
+
+    return run

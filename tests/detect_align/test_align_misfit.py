@@ -22,17 +22,25 @@ def _grained(azimuth_deg, seed, spread_px):
 
 
 @pytest.mark.parametrize("tone", ["linear", "srgb"])
-def test_compiled_sums_over_squares_are_those_of_the_reference(tone):
-    kernels = pytest.importorskip("detect.align.compiled.sums", reason="numba is not installed")
+def test_sums_over_squares_are_those_over_all(tone):
     arguments = sums_arguments(33.0, tone, 5)
-    sides = np.array([8, 9, 12])
-    plain, fast = model.squares(*arguments, sides), kernels.squares(*arguments, sides)
+    normal, gradient = model.squares(*arguments, np.array([8, 9, 12]))
     whole = model.accumulate(*arguments)
-    np.testing.assert_allclose(plain[0].sum(axis=1), whole.normal, rtol=1e-9, atol=1e-12)
-    np.testing.assert_allclose(plain[1].sum(axis=1), whole.gradient, rtol=1e-9, atol=1e-12)
-    size = np.sqrt(np.einsum("nii,njj->nij", whole.normal, whole.normal))
-    off = np.abs(fast[0] - plain[0]) / size[:, None]
-    assert off.max() < (6e-3 if tone == "linear" else 0.03)
+    assert np.all((normal[..., 0, 0] > 0).sum(axis=1) > 3)
+    np.testing.assert_allclose(normal.sum(axis=1), whole.normal, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(gradient.sum(axis=1), whole.gradient, rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize("tone", ["linear", "srgb"])
+def test_compiled_sums_over_squares_are_those_of_the_reference(tone):
+    pytest.importorskip("numba", reason="numba is not installed")
+    frame, cells, rows, _, _, boxes, margin, stride = sums_arguments(33.0, tone, 5)
+    tags = align(frame, PATTERNS, rows, truth(pose(33.0))[0][rows])
+    arguments = (frame, cells, tags, boxes, margin, stride, np.array([8, 9, 12]))
+    plain, fast = misfit.squared(*arguments), misfit._sums()(*arguments)
+    assert misfit._sums() is not misfit.squared
+    np.testing.assert_allclose(fast[0], plain[0], rtol=0.02)
+    np.testing.assert_allclose(fast[1], plain[1], rtol=0.02)
 
 
 def _normalised_deviation():
@@ -47,7 +55,7 @@ def _normalised_deviation():
 
 
 def test_sigmas_hold_where_neighbouring_pixels_agree(monkeypatch):
-    assert 0.85 < _normalised_deviation() < 1.25
+    assert 0.85 < _normalised_deviation() < 1.35
     monkeypatch.setattr("detect.align.locate.noise_share", lambda *_: 1.0)
     assert _normalised_deviation() > 1.5
 

@@ -44,7 +44,7 @@ def finish(  # noqa: PLR0917 - arrays in, arrays out
             u, v = modules * (c in {1, 2}), modules * (c in {2, 3})
             _corner(lens, theta[k], place[k], float(u), float(v), corners[k, c])
             if covariance:
-                _moves(lens, theta[k], place[k], corners[k, c], moves)
+                moves_of(lens, theta[k], place[k], corners[k, c], moves)
                 solve_lower(A, moves[0], half[0])
                 solve_lower(A, moves[1], half[1])
                 for i in range(2):
@@ -88,7 +88,7 @@ def _corner(lens: Any, h: Any, place: Any, u: Any, v: Any, out: Any) -> None:  #
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _moves(lens: Any, h: Any, place: Any, corner: Any, out: Any) -> None:
+def moves_of(lens: Any, h: Any, place: Any, corner: Any, out: Any) -> None:
     """Fill how a corner, px, moves with the homography: it stays where its modules are."""
     bx, by, D = chart(lens, place)
     dx, dy = corner[0] - lens[0], corner[1] - lens[1]

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from detect.align.compiled.edges import OF_EDGE, across, blur_geometry, down, edge, jacobian, module_differences
 from detect.align.compiled.pixels import BLOCK, add_blocks, collect, room, widths
 from detect.align.pattern import Array
-from detect.align.photometric.model import SQUARES, Frame, Sums, no_sums
+from detect.align.photometric.model import Frame, Sums, no_sums
 from detect.align.photometric.parameters import PARAMETERS
 
 ROWS = 16
@@ -41,26 +41,6 @@ def accumulate(  # noqa: PLR0917 - as the reference
         sums.normal, sums.gradient, sums.stats, sums.blocks,
     )  # fmt: skip
     return sums
-
-
-def squares(  # noqa: PLR0917 - as the reference
-    frame: Frame,
-    cells: Array,
-    rows: NDArray[np.int64],
-    theta: Array,
-    place: Array,
-    boxes: NDArray[np.int64],
-    margin: Array,
-    stride: NDArray[np.int64],
-    square_px: NDArray[np.int64],
-) -> tuple[Array, Array]:
-    """Return the normal equations of squares; see :func:`detect.align.photometric.model.squares`."""
-    products = np.zeros((len(rows), SQUARES**2, PARAMETERS, ROWS), dtype=np.float32)
-    _squares(
-        frame.grey, frame.tone, is_linear(frame.tone), frame.lens, cells, rows, theta, place, boxes, margin, stride,
-        square_px, products,
-    )  # fmt: skip
-    return products[..., :PARAMETERS].astype(np.float64), products[..., PARAMETERS].astype(np.float64)
 
 
 def is_linear(tone: Array) -> bool:
@@ -225,28 +205,3 @@ def add_products(jac: Any, normal: Any, gradient: Any) -> None:
             else:
                 normal[i, j], normal[i, j + 1], normal[i + 1, j], normal[i + 1, j + 1] = a, b, c, d
                 normal[j, i], normal[j + 1, i], normal[j, i + 1], normal[j + 1, i + 1] = a, b, c, d
-
-
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
-def _squares(  # noqa: PLR0917
-    grey: Any, tone: Any, linear: Any, lens: Any, cells: Any, rows: Any, theta: Any, place: Any, boxes: Any,
-    margin: Any, stride: Any, square_px: Any, products: Any,
-) -> None:  # fmt: skip
-    stats, row = np.zeros(6), np.empty(ROWS, np.float32)
-    for k in range(len(rows)):
-        if not np.all(np.isfinite(theta[k])):
-            continue
-        pixels = room(boxes[k])
-        n = collect(grey, lens, cells[rows[k]], theta[k], place[k], boxes[k], margin[k], stride[k], pixels)
-        jac = differentiate(tone, linear, cells[rows[k]], theta[k], place[k], pixels, n, stats)
-        side = square_px[k]
-        left, top = boxes[k, 0] // side, boxes[k, 2] // side
-        for p in range(n):
-            i = min(int(pixels[5, p]) // side - left, SQUARES - 1)
-            j = min(int(pixels[6, p]) // side - top, SQUARES - 1)
-            square = products[k, j * SQUARES + i]
-            for a in range(ROWS):
-                row[a] = jac[p // BLOCK, a, p % BLOCK]
-            for a in range(PARAMETERS):
-                for b in range(ROWS):
-                    square[a, b] += row[a] * row[b]
