@@ -127,10 +127,18 @@ def no_sums(n: int, cells: Array) -> Sums:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Pixels:
-    """The pixels of a tag that count: columns, rows and grey levels (P,), places on it (P, 2), and what is predicted.
+class TagPixels:
+    """The pixels of a tag that count.
 
-    ``jacobian`` (P, 14) is that of the prediction.
+    Attributes
+    ----------
+    columns, lines : (P,)
+        Where they are.
+    grey, predicted : (P,)
+        Grey levels, 1 is full scale.
+    uv : (P, 2), modules
+    jacobian : (P, 14)
+        Of the prediction.
     """
 
     columns: NDArray[np.int64]
@@ -152,7 +160,7 @@ def _accumulate_one(  # noqa: PLR0917
     k: int,
     sums: Sums,
 ) -> None:
-    seen = _differentiated(frame, cells, theta, place, box, margin, stride)
+    seen = differentiate(frame, cells, theta, place, box, margin, stride)
     if seen is None:
         return
     J, grey, predicted = seen.jacobian, seen.grey, seen.predicted
@@ -184,7 +192,7 @@ def squares(  # noqa: PLR0917 - as accumulate
     normal = np.zeros((len(rows), SQUARES**2, PARAMETERS, PARAMETERS))
     gradient = np.zeros((len(rows), SQUARES**2, PARAMETERS))
     for k in range(len(rows)):
-        seen = _differentiated(frame, cells[rows[k]], theta[k], place[k], boxes[k], float(margin[k]), stride[k])
+        seen = differentiate(frame, cells[rows[k]], theta[k], place[k], boxes[k], float(margin[k]), stride[k])
         if seen is None:
             continue
         side = square_px[k]
@@ -196,7 +204,7 @@ def squares(  # noqa: PLR0917 - as accumulate
     return normal, gradient
 
 
-def _differentiated(  # noqa: PLR0917
+def differentiate(  # noqa: PLR0917
     frame: Frame,
     cells: Array,
     theta: Array,
@@ -204,7 +212,8 @@ def _differentiated(  # noqa: PLR0917
     box: NDArray[np.int64],
     margin: float,
     stride: NDArray[np.int64],
-) -> _Pixels | None:
+) -> TagPixels | None:
+    """Return a tag's pixels that count, predicted, with derivatives; None if there are none. See :func:`accumulate`."""
     seen = _seen(frame, cells, theta, place, box, margin, stride)
     if seen is None:
         return None
@@ -241,7 +250,7 @@ def _differentiated(  # noqa: PLR0917
     predicted, slope_t = tone_value(frame.tone, light)
     jacobian *= slope_t[:, None]
     grey = frame.grey[lines, columns].astype(float)
-    return _Pixels(columns=columns, lines=lines, grey=grey, uv=uv, predicted=predicted, jacobian=jacobian)
+    return TagPixels(columns=columns, lines=lines, grey=grey, uv=uv, predicted=predicted, jacobian=jacobian)
 
 
 def first_light(  # noqa: PLR0917 - as accumulate
