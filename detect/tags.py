@@ -61,12 +61,13 @@ class Tags:
         Top-left, top-right, bottom-right, bottom-left as the tag is drawn; pixel (0, 0) is the centre of the top-left
         pixel.
     sigma_px : (N,), px
-        Standard deviation per axis of the corners' error that does not change from frame to frame of one place.
+        Standard deviation per axis of the corners' error that does not change from frame to frame of one place and that
+        their covariance does not hold; zero where there is one.
     foreign_ids : (M,)
         Ids of the family that were seen but that the target does not carry, ascending; an accurate search looks for
         them only where it sees no tag of the target.
     cov_px2 : (N, 4, 2, 2), px^2, or None
-        Covariance of each corner from the noise of this one image; None if lines were fitted.
+        Covariance of each corner as this one image tells it; None if lines were fitted.
     """
 
     ids: Ids
@@ -101,7 +102,7 @@ def find_tags(image: DeepGrey, target: Target, settings: TagSettings | None = No
             return Tags(
                 ids=located.ids,
                 corners_px=located.corners_px,
-                sigma_px=located.systematic_px,
+                sigma_px=np.zeros(located.ids.size),
                 foreign_ids=np.zeros(0, dtype=np.int64),
                 cov_px2=located.cov_px2,
             )

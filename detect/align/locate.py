@@ -27,8 +27,6 @@ from target.box import Target
 
 MODEL_ERROR_PX = 0.001
 """Deviation per axis of what the model leaves out (lens, print, pixel response); no residual shows it."""
-SYSTEMATIC_PX, SYSTEMATIC_PX2 = 0.033, 0.38
-"""Of tags of any width, and times the inverse of the width."""
 STOP_PX = 0.03
 LARGE_MODULE_PX = 10.0
 """Where modules are wider than this, the lens may bend a tag enough to be fitted once more."""
@@ -91,18 +89,6 @@ class Located:
     correlation: Array
     blur_px: Array
     tone: str
-
-    @property
-    def systematic_px(self) -> Array:
-        """Deviation per axis (N,), px, of what is the same in every picture of a tag from one place.
-
-        Measured on path-traced sRGB JPEG logs against their truth (docs/detector.md); rendered views show a tenth.
-        """
-        a, b = self.corners_px[:, 2] - self.corners_px[:, 0], self.corners_px[:, 3] - self.corners_px[:, 1]
-        area = 0.5 * np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
-        longest = np.linalg.norm(self.corners_px - np.roll(self.corners_px, -1, axis=1), axis=2).max(axis=1, initial=0)
-        width = np.maximum(area / np.maximum(longest, 1e-9), 1.0)
-        return np.asarray(np.hypot(SYSTEMATIC_PX, SYSTEMATIC_PX2 / width))
 
 
 def nothing(tone: str) -> Located:

@@ -11,13 +11,14 @@ from detect.wheels import Array
 PLACES = np.random.default_rng(0).uniform(0, 600, (12, 4, 2))
 
 
-def _frame(corners_px: Array, sigma_px: float = 0.0) -> Tags:
+def _frame(corners_px: Array, sigma_px: float = 0.0, cov_px2: Array | None = None) -> Tags:
     n = len(corners_px)
     return Tags(
         ids=np.arange(n, dtype=np.int64),
         corners_px=corners_px.copy(),
         sigma_px=np.full(n, sigma_px),
         foreign_ids=np.zeros(0, dtype=np.int64),
+        cov_px2=cov_px2,
     )
 
 
@@ -54,6 +55,38 @@ def test_one_frame_or_equal_frames_have_the_floor_as_their_covariance() -> None:
 def test_what_does_not_average_out_is_added_to_the_noise_of_the_frames() -> None:
     frames = [_frame(PLACES, sigma_px=0.2)] * 9
     np.testing.assert_allclose(covariances([combine(frames)])[0], np.tile(0.04 * np.eye(2), (48, 1, 1)), atol=1e-15)
+
+
+@pytest.mark.parametrize("fixed", [0.0, 0.5, 0.9])
+def test_what_frames_tell_is_parted_into_noise_and_what_stays(fixed: float) -> None:
+    rng = np.random.default_rng(5)
+    width = rng.uniform(0.05, 0.2, (12, 4, 1))
+    cov = width[..., None] ** 2 * np.array([[1.0, 0.4], [0.4, 0.8]])
+    root = np.linalg.cholesky(cov)
+    sightings, total = [], 0.0
+    for _ in range(60):
+        stays = np.sqrt(fixed) * (root @ rng.normal(size=(12, 4, 2, 1)))[..., 0]
+        noise = [np.sqrt(1 - fixed) * (root @ rng.normal(size=(12, 4, 2, 1)))[..., 0] for _ in range(6)]
+        sightings.append(combine([_frame(PLACES + stays + n, cov_px2=cov) for n in noise]))
+    for sighting, found in zip(sightings, covariances(sightings, floor_px=1e-9), strict=True):
+        off = sighting.uv_px - PLACES.reshape(-1, 2)
+        total += float(np.einsum("li,lij,lj->", off, np.linalg.inv(found), off))
+    freedom = 2 * sum(s.landmark_ids.size for s in sightings)
+    assert total / freedom == pytest.approx(1.0, abs=0.08)
+
+
+def test_one_frame_has_the_covariance_that_it_tells() -> None:
+    cov = np.broadcast_to(np.diag([0.04, 0.01]), (12, 4, 2, 2)).copy()
+    found = covariances([combine([_frame(PLACES, cov_px2=cov)])], floor_px=1e-9)[0]
+    np.testing.assert_allclose(found, cov.reshape(-1, 2, 2), atol=1e-12)
+
+
+def test_scatter_stands_alone_where_a_frame_tells_nothing() -> None:
+    frames = _noisy(np.random.default_rng(6), 40)
+    frames[3] = _frame(frames[3].corners_px, cov_px2=np.broadcast_to(np.eye(2), (12, 4, 2, 2)).copy())
+    sighting = combine(frames)
+    assert sighting.cov_px2 is None
+    assert np.sqrt(covariances([sighting], floor_px=1e-9)[0][0, 0, 0] * 40) == pytest.approx(0.1, rel=0.1)
 
 
 def test_a_frame_that_is_off_at_one_tag_is_left_out_there() -> None:

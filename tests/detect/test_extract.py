@@ -11,6 +11,7 @@ from small_logs import COMPRESSED, T0_NS, drive, jpeg, write_joints, write_log
 from small_views import SIZE, TARGET, T_cam_box, true_landmarks, view
 
 from calib.simulate.log import LogWriter
+from detect.combine import FLOOR_PX
 from detect.correspondences import load_correspondences
 from detect.errors import DetectError
 from detect.extract import ExtractSettings, extract, frames_at
@@ -56,7 +57,7 @@ def test_a_small_drive_gives_what_each_stop_saw_and_what_the_wheels_did(tmp_path
         off = stop.uv_px - seen
         assert len(off) > 80
         assert np.sqrt(np.mean(off**2)) < 0.1
-        assert np.all(np.linalg.eigvalsh(stop.cov_px2) > 0.03**2)
+        assert np.all(np.linalg.eigvalsh(stop.cov_px2) > FLOOR_PX**2)
     (leg_R, leg_L) = found.leg(0)
     assert leg_R[-1] - leg_R[0] == pytest.approx(5.1, abs=0.005)
     assert leg_L[-1] - leg_L[0] == pytest.approx(4.3, abs=0.005)

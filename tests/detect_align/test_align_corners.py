@@ -157,14 +157,13 @@ def test_unknown_tone_is_refused():
         LocateSettings(tone="gamma")
 
 
-def test_extraction_aligns_by_default_and_tells_both_kinds_of_error():
+def test_extraction_aligns_by_default_and_tells_each_corners_covariance():
     T = pose(20.0)
     uv, _ = truth(T)
     tags = find_tags(view(T), TARGET, TagSettings(corners=CornerSettings(tone="linear")))
     assert _rms(tags.corners_px - uv[tags.ids]) < 0.03
     assert tags.cov_px2.shape == (len(tags.ids), 4, 2, 2)
     assert np.all(np.sqrt(np.trace(tags.cov_px2, axis1=2, axis2=3)) < 0.1)
-    assert np.all((tags.sigma_px > 0.03) & (tags.sigma_px < 0.08))
 
 
 @pytest.mark.parametrize("srgb", [True, False])
