@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
+from detect.align.compiled.arrays import clear, clear_rows, finite, put, put_rows
 from detect.align.compiled.cholesky import solve_positive
 from detect.align.compiled.pixels import BLOCK, add_blocks, collect, first_light, replace_pixels, room
 from detect.align.compiled.sums import ROWS, add_products, differentiate, is_linear
@@ -66,12 +67,14 @@ def _descend(  # noqa: PLR0917 - arrays in, arrays out
 ) -> None:  # fmt: skip
     step = np.zeros(PARAMETERS)
     for k in range(len(rows)):
-        if not np.all(np.isfinite(theta[k])):
+        if not finite(theta[k]):
             continue
         pixels, n, since = room(boxes[k]), 0, np.inf
         jac = np.empty((0, ROWS, BLOCK), np.float32)
         for number in range(iterations):
-            normal[k], gradient[k], stats[k] = 0.0, 0.0, 0.0
+            clear_rows(normal[k])
+            clear(gradient[k])
+            clear(stats[k])
             if since > _FAR_MODULES:
                 n = collect(grey, lens, cells[rows[k]], theta[k], place[k], boxes[k], margin[k], stride[k], pixels)
                 since = 0.0
@@ -105,13 +108,16 @@ def _solve(  # noqa: PLR0917
     normal: Any, gradient: Any, free: Any, theta: Any, information: Any, damping: Any, step: Any
 ) -> None:
     """Fill the damped step of the free parameters, by Cholesky's decomposition."""
-    A, b = normal.copy(), gradient.copy()
+    A, b = np.empty((PARAMETERS, PARAMETERS)), np.empty(PARAMETERS)
+    put_rows(A, normal)
+    put(b, gradient)
     A[KURTOSIS, KURTOSIS] += information
     b[KURTOSIS] -= information * theta[KURTOSIS]
     for i in range(PARAMETERS):
         A[i, i] += damping * A[i, i] if A[i, i] > 1e-12 else 1.0
         if not free[i]:
-            A[i, :], A[:, i] = 0.0, 0.0
+            for j in range(PARAMETERS):
+                A[i, j], A[j, i] = 0.0, 0.0
             A[i, i], b[i] = 1.0, 0.0
     solve_positive(A, b, step)
 
@@ -123,7 +129,8 @@ def _hold(theta: Any, limits: Any, held: Any, step: Any) -> None:
         if not np.isfinite(step[i]):
             step[i] = 0.0
     share = min(1.0, held[0] / max(abs(step[2]), abs(step[5]), 1e-12))
-    step[:8] *= share
+    for i in range(8):
+        step[i] *= share
     step[LOG_SIGMA] = min(max(step[LOG_SIGMA], -held[1]), held[1])
     for row, i in enumerate((LOG_SIGMA, KURTOSIS)):
         step[i] = min(max(theta[i] + step[i], limits[row, 0]), limits[row, 1]) - theta[i]
@@ -145,5 +152,6 @@ def _step_on(theta: Any, step: Any, places: Any) -> float:
             else:
                 most = max(most, abs(u - before[c, 0]), abs(v - before[c, 1]))
         if turn == 0:
-            theta += step
+            for i in range(PARAMETERS):
+                theta[i] += step[i]
     return most

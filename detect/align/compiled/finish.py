@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
+from detect.align.compiled.arrays import put_rows
 from detect.align.compiled.cholesky import factor, solve_lower
 from detect.align.compiled.lens import chart, depth, to_pixel
 from detect.align.photometric.parameters import KURTOSIS, PARAMETERS
@@ -24,7 +25,7 @@ def finish(  # noqa: PLR0917 - arrays in, arrays out
     A = np.empty((PARAMETERS, PARAMETERS))
     moves, half = np.zeros((2, PARAMETERS)), np.empty((2, PARAMETERS))
     for k in range(len(theta)):
-        n, r2, y, y2, p, p2 = stats[k]
+        n, r2, y, y2, p, p2 = stats[k, 0], stats[k, 1], stats[k, 2], stats[k, 3], stats[k, 4], stats[k, 5]
         count = max(n, 1.0)
         var_y, var_p = y2 / count - (y / count) ** 2, p2 / count - (p / count) ** 2
         cross = 0.5 * (y2 + p2 - r2) / count - (y / count) * (p / count)
@@ -35,13 +36,13 @@ def finish(  # noqa: PLR0917 - arrays in, arrays out
         figures[k, 2] = _worst(blocks[k], 1, 4.0) / contrast
         figures[k, 3] = np.sqrt(noise2)
         if covariance:
-            A[:] = normal[k]
+            put_rows(A, normal[k])
             for i in range(PARAMETERS):
                 A[i, i] += 1e-12 + 1e-9 * normal[k, i, i]
             A[KURTOSIS, KURTOSIS] += max(r2, 1e-9) / max(n - PARAMETERS, 1.0) / prior**2
             factor(A)
         for c in range(4):
-            u, v = modules * (c in {1, 2}), modules * (c in {2, 3})
+            u, v = modules * (c == 1 or c == 2), modules * (c >= 2)  # noqa: PLR1714 - a set takes long to compile
             _corner(lens, theta[k], place[k], float(u), float(v), corners[k, c])
             if covariance:
                 moves_of(lens, theta[k], place[k], corners[k, c], moves)
@@ -75,7 +76,7 @@ def _worst(blocks: Any, side: Any, least: Any) -> float:
 @njit(cache=True, nogil=True, error_model="numpy")
 def _corner(lens: Any, h: Any, place: Any, u: Any, v: Any, out: Any) -> None:  # noqa: PLR0917
     """Fill the pixel of a place on the tag: H inverted by its adjugate, then :func:`detect.align.lens.bend`."""
-    out[:] = np.nan
+    out[0], out[1] = np.nan, np.nan
     x = (h[4] - h[5] * h[7]) * u + (h[2] * h[7] - h[1]) * v + (h[1] * h[5] - h[2] * h[4])
     y = (h[5] * h[6] - h[3]) * u + (h[0] - h[2] * h[6]) * v + (h[2] * h[3] - h[0] * h[5])
     w = (h[3] * h[7] - h[4] * h[6]) * u + (h[1] * h[6] - h[0] * h[7]) * v + (h[0] * h[4] - h[1] * h[3])

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
+from detect.align.compiled.arrays import put_rows
 from detect.align.compiled.cholesky import factor, solve_lower, solve_positive
 from detect.align.compiled.finish import moves_of
 from detect.align.compiled.pixels import BLOCK, collect, room
@@ -40,14 +41,14 @@ def squared(  # noqa: PLR0917 - arrays in, arrays out
                 normal[i, j] = 0.0
                 for square in range(SQUARES * SQUARES):
                     normal[i, j] += products[square, i, j]
-        A[:] = normal
+        put_rows(A, normal)
         for i in range(PARAMETERS):
             A[i, i] += 1e-12 + 1e-9 * normal[i, i]
         A[KURTOSIS, KURTOSIS] += max(noise2[k], 1e-9) / prior**2
         for c in range(4):
             moves_of(lens, theta[k], place[k], corners[k, c], moves)
             for row in range(2):
-                inverse[:] = A
+                put_rows(inverse, A)
                 solve_positive(inverse, moves[row], B[2 * c + row])
         factor(A)
         observed[k], expected[k] = _mean_squares(products, normal, A, B, max(noise2[k], 1e-12))

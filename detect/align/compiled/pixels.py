@@ -135,8 +135,26 @@ def first_light(tone: Any, cells: Any, pixels: Any, n: Any, theta: Any) -> None:
             total[kind] += pixels[4, p]
             count[kind] += 1
     if count[0] > 0 and count[1] > 0:
-        levels = np.interp(total / count, tone, np.linspace(0.0, 1.0, len(tone)))
-        theta[8], theta[9] = levels[0], max(levels[1] - levels[0], LEAST_GAIN)
+        black, white = _light_of(tone, total[0] / count[0]), _light_of(tone, total[1] / count[1])
+        theta[8], theta[9] = black, max(white - black, LEAST_GAIN)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _light_of(tone: Any, grey: Any) -> Any:
+    """Return the light that a tone curve makes a grey level of."""
+    last = len(tone) - 1
+    if grey <= tone[0]:
+        return 0.0
+    if grey >= tone[last]:
+        return 1.0
+    low, high = 0, last
+    while high - low > 1:
+        middle = (low + high) // 2
+        if tone[middle] <= grey:
+            low = middle
+        else:
+            high = middle
+    return (low + (grey - tone[low]) / (tone[high] - tone[low])) / last
 
 
 @njit(cache=True, fastmath=True, nogil=True, error_model="numpy")

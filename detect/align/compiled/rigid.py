@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
+from detect.align.compiled.arrays import clear, clear_rows, median, put, put_rows
 from detect.align.compiled.cholesky import factor, solve_lower, solve_positive
 from detect.align.compiled.lens import to_pixel
 
@@ -46,20 +47,27 @@ def refine(  # noqa: PLR0917 - arrays in, arrays out
         Deviations, filled.
     """
     moved = (focal, lens.copy(), T.copy())
-    now_off, gradient, step = np.empty(len(uv)), np.zeros(_UNKNOWNS), np.zeros(_UNKNOWNS)
+    now_off, room = np.empty(len(uv)), np.empty(len(uv))
+    gradient, step = np.zeros(_UNKNOWNS), np.zeros(_UNKNOWNS)
     camera, A = np.empty(_CAMERA), np.empty((_UNKNOWNS, _UNKNOWNS))
-    information[:] = np.eye(_UNKNOWNS)
-    off[:] = 0.0
+    clear_rows(information)
+    for i in range(_UNKNOWNS):
+        information[i, i] = 1.0
+    clear(off)
     damping, cost = 1e-4, np.inf
     for iteration in range(iterations[1]):
-        if iteration >= iterations[0] and np.median(off) < fair:
+        if iteration >= iterations[0] and median(off, room) < fair:
             break
         now_focal, now_lens, now_T = moved
         before = _deviations(p_box, uv, now_focal, now_lens, now_T, now_off)
-        scale = 3 * max(sigma_px, 1.2 * np.median(now_off))
+        scale = 3 * max(sigma_px, 1.2 * median(now_off, room))
         camera[0], camera[1], camera[2] = np.log(now_focal), now_lens[0], now_lens[1]
         camera[3], camera[4], camera[5] = now_lens[2], now_lens[3], now_lens[5]
-        now = scale**2 * np.sum(np.log1p((now_off / scale) ** 2)) + np.sum(prior * (camera - expected) ** 2)
+        now = 0.0
+        for k in range(len(uv)):
+            now += scale**2 * np.log1p((now_off[k] / scale) ** 2)
+        for i in range(_CAMERA):
+            now += prior[i] * (camera[i] - expected[i]) ** 2
         if not now <= cost * (1 + 1e-9) + 1e-12 or not before:
             damping *= 10
             if damping > 1e6:
@@ -67,7 +75,9 @@ def refine(  # noqa: PLR0917 - arrays in, arrays out
         else:
             done = cost - now < 1e-3 * now + 1e-9
             focal, cost = now_focal, now
-            lens[:], T[:], off[:] = now_lens, now_T, now_off
+            put(lens, now_lens)
+            put_rows(T, now_T)
+            put(off, now_off)
             _equations(p_box, uv, focal, lens, T, now_off, scale, information, gradient)
             for i in range(_CAMERA):
                 information[i, i] += prior[i]
@@ -75,7 +85,7 @@ def refine(  # noqa: PLR0917 - arrays in, arrays out
             damping = max(damping * 0.2, 1e-9)
             if done:
                 break
-        A[:] = information
+        put_rows(A, information)
         for i in range(_UNKNOWNS):
             A[i, i] += damping * (information[i, i] + 1e-9)
         solve_positive(A, gradient, step)
@@ -97,13 +107,10 @@ def _moved(focal: Any, lens: Any, T: Any, step: Any, limits: Any) -> Any:
     angle = np.sqrt(x * x + y * y + z * z)
     a = np.sin(angle) / angle if angle > 1e-8 else 1.0
     b = (1 - np.cos(angle)) / angle**2 if angle > 1e-8 else 0.5
-    R = np.array(
-        [
-            [1 - b * (y * y + z * z), b * x * y - a * z, b * x * z + a * y],
-            [b * x * y + a * z, 1 - b * (x * x + z * z), b * y * z - a * x],
-            [b * x * z - a * y, b * y * z + a * x, 1 - b * (x * x + y * y)],
-        ]
-    )
+    R = np.empty((3, 3))
+    R[0, 0], R[0, 1], R[0, 2] = 1 - b * (y * y + z * z), b * x * y - a * z, b * x * z + a * y
+    R[1, 0], R[1, 1], R[1, 2] = b * x * y + a * z, 1 - b * (x * x + z * z), b * y * z - a * x
+    R[2, 0], R[2, 1], R[2, 2] = b * x * z - a * y, b * y * z + a * x, 1 - b * (x * x + y * y)
     for i in range(3):
         for j in range(4):
             new[i, j] = R[i, 0] * T[0, j] + R[i, 1] * T[1, j] + R[i, 2] * T[2, j]
@@ -185,7 +192,7 @@ def predict(  # noqa: PLR0917
         x, y, z = _point(T, p_box[k])
         uv[k, 0], uv[k, 1] = to_pixel(lens, x, y, z / focal)
         if not np.isfinite(uv[k, 0]):
-            uv[k], spread[k] = np.nan, np.inf
+            uv[k, 0], uv[k, 1], spread[k] = np.nan, np.nan, np.inf
             continue
         _differentiate(focal, lens, uv[k, 0] - lens[0], uv[k, 1] - lens[1], x, y, z, J)
         total = 0.0
@@ -202,7 +209,8 @@ def _equations(  # noqa: PLR0917
 ) -> None:
     """Fill the normal equations of the corners, each weighted by its deviation."""
     J = np.zeros((2, _UNKNOWNS))
-    normal[:], gradient[:] = 0.0, 0.0
+    clear_rows(normal)
+    clear(gradient)
     for k in range(len(uv)):
         dx, dy = uv[k, 0] - lens[0], uv[k, 1] - lens[1]
         x, y, z = _point(T, p_box[k])

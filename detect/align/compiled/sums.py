@@ -10,6 +10,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from detect.align.compiled.arrays import clear, clear_rows, finite
 from detect.align.compiled.edges import OF_EDGE, across, blur_geometry, down, edge, jacobian, module_differences
 from detect.align.compiled.pixels import BLOCK, add_blocks, collect, room, widths
 from detect.align.pattern import Array
@@ -54,7 +55,7 @@ def _run(  # noqa: PLR0917 - arrays in, arrays out
     margin: Any, stride: Any, normal: Any, gradient: Any, stats: Any, blocks: Any,
 ) -> None:  # fmt: skip
     for k in range(len(rows)):
-        if not np.all(np.isfinite(theta[k])):
+        if not finite(theta[k]):
             continue
         pixels = room(boxes[k])
         n = collect(grey, lens, cells[rows[k]], theta[k], place[k], boxes[k], margin[k], stride[k], pixels)
@@ -156,8 +157,8 @@ def differentiate(  # noqa: PLR0915, PLR0917 - arrays in, arrays out
             first_u[p], first_v[p] = i, j
             corner[p] = j * side + i
         blur_geometry(theta, sigma, at, geometry)
-        total[:] = 0
-        sums[:] = 0
+        clear_rows(total)
+        clear_rows(sums)
         for e in range(count_u):
             edge(at[2], geometry[1], first_u, e, theta[13], edges_u[e])
             for p in range(BLOCK):
@@ -170,7 +171,7 @@ def differentiate(  # noqa: PLR0915, PLR0917 - arrays in, arrays out
             total[4, p] = sums[3, p]
         for f in range(count_v):
             edge(at[3], geometry[2], first_v, f, theta[13], edge_v)
-            sums[:] = 0
+            clear_rows(sums)
             for e in range(count_u):
                 beyond = f * side + e
                 for p in range(BLOCK):
@@ -181,7 +182,7 @@ def differentiate(  # noqa: PLR0915, PLR0917 - arrays in, arrays out
             down(sums, edge_v, geometry[3], total)
         into = jac[part]
         _residuals(at, light, tone, linear, total, used, bend, into[14], stats)
-        into[15] = 0
+        clear(into[15])
         jacobian(light, at, geometry, total, bend, into)
     stats[0] += n
     return jac
