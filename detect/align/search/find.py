@@ -17,8 +17,8 @@ from target.box import Target
 FEW_TAGS = 4
 SMALL_PX = 600
 """Pictures are not shrunk below this, px of the longer side."""
-SEEN_MODULE_PX = 1.3
-"""Tags with narrower modules seldom make seeds."""
+SEEN_MODULE_PX = 0.9
+"""Tags with narrower modules make no seeds."""
 MOST_ENLARGED = 4_000_000
 """Larger pictures are not enlarged, pixels."""
 
@@ -46,13 +46,17 @@ def find_box(
         What an aligned tag must keep to.
     """
     size = (grey8.shape[1], grey8.shape[0])
+    lost_module_px = np.inf
     for factor in shrinkings(size):
+        if lost_module_px < SEEN_MODULE_PX * factor:
+            continue
         seeds = consistent_seeds(target, find_seeds(grey8, patterns, windows_px[:1], scale=1 / factor), size)
         if len(seeds) < FEW_TAGS:
             continue
         search = plan(target, patterns, seeds, size, sigma_px=SEED_SIGMA_PX * factor)
         found = follow(pyramid, target, patterns, search, limits)
-        if factor == 1 or (len(found.tags) >= FEW_TAGS and found.lost_module_px < SEEN_MODULE_PX * factor / 2):
+        lost_module_px = found.lost_module_px if len(found.tags) >= FEW_TAGS else np.inf
+        if factor == 1 or lost_module_px < SEEN_MODULE_PX:
             return found
     seeds = consistent_seeds(target, find_seeds(grey8, patterns, windows_px), size)
     if len(seeds) < FEW_TAGS and grey8.size <= MOST_ENLARGED:
