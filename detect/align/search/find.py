@@ -1,7 +1,7 @@
 """All tags of a box, from seeds in a shrunken picture if it is large, else in the whole one, or one twice as large.
 
-Large tags stand out in few pixels. A shrunken picture is enough where the tags found from it say of every other tag
-that the box turns to the camera where it is, or where a larger picture would not show it either; else that is searched.
+Large tags stand out in few pixels. A shrunken picture is enough where every tag that the box turns to the camera was
+found from it, or the whole picture would not show the rest either; else larger ones are searched.
 """
 
 import numpy as np

@@ -10,7 +10,7 @@ from detect.align.homography import least_squares_homography, map_points
 from detect.align.lens import fisheye_lens, straighten
 from detect.align.pattern import Array, Index, Patterns
 from detect.align.photometric.solve import Aligned
-from detect.align.search.rigid import FISHEYES, BoxFit, fit_box
+from detect.align.search.rigid import FISHEYES, GOOD, BoxFit, fit_box
 from detect.align.search.seeds import Seeds
 from detect.align.verify import Limits, convex, module_px, verified
 from target.box import Target
@@ -59,8 +59,8 @@ class Found:
     fit
         The box through them.
     lost_module_px
-        How wide the modules are seen at most of tags that the box turns to the camera, but of which it is not known
-        well enough where they are to look there; 0 if there are none.
+        How wide the modules are seen at most of tags that the box turns to the camera, but that were not found; 0 if
+        there are none, infinite where the fit is too poor to say which those are.
     """
 
     tags: Aligned
@@ -217,7 +217,7 @@ def follow(pyramid: Pyramid, target: Target, patterns: Patterns, search: Search,
         if len(rows) < len(tags):
             tags = tags.take(np.isin(tags.rows, rows))
         more, corners, sure = predicted(target, patterns, fit, tags.rows, image_size)
-        lost = float(module_px(patterns, corners[~sure]).max(initial=0))
+        lost = float(module_px(patterns, corners).max(initial=0))
         more, corners = more[sure], corners[sure]
         if len(more) == 0:
             break
@@ -228,4 +228,6 @@ def follow(pyramid: Pyramid, target: Target, patterns: Patterns, search: Search,
         if len(new) == 0:
             break
         tags = tags.joined(new)
-    return Found(tags=tags, fit=fit, lost_module_px=lost)
+    # a box that is turned wrongly hides faces that the camera sees
+    told = len(tags) > 0 and np.median(fit.off_px) < GOOD * ALIGNED_SIGMA_PX
+    return Found(tags=tags, fit=fit, lost_module_px=lost if told else np.inf)
