@@ -1,8 +1,9 @@
 import cv2
 import numpy as np
+import pytest
 from aligned_views import SIZE, TARGET, pose, truth, view
 
-from detect.align.locate import locate_tags
+from detect.align.locate import locate_copies, locate_tags
 from detect.align.pattern import target_patterns
 from detect.align.search.guided import consistent_seeds
 from detect.align.search.seeds import find_seeds
@@ -55,6 +56,13 @@ def test_noise_text_and_squares_are_no_tags():
     squares = np.kron(rng.random((24, 32)) < 0.5, np.ones((20, 20))).astype(np.uint8) * 200
     for image in (noise, text, squares):
         assert len(locate_tags(image, TARGET).ids) == 0
+
+
+@pytest.mark.parametrize("shape", [(8, 9600), (8, 16_384), (16_384, 9), (9, 4000)])
+def test_a_thin_strip_shows_no_tags(shape):
+    noise = np.random.default_rng(6).integers(0, 255, shape, dtype=np.uint8)
+    assert len(locate_tags(noise, TARGET).ids) == 0
+    assert len(locate_copies(noise, PATTERNS).ids) == 0
 
 
 def test_tags_of_other_ids_are_no_tags_of_the_target():

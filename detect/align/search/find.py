@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from detect.align.coarse import Pyramid
+from detect.align.grey import LEAST_SIDE_PX
 from detect.align.pattern import Patterns
 from detect.align.search.guided import SEED_SIGMA_PX, Found, consistent_seeds, follow, plan
 from detect.align.search.seeds import Seeds, find_seeds
@@ -19,8 +20,8 @@ SMALL_PX = 600
 """Pictures are not shrunk below this, px of the longer side."""
 SEEN_MODULE_PX = 0.9
 """Tags with narrower modules make no seeds."""
-MOST_ENLARGED = 4_000_000
-"""Larger pictures are not enlarged, pixels."""
+MOST_ENLARGED, LONGEST_ENLARGED_PX = 4_000_000, 16_000
+"""Larger pictures are not enlarged: pixels, and px a side (OpenCV maps less than 32767)."""
 
 
 def find_box(
@@ -59,7 +60,7 @@ def find_box(
         if factor == 1 or lost_module_px < SEEN_MODULE_PX:
             return found
     seeds = consistent_seeds(target, find_seeds(grey8, patterns, windows_px), size)
-    if len(seeds) < FEW_TAGS and grey8.size <= MOST_ENLARGED:
+    if len(seeds) < FEW_TAGS and _may_grow(grey8):
         seeds = consistent_seeds(target, seeds.merged(find_seeds(grey8, patterns, windows_px, scale=2.0)), size)
     if len(seeds) == 0:
         return None
@@ -69,12 +70,16 @@ def find_box(
 def search_copies(grey8: NDArray[np.uint8], patterns: Patterns, windows_px: tuple[int, ...]) -> Seeds:
     """Return where single tags may be, whatever they are stuck on: under all windows, and at twice the size."""
     seeds = find_seeds(grey8, patterns, windows_px)
-    if grey8.size > MOST_ENLARGED:
+    if not _may_grow(grey8):
         return seeds
     return seeds.merged(find_seeds(grey8, patterns, windows_px, scale=2.0))
 
 
+def _may_grow(grey8: NDArray[np.uint8]) -> bool:
+    return grey8.size <= MOST_ENLARGED and max(grey8.shape) <= LONGEST_ENLARGED_PX
+
+
 def shrinkings(image_size: tuple[int, int]) -> list[int]:
     """Return by how much to shrink a picture (width, height) before it is searched: the most first, 1 last."""
-    most = max(0, int(np.log2(max(image_size) / SMALL_PX)))
+    most = max(0, int(np.log2(min(max(image_size) / SMALL_PX, min(image_size) / LEAST_SIDE_PX))))
     return [2**level for level in range(most, -1, -1)]
