@@ -131,8 +131,10 @@ def covariances(sightings: Sequence[Sighting], floor_px: float = FLOOR_PX) -> li
 
     What a frame tells of its corners is noise, which a mean over n frames has one n-th of, and what the tags' model
     does not follow, which is the same in every frame as long as the robot stands. The frames' scatter, pooled over all
-    landmarks of all stops, says which share the noise has. Where frames do not tell (lines were fitted), the scatter
-    itself is the noise. What does not average out (``Sighting.sigma_px``, at least the floor) is added.
+    landmarks of all stops, says which share the noise has. So a covariance that is told too large counts as something
+    that stays, and one too small hides it: frames alone cannot tell these apart. Where frames do not tell (lines were
+    fitted), the scatter itself is the noise. What does not average out (``Sighting.sigma_px``, at least the floor) is
+    added.
     """
     freedom = sum(s.freedom for s in sightings)
     fixed = [np.maximum(s.sigma_px, floor_px)[:, None, None] ** 2 * np.eye(2) for s in sightings]

@@ -17,10 +17,10 @@ def shared_data() -> Path:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Drop compiled code older than its sources: of a function numba looks only at its own file."""
+    """Drop compiled code older than what it is made of: of a function numba looks only at its own file."""
     if hasattr(config, "workerinput"):
         return
-    newest = max(source.stat().st_mtime for source in COMPILED.glob("*.py"))
+    newest = max(source.stat().st_mtime for source in COMPILED.parent.rglob("*.py"))
     for kept in (COMPILED / "__pycache__").glob("*.nb[ic]"):
         if kept.stat().st_mtime < newest:
             kept.unlink()

@@ -14,7 +14,7 @@ from detect.align.compiled.finish import moves_of
 from detect.align.compiled.pixels import BLOCK, collect, room
 from detect.align.compiled.sums import ROWS, differentiate
 from detect.align.photometric.model import SQUARES
-from detect.align.photometric.parameters import KURTOSIS, PARAMETERS
+from detect.align.photometric.parameters import KURTOSIS, OFFSET, PARAMETERS
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -83,7 +83,7 @@ def _mean_squares(products: Any, normal: Any, L: Any, B: Any, noise2: Any) -> tu
         white = max(white, 1e-300)
         moved2, fitted = 0.0, 0.0
         for square in range(len(products)):
-            if products[square, PARAMETERS - 6, PARAMETERS - 6] == 0:
+            if products[square, OFFSET, OFFSET] == 0:
                 continue
             moved = 0.0
             for i in range(PARAMETERS):

@@ -9,6 +9,8 @@ from detect.align.photometric.model import LEAST_GAIN, MIDDLE, NEAR_SIGMAS
 
 BLOCK = 64
 """Pixels that are summed together."""
+ORDER = {"reassoc", "contract", "arcp", "nsz"}
+"""What compiled sums may change: their order, not what they make of infinite figures, which decide what counts."""
 OF_PIXEL = 7
 """x, y, u, v, grey level, column and row of a collected pixel."""
 
@@ -19,7 +21,7 @@ def room(box: Any) -> Any:
     return np.empty((OF_PIXEL, max(box[1] - box[0], 0) * max(box[3] - box[2], 0)), np.float32)
 
 
-@njit(cache=True, fastmath=True, nogil=True, error_model="numpy")
+@njit(cache=True, fastmath=ORDER, nogil=True, error_model="numpy")
 def widths(theta: Any, place: Any) -> Any:
     """Return the blur's deviations along u and v at the tag's centre, modules."""
     sigma = np.exp(theta[12]) * place[2]
@@ -28,7 +30,7 @@ def widths(theta: Any, place: Any) -> Any:
     return sigma * np.sqrt(u0 * u0 + u1 * u1), sigma * np.sqrt(v0 * v0 + v1 * v1)
 
 
-@njit(cache=True, fastmath=True, nogil=True, error_model="numpy")
+@njit(cache=True, fastmath=ORDER, nogil=True, error_model="numpy")
 def _line(lens: Any, theta: Any, place: Any, first: Any, row: Any, out: Any) -> None:  # noqa: PLR0917
     """Fill x, y, u and v of the pixels of a row, from the first column on."""
     h0, h1, h2, h3, h4, h5, h6, h7 = theta[0], theta[1], theta[2], theta[3], theta[4], theta[5], theta[6], theta[7]
@@ -54,7 +56,7 @@ def _line(lens: Any, theta: Any, place: Any, first: Any, row: Any, out: Any) -> 
         out[3, i] = (h3 * x + h4 * y + h5) * w
 
 
-@njit(cache=True, fastmath=True, nogil=True, error_model="numpy")
+@njit(cache=True, fastmath=ORDER, nogil=True, error_model="numpy")
 def collect(  # noqa: PLR0917
     grey: Any, lens: Any, cells: Any, theta: Any, place: Any, box: Any, margin: Any, stride: Any, into: Any
 ) -> int:
@@ -109,7 +111,7 @@ def collect(  # noqa: PLR0917
     return n
 
 
-@njit(cache=True, fastmath=True, nogil=True, error_model="numpy")
+@njit(cache=True, fastmath=ORDER, nogil=True, error_model="numpy")
 def replace_pixels(theta: Any, pixels: Any, n: Any) -> None:
     """Fill u and v of collected pixels anew."""
     h0, h1, h2, h3, h4, h5, h6, h7 = theta[0], theta[1], theta[2], theta[3], theta[4], theta[5], theta[6], theta[7]
@@ -157,7 +159,7 @@ def _light_of(tone: Any, grey: Any) -> Any:
     return (low + (grey - tone[low]) / (tone[high] - tone[low])) / last
 
 
-@njit(cache=True, fastmath=True, nogil=True, error_model="numpy")
+@njit(cache=True, fastmath=ORDER, nogil=True, error_model="numpy")
 def add_blocks(pixels: Any, n: Any, jac: Any, blocks: Any) -> None:
     """Add the residuals of collected pixels to the sums over modules."""
     side = blocks.shape[0]
