@@ -20,7 +20,9 @@ def pytest_configure(config: pytest.Config) -> None:
     """Drop compiled code older than what it is made of: of a function numba looks only at its own file."""
     if hasattr(config, "workerinput"):
         return
-    newest = max(source.stat().st_mtime for source in COMPILED.parent.rglob("*.py"))
+    align = COMPILED.parent
+    sources = [*COMPILED.glob("*.py"), *(align / "photometric").glob("*.py"), align / "lens.py"]
+    newest = max(source.stat().st_mtime for source in sources)
     for kept in (COMPILED / "__pycache__").glob("*.nb[ic]"):
         if kept.stat().st_mtime < newest:
             kept.unlink()
