@@ -21,7 +21,8 @@ from detect.align.grey import to_grey
 from detect.align.lens import straight_lens
 from detect.align.locate import LocateSettings, locate_copies
 from detect.align.pattern import Patterns, family_patterns
-from detect.align.photometric.model import Frame, differentiate
+from detect.align.photometric.batch import Batch, Frame
+from detect.align.photometric.model import differentiate
 from detect.align.photometric.parameters import LOG_SIGMA
 from detect.align.photometric.solve import align, footprints
 from detect.align.tone import tone_table
@@ -57,14 +58,22 @@ def redrawn(grey: NDArray[np.uint8], patterns: Patterns, corners: Array) -> tupl
     levels, _ = to_grey(grey)
     frame = Frame(grey=levels, tone=tone_table("linear"), lens=straight_lens((grey.shape[1], grey.shape[0])))
     tags = align(frame, patterns, np.zeros(len(corners), dtype=np.int64), corners, stop_px=1e-3, iterations=30)
-    boxes, margin, stride, _ = footprints(
+    boxes, margin, *_ = footprints(
         frame, patterns, tags.corners_px, tags.theta[:, LOG_SIGMA], side_px=np.inf, edges=True
+    )
+    batch = Batch(
+        frame=frame,
+        cells=patterns.cells,
+        rows=tags.rows,
+        theta=tags.theta,
+        place=tags.place,
+        boxes=boxes,
+        margin=margin,
+        stride=np.ones((len(tags), 3), dtype=np.int64),
     )
     picture = grey.copy()
     for k in range(len(tags)):
-        seen = differentiate(
-            frame, patterns.cells[0], tags.theta[k], tags.place[k], boxes[k], float(margin[k]), stride[k] * 0 + 1
-        )
+        seen = differentiate(batch, k)
         if seen is not None:
             picture[seen.lines, seen.columns] = np.clip(np.rint(seen.predicted * 255), 0, 255)
     return picture, tags.corners_px

@@ -12,7 +12,7 @@ from detect.align.grey import LEAST_SIDE_PX, to_grey, to_grey8
 from detect.align.lens import straight_lens
 from detect.align.locate import LocateSettings, locate_tags
 from detect.align.pattern import family_patterns
-from detect.align.photometric.model import Frame
+from detect.align.photometric.batch import Frame
 from detect.align.tone import tone_table
 from detect.align.verify import Limits, verified
 from detect.corners import CornerSettings, refine, systematic_px

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 
 from detect.align.pattern import Array, Index, Patterns
-from detect.align.photometric.model import Frame
+from detect.align.photometric.batch import Frame
 from detect.align.photometric.parameters import LOG_SIGMA
 from detect.align.photometric.solve import Aligned, align
 from detect.align.verify import module_px

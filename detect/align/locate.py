@@ -11,7 +11,7 @@ from detect.align.grey import to_grey, to_grey8
 from detect.align.lens import bent_otherwise_px, straight_lens
 from detect.align.misfit import noise_share
 from detect.align.pattern import Array, Index, Patterns, target_patterns
-from detect.align.photometric.model import Frame
+from detect.align.photometric.batch import Frame
 from detect.align.photometric.parameters import KURTOSIS
 from detect.align.photometric.solve import Aligned, align
 from detect.align.search.find import find_box, search_copies

@@ -18,8 +18,9 @@ from numpy.typing import NDArray
 
 from detect.align.pattern import Array, Patterns
 from detect.align.photometric import model
+from detect.align.photometric.batch import Batch, Frame
 from detect.align.photometric.finish import KURTOSIS_PRIOR, corners_by_homography, inverse_normal
-from detect.align.photometric.model import SQUARES, Frame
+from detect.align.photometric.model import SQUARES
 from detect.align.photometric.parameters import LOG_SIGMA, PARAMETERS
 from detect.align.photometric.solve import Aligned, footprints
 
@@ -56,32 +57,26 @@ def noise_share(frame: Frame, patterns: Patterns, tags: Aligned, side_px: float)
     )
     widest = np.maximum(boxes[:, 1] - boxes[:, 0], boxes[:, 3] - boxes[:, 2])
     square_px = np.maximum(widest // (SQUARES - 1) + 1, SQUARE_PX)
-    observed, expected = _sums()(frame, patterns.cells, some, boxes, margin, stride, square_px)
+    batch = Batch(
+        frame=frame, cells=patterns.cells, rows=some.rows, theta=some.theta, place=some.place,
+        boxes=boxes, margin=margin, stride=stride,
+    )  # fmt: skip
+    observed, expected = _sums()(batch, some, square_px)
     prior = PRIOR_TAGS * float(np.mean(expected)) + 1e-12
     return TOGETHER * float(np.clip((observed.sum() + prior) / (expected.sum() + prior), *RANGE))
 
 
-def squared(  # noqa: PLR0917 - as the sums
-    frame: Frame,
-    cells: Array,
-    tags: Aligned,
-    boxes: NDArray[np.int64],
-    margin: Array,
-    stride: NDArray[np.int64],
-    square_px: NDArray[np.int64],
-) -> tuple[Array, Array]:
+def squared(batch: Batch, tags: Aligned, square_px: NDArray[np.int64]) -> tuple[Array, Array]:
     """Return for each tag (N,) the mean square of the squares' sums, and its expectation under white noise.
 
-    Both are in units of the variance that white noise gives to the corners' eight coordinates. Arguments as for
-    :func:`detect.align.photometric.model.squares`.
+    Both are in units of the variance that white noise gives to the corners' eight coordinates. The batch holds the same
+    tags; for ``square_px`` see :func:`detect.align.photometric.model.squares`.
     """
-    normals, gradients = model.squares(
-        frame, cells, tags.rows, tags.theta, tags.place, boxes, margin, stride, square_px
-    )
+    normals, gradients = model.squares(batch, square_px)
     normal, noise2 = normals.sum(axis=1), tags.noise**2
     # one pixel more than parameters: their squared sum is then the variance that the prior is weighed by
     inverse = inverse_normal(normal, np.stack([np.full(len(tags), PARAMETERS + 1.0), noise2], axis=1))
-    D = corners_by_homography(frame, tags.theta, tags.place, tags.corners_px).reshape(len(tags), 8, 8)
+    D = corners_by_homography(batch.frame, tags.theta, tags.place, tags.corners_px).reshape(len(tags), 8, 8)
     B = inverse[:, :, :8] @ D.transpose(0, 2, 1)
     white = np.maximum(np.einsum("nie,nij,nje->ne", B, normal, B), 1e-300)
     moved = gradients @ B
@@ -96,24 +91,14 @@ def _sums() -> Callable[..., tuple[Array, Array]]:
     """Return the compiled sums over squares where numba is installed, else those in numpy."""
     try:
         from detect.align.compiled import misfit as compiled  # noqa: PLC0415 - optional and slow to import
-        from detect.align.compiled.sums import is_linear  # noqa: PLC0415
     except ImportError:
         return squared
 
-    def run(  # noqa: PLR0917
-        frame: Frame,
-        cells: Array,
-        tags: Aligned,
-        boxes: NDArray[np.int64],
-        margin: Array,
-        stride: NDArray[np.int64],
-        square_px: NDArray[np.int64],
-    ) -> tuple[Array, Array]:
+    def run(batch: Batch, tags: Aligned, square_px: NDArray[np.int64]) -> tuple[Array, Array]:
         observed, expected = np.empty(len(tags)), np.empty(len(tags))
         compiled.squared(
-            frame.grey, frame.tone, is_linear(frame.tone), frame.lens, cells, tags.rows, tags.theta, tags.place,
-            boxes, margin, stride, square_px, tags.corners_px, tags.noise**2, KURTOSIS_PRIOR, observed, expected,
-        )  # fmt: skip
+            *batch.arrays_and(square_px, tags.corners_px, tags.noise**2, KURTOSIS_PRIOR, observed, expected)
+        )
         return observed, expected
 
     return run

@@ -11,7 +11,7 @@ from typing import Literal
 import numpy as np
 
 from detect.align.pattern import Array, Patterns
-from detect.align.photometric.model import Frame
+from detect.align.photometric.batch import Frame
 from detect.align.photometric.parameters import GAIN, KURTOSIS, OFFSET, SLOPE_X, SLOPE_Y
 from detect.align.photometric.solve import Aligned, align
 from detect.errors import DetectError

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from detect.align.pattern import target_patterns
-from detect.align.photometric.model import Frame
+from detect.align.photometric.batch import Batch, Frame
 from detect.align.photometric.parameters import KURTOSIS
 from detect.align.photometric.solve import align
 from detect.align.tone import tone_table
@@ -54,8 +54,8 @@ def view(T_cam_box, look=PLAIN, target=TARGET, camera=CAMERA, seed=1):
     return render(target, camera, T_cam_box, SIZE, look, np.random.default_rng(seed))
 
 
-def sums_arguments(azimuth_deg, tone="linear", side=1, lens=LENS):
-    """Return the arguments of the sums for three tags of a view, all parameters off their best by some per cent."""
+def some_tags(azimuth_deg, tone="linear", side=1, lens=LENS):
+    """Return three tags of a view, all parameters off their best by some per cent."""
     T = pose(azimuth_deg)
     uv, seen = truth(T)
     rows = seen[::12][:3]
@@ -69,4 +69,13 @@ def sums_arguments(azimuth_deg, tone="linear", side=1, lens=LENS):
     low, high = uv[rows].min(axis=1).astype(int) - 4, uv[rows].max(axis=1).astype(int) + 5
     boxes = np.stack([low[:, 0], high[:, 0], low[:, 1], high[:, 1]], axis=1).astype(np.int64)
     stride = np.tile(np.array([[1, 1, 1], [5, 3, 1]])[0 if side == 1 else 1], (3, 1))
-    return frame, PATTERNS.cells, rows, theta, tags.place, boxes, np.full(3, 0.8), stride
+    return Batch(
+        frame=frame,
+        cells=PATTERNS.cells,
+        rows=rows,
+        theta=theta,
+        place=tags.place,
+        boxes=boxes,
+        margin=np.full(3, 0.8),
+        stride=stride,
+    )

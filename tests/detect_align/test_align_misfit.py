@@ -1,12 +1,15 @@
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
-from aligned_views import PATTERNS, PLAIN, TARGET, pose, sums_arguments, truth, view, width_px
+from aligned_views import PATTERNS, PLAIN, TARGET, pose, some_tags, truth, view, width_px
 
 from detect.align import misfit
 from detect.align.lens import straight_lens
 from detect.align.locate import locate_tags
 from detect.align.photometric import model
+from detect.align.photometric.batch import Frame
 from detect.align.photometric.solve import align
 from target.render import Look
 
@@ -23,9 +26,9 @@ def _grained(azimuth_deg, seed, spread_px):
 
 @pytest.mark.parametrize("tone", ["linear", "srgb"])
 def test_sums_over_squares_are_those_over_all(tone):
-    arguments = sums_arguments(33.0, tone, 5)
-    normal, gradient = model.squares(*arguments, np.array([8, 9, 12]))
-    whole = model.accumulate(*arguments)
+    batch = some_tags(33.0, tone, 5)
+    normal, gradient = model.squares(batch, np.array([8, 9, 12]))
+    whole = model.accumulate(batch)
     assert np.all((normal[..., 0, 0] > 0).sum(axis=1) > 3)
     np.testing.assert_allclose(normal.sum(axis=1), whole.normal, rtol=1e-9, atol=1e-12)
     np.testing.assert_allclose(gradient.sum(axis=1), whole.gradient, rtol=1e-9, atol=1e-12)
@@ -34,9 +37,9 @@ def test_sums_over_squares_are_those_over_all(tone):
 @pytest.mark.parametrize("tone", ["linear", "srgb"])
 def test_compiled_sums_over_squares_are_those_of_the_reference(tone):
     pytest.importorskip("numba", reason="numba is not installed")
-    frame, cells, rows, _, _, boxes, margin, stride = sums_arguments(33.0, tone, 5)
-    tags = align(frame, PATTERNS, rows, truth(pose(33.0))[0][rows])
-    arguments = (frame, cells, tags, boxes, margin, stride, np.array([8, 9, 12]))
+    batch = some_tags(33.0, tone, 5)
+    tags = align(batch.frame, PATTERNS, batch.rows, truth(pose(33.0))[0][batch.rows])
+    arguments = (replace(batch, theta=tags.theta, place=tags.place), tags, np.array([8, 9, 12]))
     plain, fast = misfit.squared(*arguments), misfit._sums()(*arguments)
     assert misfit._sums() is not misfit.squared
     np.testing.assert_allclose(fast[0], plain[0], rtol=0.02)
@@ -76,6 +79,6 @@ def test_share_is_one_only_where_noise_is_white(monkeypatch, spread_px, least, m
 
 
 def test_nothing_seen_is_taken_for_white_noise():
-    frame = model.Frame(grey=np.zeros((8, 8), np.float32), tone=np.array([0.0, 1.0]), lens=straight_lens((8, 8)))
+    frame = Frame(grey=np.zeros((8, 8), np.float32), tone=np.array([0.0, 1.0]), lens=straight_lens((8, 8)))
     none = align(frame, PATTERNS, np.zeros(0, np.int64), np.zeros((0, 4, 2)))
     assert misfit.noise_share(frame, PATTERNS, none, 22.0) == 1.0

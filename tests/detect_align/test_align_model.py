@@ -1,39 +1,41 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from aligned_views import BENT, LENS, PATTERNS, pose, sums_arguments, truth, view
+from aligned_views import BENT, LENS, PATTERNS, pose, some_tags, truth, view
 
 from detect.align.homography import from_square, least_squares_homography, map_points, to_square
 from detect.align.photometric import blur, model, solve
+from detect.align.photometric.batch import Frame
 from detect.align.photometric.finish import finish
-from detect.align.photometric.model import Frame
 from detect.align.photometric.parameters import GAIN, LOG_SIGMA, OFFSET, PARAMETERS
 from detect.align.photometric.solve import align
 from detect.align.tone import tone_table
 
 
-def _pixels(arguments, theta):
-    return model.accumulate(*arguments[:3], theta, *arguments[4:]).stats[:, 0]
+def _pixels(batch, theta):
+    return model.accumulate(replace(batch, theta=theta)).stats[:, 0]
 
 
-def _cost(arguments, theta):
-    return model.accumulate(*arguments[:3], theta, *arguments[4:]).stats[:, 1] / 2
+def _cost(batch, theta):
+    return model.accumulate(replace(batch, theta=theta)).stats[:, 1] / 2
 
 
 @pytest.mark.parametrize(
     ("azimuth_deg", "tone", "tolerance"), [(0.0, "linear", 6e-3), (38.0, "linear", 2e-2), (0.0, "srgb", 1e-2)]
 )
 def test_gradient_is_the_derivative_of_the_residuals(azimuth_deg, tone, tolerance):
-    arguments = sums_arguments(azimuth_deg, tone)
-    theta = arguments[3]
+    batch = some_tags(azimuth_deg, tone)
+    theta = batch.theta
     theta[:, 10:12] = 0
-    sums = model.accumulate(*arguments)
+    sums = model.accumulate(batch)
     size = np.sqrt(np.einsum("nii->ni", sums.normal) * sums.stats[:, 1, None])
     for k in range(PARAMETERS):
         step = np.zeros(PARAMETERS)
         step[k] = 1e-5
-        numeric = (_cost(arguments, theta + step) - _cost(arguments, theta - step)) / 2e-5
+        numeric = (_cost(batch, theta + step) - _cost(batch, theta - step)) / 2e-5
         # a tag that a pixel has just entered or left has no derivative
-        same = _pixels(arguments, theta + step) == _pixels(arguments, theta - step)
+        same = _pixels(batch, theta + step) == _pixels(batch, theta - step)
         assert same.sum() >= 2
         # the analytic derivative holds the width of the blur on the tag while the homography moves
         off = np.abs(-numeric - sums.gradient[:, k])[same]
@@ -45,8 +47,8 @@ def test_gradient_is_the_derivative_of_the_residuals(azimuth_deg, tone, toleranc
 @pytest.mark.parametrize("lens", [LENS, BENT], ids=["plain", "fisheye"])
 def test_compiled_sums_are_those_of_the_reference(tone, side, lens):
     kernels = pytest.importorskip("detect.align.compiled.sums", reason="numba is not installed")
-    arguments = sums_arguments(33.0, tone, side, lens)
-    plain, fast = model.accumulate(*arguments), kernels.accumulate(*arguments)
+    batch = some_tags(33.0, tone, side, lens)
+    plain, fast = model.accumulate(batch), kernels.accumulate(batch)
     np.testing.assert_array_equal(fast.stats[:, 0], plain.stats[:, 0])
     scale = np.sqrt(np.einsum("nii,njj->nij", plain.normal, plain.normal))
     # the tone curve is a table: at a step of its slope the two may fall on different sides
@@ -73,8 +75,9 @@ def test_numpy_alone_aligns_as_well_as_compiled(lens):
 
 def test_compiled_end_of_an_alignment_is_that_of_the_reference():
     pytest.importorskip("numba", reason="numba is not installed")
-    frame, _, _, theta, place, *_ = arguments = sums_arguments(33.0)
-    sums = model.accumulate(*arguments)
+    batch = some_tags(33.0)
+    frame, theta, place = batch.frame, batch.theta, batch.place
+    sums = model.accumulate(batch)
     plain = finish(frame, PATTERNS, theta=theta, place=place, sums=sums, covariance=True)
     fast = solve._finishing()(frame, PATTERNS, theta=theta, place=place, sums=sums, covariance=True)
     assert solve._finishing() is not finish

@@ -11,26 +11,26 @@ from numba import njit
 from detect.align.compiled.arrays import clear, clear_rows, finite, put, put_rows
 from detect.align.compiled.cholesky import solve_positive
 from detect.align.compiled.pixels import BLOCK, add_blocks, collect, first_light, replace_pixels, room
-from detect.align.compiled.sums import ROWS, add_products, differentiate, is_linear
+from detect.align.compiled.sums import ROWS, add_products, differentiate
 from detect.align.pattern import Array
-from detect.align.photometric.model import Frame, Sums
+from detect.align.photometric.batch import Batch
+from detect.align.photometric.model import Sums
 from detect.align.photometric.parameters import KURTOSIS, LOG_SIGMA, PARAMETERS
 
 _FAR_MODULES = 0.1
 """A tag that has moved less still covers the same pixels."""
 
 
-def descend(  # noqa: PLR0917 - the sums' arguments first
-    frame: Frame, cells: Array, rows: Any, theta: Array, place: Array, boxes: Any, margin: Array, stride: Any,
-    sums: Sums, *, places: Array, module_px: Array, free: Any, damping: float, stop_px: float, iterations: int,
-    limits: Array, held: tuple[float, float, float], much: float, prior: float, guess: bool,
+def descend(
+    batch: Batch, sums: Sums, *, places: Array, module_px: Array, free: Any, damping: float, stop_px: float,
+    iterations: int, limits: Array, held: tuple[float, float, float], much: float, prior: float, guess: bool,
 ) -> None:  # fmt: skip
-    """Take Gauss-Newton steps until each tag stands still: ``theta`` and ``sums`` (from zero) change in place.
+    """Take Gauss-Newton steps until each tag stands still; parameters and ``sums`` (from zero) change in place.
 
     Parameters
     ----------
-    frame, cells, rows, theta, place, boxes, margin, stride
-        See :func:`detect.align.photometric.model.accumulate`.
+    batch
+        The tags.
     sums
         Of the last step, the sum of squared residuals less what that step explains.
     places : (N, 4, 2)
@@ -52,9 +52,10 @@ def descend(  # noqa: PLR0917 - the sums' arguments first
         Set black and white from the middle of the modules first.
     """
     _descend(
-        frame.grey, frame.tone, is_linear(frame.tone), frame.lens, cells, rows, theta, place, boxes, margin, stride,
-        sums.normal, sums.gradient, sums.stats, sums.blocks, places, module_px, free, damping, stop_px, iterations,
-        limits, held, much, prior, guess,
+        *batch.arrays_and(
+            sums.normal, sums.gradient, sums.stats, sums.blocks, places, module_px, free, damping, stop_px, iterations,
+            limits, held, much, prior, guess,
+        )
     )  # fmt: skip
 
 

@@ -8,13 +8,12 @@ from typing import Any
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
 from detect.align.compiled.arrays import clear, clear_rows, finite
 from detect.align.compiled.edges import OF_EDGE, across, blur_geometry, down, edge, jacobian, module_differences
 from detect.align.compiled.pixels import BLOCK, add_blocks, collect, room, widths
-from detect.align.pattern import Array
-from detect.align.photometric.model import Frame, Sums, no_sums
+from detect.align.photometric.batch import Batch
+from detect.align.photometric.model import Sums, no_sums
 from detect.align.photometric.parameters import PARAMETERS
 
 ROWS = 16
@@ -25,28 +24,11 @@ _MOST = 16
 _F0, _F1 = np.float32(0), np.float32(1)
 
 
-def accumulate(  # noqa: PLR0917 - as the reference
-    frame: Frame,
-    cells: Array,
-    rows: NDArray[np.int64],
-    theta: Array,
-    place: Array,
-    boxes: NDArray[np.int64],
-    margin: Array,
-    stride: NDArray[np.int64],
-) -> Sums:
+def accumulate(batch: Batch) -> Sums:
     """Return the normal equations of tags; see :func:`detect.align.photometric.model.accumulate`."""
-    sums = no_sums(len(rows), cells)
-    _run(
-        frame.grey, frame.tone, is_linear(frame.tone), frame.lens, cells, rows, theta, place, boxes, margin, stride,
-        sums.normal, sums.gradient, sums.stats, sums.blocks,
-    )  # fmt: skip
+    sums = no_sums(len(batch), batch.cells)
+    _run(*batch.arrays_and(sums.normal, sums.gradient, sums.stats, sums.blocks))
     return sums
-
-
-def is_linear(tone: Array) -> bool:
-    """Return whether a tone curve is the identity."""
-    return bool(len(tone) == 2 and tone[0] == 0 and tone[1] == 1)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

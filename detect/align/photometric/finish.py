@@ -4,7 +4,8 @@ import numpy as np
 
 from detect.align.lens import bend, bend_jacobian, straighten
 from detect.align.pattern import Array, Patterns
-from detect.align.photometric.model import Frame, Sums
+from detect.align.photometric.batch import Frame
+from detect.align.photometric.model import Sums
 from detect.align.photometric.parameters import KURTOSIS, PARAMETERS
 
 KURTOSIS_PRIOR = 0.5

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from detect.align.lens import straighten
 from detect.align.pattern import Array
+from detect.align.photometric.batch import Batch
 from detect.align.photometric.blur import pattern_value
 from detect.align.photometric.parameters import GAIN, LOG_SIGMA, OFFSET, PARAMETERS, SLOPE_X, SLOPE_Y
 
@@ -47,25 +48,6 @@ class Sums:
     blocks: Array
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Frame:
-    """An image with the way from its pixels to light and to straight lines.
-
-    Attributes
-    ----------
-    grey : (H, W) float32
-        Grey levels, scaled so that 1 is full scale.
-    tone : (K,)
-        Grey level T(m) of light m at ``m = k / (K - 1)``; the identity for a linear camera.
-    lens : (6,)
-        Centre (x, y) px, a1, a2, 1 / radius px and a3, see :mod:`detect.align.lens`.
-    """
-
-    grey: NDArray[np.float32]
-    tone: Array
-    lens: Array
-
-
 def apply_h(h: Array, xy: Array) -> Array:
     """Return ``H(x, y)`` (N, P, 2) for homographies (N, 8), last entry 1, and places (N, P, 2)."""
     x, y = xy[..., 0], xy[..., 1]
@@ -75,43 +57,21 @@ def apply_h(h: Array, xy: Array) -> Array:
     return np.stack([u / w, v / w], -1)
 
 
-def accumulate(  # noqa: PLR0917 - a kernel's arguments, by position
-    frame: Frame,
-    cells: Array,
-    rows: NDArray[np.int64],
-    theta: Array,
-    place: Array,
-    boxes: NDArray[np.int64],
-    margin: Array,
-    stride: NDArray[np.int64],
-) -> Sums:
-    """Return the normal equations of tags at their present parameters.
-
-    Parameters
-    ----------
-    frame
-        The image.
-    cells : (T, M + 2, M + 2)
-        Patterns of all tags.
-    rows : (N,)
-        Which of them each tag is.
-    theta : (N, 14)
-        Parameters; h maps normalised places, see ``place``, to modules.
-    place : (N, 3)
-        Centre (x, y) px and 1 / scale px: the normalised place of a pixel is ``(chart - centre) / scale``, on the chart
-        about the centre (:mod:`detect.align.lens`).
-    boxes : (N, 4)
-        Pixels to use: first and last column, first and last row (last exclusive), within the image.
-    margin : (N,)
-        How many modules of the white ring count.
-    stride : (N, 3)
-        ``m, q, n``: of each row use the pixels whose column, counted from ``q row`` modulo m within the box, m
-        divides; and those whose row and column together n divides, if an edge between black and white crosses them.
-    """
-    n = len(rows)
-    sums = no_sums(n, cells)
-    for k in range(n):
-        _accumulate_one(frame, cells[rows[k]], theta[k], place[k], boxes[k], float(margin[k]), stride[k], k, sums)
+def accumulate(batch: Batch) -> Sums:
+    """Return the normal equations of tags at their present parameters."""
+    sums = no_sums(len(batch), batch.cells)
+    for k in range(len(batch)):
+        seen = differentiate(batch, k)
+        if seen is None:
+            continue
+        J, grey, predicted = seen.jacobian, seen.grey, seen.predicted
+        r = grey - predicted
+        sums.normal[k] = J.T @ J
+        sums.gradient[k] = J.T @ r
+        sums.stats[k] = (len(r), r @ r, grey.sum(), grey @ grey, predicted.sum(), predicted @ predicted)
+        at = np.clip((seen.uv + 1).astype(int), 0, sums.blocks.shape[1] - 1)
+        np.add.at(sums.blocks[k, :, :, 0], (at[:, 1], at[:, 0]), r)
+        np.add.at(sums.blocks[k, :, :, 1], (at[:, 1], at[:, 0]), 1)
     return sums
 
 
@@ -149,75 +109,34 @@ class TagPixels:
     jacobian: Array
 
 
-def _accumulate_one(  # noqa: PLR0917
-    frame: Frame,
-    cells: Array,
-    theta: Array,
-    place: Array,
-    box: NDArray[np.int64],
-    margin: float,
-    stride: NDArray[np.int64],
-    k: int,
-    sums: Sums,
-) -> None:
-    seen = differentiate(frame, cells, theta, place, box, margin, stride)
-    if seen is None:
-        return
-    J, grey, predicted = seen.jacobian, seen.grey, seen.predicted
-    r = grey - predicted
-    sums.normal[k] = J.T @ J
-    sums.gradient[k] = J.T @ r
-    sums.stats[k] = (len(r), r @ r, grey.sum(), grey @ grey, predicted.sum(), predicted @ predicted)
-    at = np.clip((seen.uv + 1).astype(int), 0, sums.blocks.shape[1] - 1)
-    np.add.at(sums.blocks[k, :, :, 0], (at[:, 1], at[:, 0]), r)
-    np.add.at(sums.blocks[k, :, :, 1], (at[:, 1], at[:, 0]), 1)
-
-
-def squares(  # noqa: PLR0917 - as accumulate
-    frame: Frame,
-    cells: Array,
-    rows: NDArray[np.int64],
-    theta: Array,
-    place: Array,
-    boxes: NDArray[np.int64],
-    margin: Array,
-    stride: NDArray[np.int64],
-    square_px: NDArray[np.int64],
-) -> tuple[Array, Array]:
+def squares(batch: Batch, square_px: NDArray[np.int64]) -> tuple[Array, Array]:
     """Return the normal equations of each square of the image apart: (N, S * S, 14, 14) and (N, S * S, 14).
 
     The squares' sides are multiples of ``square_px`` (N,) px from the image's corner; of each tag S by S are looked at,
-    from that of its box's first pixel on. Other arguments as for :func:`accumulate`.
+    from that of its box's first pixel on.
     """
-    normal = np.zeros((len(rows), SQUARES**2, PARAMETERS, PARAMETERS))
-    gradient = np.zeros((len(rows), SQUARES**2, PARAMETERS))
-    for k in range(len(rows)):
-        seen = differentiate(frame, cells[rows[k]], theta[k], place[k], boxes[k], float(margin[k]), stride[k])
+    normal = np.zeros((len(batch), SQUARES**2, PARAMETERS, PARAMETERS))
+    gradient = np.zeros((len(batch), SQUARES**2, PARAMETERS))
+    for k in range(len(batch)):
+        seen = differentiate(batch, k)
         if seen is None:
             continue
         side = square_px[k]
-        i = np.minimum(seen.columns // side - boxes[k, 0] // side, SQUARES - 1)
-        j = np.minimum(seen.lines // side - boxes[k, 2] // side, SQUARES - 1)
+        i = np.minimum(seen.columns // side - batch.boxes[k, 0] // side, SQUARES - 1)
+        j = np.minimum(seen.lines // side - batch.boxes[k, 2] // side, SQUARES - 1)
         J = seen.jacobian
         np.add.at(normal[k], j * SQUARES + i, J[:, :, None] * J[:, None, :])
         np.add.at(gradient[k], j * SQUARES + i, J * (seen.grey - seen.predicted)[:, None])
     return normal, gradient
 
 
-def differentiate(  # noqa: PLR0917
-    frame: Frame,
-    cells: Array,
-    theta: Array,
-    place: Array,
-    box: NDArray[np.int64],
-    margin: float,
-    stride: NDArray[np.int64],
-) -> TagPixels | None:
-    """Return a tag's pixels that count, predicted, with derivatives; None if there are none. See :func:`accumulate`."""
-    seen = _seen(frame, cells, theta, place, box, margin, stride)
+def differentiate(batch: Batch, k: int) -> TagPixels | None:
+    """Return the pixels of tag k that count, predicted, with derivatives; None if there are none."""
+    seen = _seen(batch, k)
     if seen is None:
         return None
     columns, lines, xy, uv = seen
+    frame, cells, theta, place = batch.frame, batch.cells[batch.rows[k]], batch.theta[k], batch.place[k]
     p, p_u, p_v, p_s, p_k = pattern_value(cells, theta, xy, uv, place[2])
     x, y = xy.T
     u, v = uv.T
@@ -253,51 +172,36 @@ def differentiate(  # noqa: PLR0917
     return TagPixels(columns=columns, lines=lines, grey=grey, uv=uv, predicted=predicted, jacobian=jacobian)
 
 
-def first_light(  # noqa: PLR0917 - as accumulate
-    frame: Frame,
-    cells: Array,
-    rows: NDArray[np.int64],
-    theta: Array,
-    place: Array,
-    boxes: NDArray[np.int64],
-    margin: Array,
-    stride: NDArray[np.int64],
-) -> None:
+def first_light(batch: Batch) -> None:
     """Set offset and gain of tags from the mean grey levels in the middle of their black and white modules, in place.
 
-    Tags of which no pixel lies in the middle of a module of each kind are left as they are. Arguments as for
-    :func:`accumulate`.
+    Tags of which no pixel lies in the middle of a module of each kind are left as they are.
     """
-    for k in range(len(rows)):
-        seen = _seen(frame, cells[rows[k]], theta[k], place[k], boxes[k], float(margin[k]), stride[k])
+    tone = batch.frame.tone
+    for k in range(len(batch)):
+        seen = _seen(batch, k)
         if seen is None:
             continue
         columns, lines, _, uv = seen
         middle = np.all(np.abs(uv - np.floor(uv) - 0.5) < MIDDLE, axis=1)
         at = (uv[middle] + 1).astype(int)
-        white = cells[rows[k]][at[:, 1], at[:, 0]] > 0.5
-        grey = frame.grey[lines[middle], columns[middle]]
+        white = batch.cells[batch.rows[k]][at[:, 1], at[:, 0]] > 0.5
+        grey = batch.frame.grey[lines[middle], columns[middle]]
         if white.any() and not white.all():
             levels = np.array([grey[~white].mean(), grey[white].mean()])
-            black, bright = np.interp(levels, frame.tone, np.linspace(0, 1, len(frame.tone)))
-            theta[k, OFFSET], theta[k, GAIN] = black, max(bright - black, LEAST_GAIN)
+            black, bright = np.interp(levels, tone, np.linspace(0, 1, len(tone)))
+            batch.theta[k, OFFSET], batch.theta[k, GAIN] = black, max(bright - black, LEAST_GAIN)
 
 
-def _seen(  # noqa: PLR0917
-    frame: Frame,
-    cells: Array,
-    theta: Array,
-    place: Array,
-    box: NDArray[np.int64],
-    margin: float,
-    stride: NDArray[np.int64],
-) -> tuple[NDArray[np.int64], NDArray[np.int64], Array, Array] | None:
+def _seen(batch: Batch, k: int) -> tuple[NDArray[np.int64], NDArray[np.int64], Array, Array] | None:
     """Return columns and rows of the pixels that count, their normalised places and modules; None if there are none."""
-    x0, x1, y0, y1 = (int(b) for b in box)
+    x0, x1, y0, y1 = (int(b) for b in batch.boxes[k])
     if x1 <= x0 or y1 <= y0:
         return None
+    cells, theta, place = batch.cells[batch.rows[k]], batch.theta[k], batch.place[k]
+    margin, stride = float(batch.margin[k]), batch.stride[k]
     columns, lines = (a.ravel() for a in np.meshgrid(np.arange(x0, x1), np.arange(y0, y1)))
-    xy = straighten(frame.lens, place[None], np.stack([columns, lines], -1).astype(float)[None])[0]
+    xy = straighten(batch.frame.lens, place[None], np.stack([columns, lines], -1).astype(float)[None])[0]
     uv = apply_h(theta[None, :8], xy[None])[0]
     sampled = (columns - x0 - lines * stride[1] % stride[0]) % stride[0] == 0
     sampled |= ((columns + lines) % stride[2] == 0) & _crossed(cells, theta, place[2], uv)

@@ -11,8 +11,9 @@ from detect.align.homography import to_square
 from detect.align.lens import straighten
 from detect.align.pattern import Array, Index, Patterns
 from detect.align.photometric import model, steps
+from detect.align.photometric.batch import Batch, Frame
 from detect.align.photometric.finish import KURTOSIS_PRIOR, finish
-from detect.align.photometric.model import Frame, Sums
+from detect.align.photometric.model import Sums
 from detect.align.photometric.parameters import GAIN, KURTOSIS, LOG_SIGMA, OFFSET, PARAMETERS
 
 START_SIGMA_PX = 0.8
@@ -113,7 +114,7 @@ def align(
     iterations: int = ITERATIONS,
     side_px: float = np.inf,
     covariance: bool = True,
-    sums_of: steps.Accumulate | None = None,
+    sums_of: Callable[[Batch], Sums] | None = None,
 ) -> Aligned:
     """Align tags whose corners are roughly known (to about a module).
 
@@ -153,10 +154,19 @@ def align(
     boxes, margin, stride, module_px = footprints(
         frame, patterns, corners_px, theta[:, LOG_SIGMA], side_px=side_px, edges=start is not None
     )
+    batch = Batch(
+        frame=frame,
+        cells=patterns.cells,
+        rows=rows,
+        theta=theta,
+        place=place,
+        boxes=boxes,
+        margin=margin,
+        stride=stride,
+    )
     last = model.no_sums(len(rows), patterns.cells)
     (_descent() if sums_of is None else partial(steps.descend, sums_of))(
-        frame, patterns.cells, rows, theta, place, boxes, margin, stride, last,
-        places=places, module_px=module_px, free=np.stack(schedule),
+        batch, last, places=places, module_px=module_px, free=np.stack(schedule),
         damping=_DAMPING if start is not None else _FIRST_DAMPING, stop_px=stop_px, iterations=iterations,
         guess=start is None,
     )  # fmt: skip
@@ -219,7 +229,7 @@ def footprints(
 ) -> tuple[NDArray[np.int64], Array, NDArray[np.int64], Array]:
     """Return which pixels of tags to use: boxes (N, 4), margins (N,) and strides (N, 3), and modules' widths (N,), px.
 
-    For the first three see :func:`detect.align.photometric.model.accumulate`. Of the white ring so much may be used as
+    For the first three see :class:`detect.align.photometric.batch.Batch`. Of the white ring so much may be used as
     its neighbours' blur does not reach. Of large tags no more pixels are used than one with sides of ``side_px`` has,
     on a Fibonacci lattice: of m pixels one, in each row shifted by q. Unlike every second row and column it meets a
     module's edges at all phases, also where they run along the pixels. With ``edges``, of the pixels that an edge blurs

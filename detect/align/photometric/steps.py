@@ -1,14 +1,15 @@
 """The Gauss-Newton steps of an alignment, all tags at once; :mod:`detect.align.compiled.descent` takes the same."""
 
-from typing import Protocol
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from detect.align.pattern import Array, Index
 from detect.align.photometric import model
+from detect.align.photometric.batch import Batch
 from detect.align.photometric.finish import kurtosis_prior
-from detect.align.photometric.model import Frame, Sums
+from detect.align.photometric.model import Sums
 from detect.align.photometric.parameters import KURTOSIS, LOG_SIGMA, PARAMETERS
 
 MIN_SIGMA_PX, MAX_SIGMA_PX = 0.27, 12.0
@@ -18,32 +19,9 @@ MUCH = 0.6
 LONGEST_MODULES, LONGEST_LOG, MOST_EXPLAINED = 0.8, 0.35, 0.98
 
 
-class Accumulate(Protocol):
-    """Sums over the pixels of tags, see :func:`detect.align.photometric.model.accumulate`."""
-
-    def __call__(  # noqa: D102, PLR0917 - the class says it
-        self,
-        frame: Frame,
-        cells: Array,
-        rows: Index,
-        theta: Array,
-        place: Array,
-        boxes: NDArray[np.int64],
-        margin: Array,
-        stride: NDArray[np.int64],
-    ) -> Sums: ...
-
-
-def descend(  # noqa: PLR0917 - the sums' arguments first
-    sums_of: Accumulate,
-    frame: Frame,
-    cells: Array,
-    rows: Index,
-    theta: Array,
-    place: Array,
-    boxes: NDArray[np.int64],
-    margin: Array,
-    stride: NDArray[np.int64],
+def descend(
+    sums_of: Callable[[Batch], Sums],
+    batch: Batch,
     last: Sums,
     *,
     places: Array,
@@ -55,15 +33,14 @@ def descend(  # noqa: PLR0917 - the sums' arguments first
     guess: bool,
 ) -> None:
     """Take steps until each tag stands still; for the arguments see :func:`detect.align.compiled.descent.descend`."""
+    theta = batch.theta
     if guess:
-        model.first_light(frame, cells, rows, theta, place, boxes, margin, stride)
-    active = np.arange(len(rows))
+        model.first_light(batch)
+    active = np.arange(len(batch))
     for step_no in range(iterations):
         if len(active) == 0:
             break
-        sums = sums_of(
-            frame, cells, rows[active], theta[active], place[active], boxes[active], margin[active], stride[active]
-        )
+        sums = sums_of(batch.take(active))
         step = _step(sums, theta[active], free[min(step_no, len(free) - 1)], damping)
         stepped = _stepped(theta[active], step)
         less = _explained(sums, stepped - theta[active])
