@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from target.files import write_atomically
+from boxcal.target.files.atomic_write import write_atomically
 
 
 def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:

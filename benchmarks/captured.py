@@ -11,12 +11,12 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.optimize import minimize
 
-from calib.frames import Array, inverse, planar
-from calib.simulate.robot import mount
-from detect.correspondences import Correspondences, StopView
-from detect.wheels import WheelSamples
-from target.box import Box, make_target
-from target.projection import Intrinsics, project
+from boxcal.calib.geometry.so3_se3 import Array, inverse, planar
+from boxcal.calib.simulate.robot import mount
+from boxcal.detect.correspondences import Correspondences, StopView
+from boxcal.detect.log.wheel_samples import WheelSamples
+from boxcal.target.box import Box, make_target
+from boxcal.target.camera.pinhole import Intrinsics, project
 
 TICKS_A_TURN = 2796.8
 NOMINAL = (0.042, 0.042, 0.200)

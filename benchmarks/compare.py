@@ -15,17 +15,17 @@ from dataclasses import replace
 import numpy as np
 from scipy import stats
 
-from calib.assemble import refined
-from calib.camera import CameraMode
-from calib.difference import Difference, difference
-from calib.errors import CalibError
-from calib.estimate import EstimateOptions, estimate
-from calib.four_steps import solve_four_steps
-from calib.frames import exp_so3, rigid
-from calib.result import Calibration, Provenance
-from calib.simulate.drive import DriveOptions, exact_correspondences, simulate_drive
-from calib.simulate.robot import Robot, random_robot
-from target.box import make_target
+from boxcal.calib.compare.difference import Difference, difference
+from boxcal.calib.errors import CalibError
+from boxcal.calib.four_steps.procedure import solve_four_steps
+from boxcal.calib.four_steps.step1_camera import CameraMode
+from boxcal.calib.geometry.so3_se3 import exp_so3, rigid
+from boxcal.calib.likelihood import EstimateOptions, estimate
+from boxcal.calib.results.build import refined
+from boxcal.calib.results.calibration import Calibration, Provenance
+from boxcal.calib.simulate.drive import DriveOptions, exact_correspondences, simulate_drive
+from boxcal.calib.simulate.robot import Robot, random_robot
+from boxcal.target.box import make_target
 
 LEVEL = 0.05
 TURN = np.radians(0.3)

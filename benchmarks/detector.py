@@ -24,12 +24,12 @@ import cv2  # noqa: E402
 import numpy as np  # noqa: E402
 from numpy.typing import NDArray  # noqa: E402
 
-from detect.align.locate import LocateSettings, locate_copies, locate_tags  # noqa: E402
-from detect.align.pattern import family_patterns  # noqa: E402
-from target.box import make_target  # noqa: E402
-from target.patterns import load_dictionary  # noqa: E402
-from target.projection import Intrinsics, project  # noqa: E402
-from target.render import Look, encode_jpeg, render, visible_tags  # noqa: E402
+from boxcal.detect.alignment.detector import LocateSettings, locate_copies, locate_tags  # noqa: E402
+from boxcal.detect.alignment.tag_patterns import family_patterns  # noqa: E402
+from boxcal.target.box import make_target  # noqa: E402
+from boxcal.target.camera.pinhole import Intrinsics, project  # noqa: E402
+from boxcal.target.render.renderer import Look, encode_jpeg, render, visible_tags  # noqa: E402
+from boxcal.target.tags.families import load_dictionary  # noqa: E402
 
 Array = NDArray[np.float64]
 Grey = NDArray[np.uint8]
@@ -441,7 +441,7 @@ def real(chosen: dict[str, Detector]) -> None:
 
 def logged(log: Path) -> list[Scene]:
     """Return the first frame of each stop of a path-traced log, with the truth from its file."""
-    from detect.recording import open_recording  # noqa: PLC0415
+    from boxcal.detect.log.recording import open_recording  # noqa: PLC0415
 
     truth = json.loads(log.with_suffix(".truth.json").read_text())
     figures = truth["camera"]

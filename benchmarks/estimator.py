@@ -16,16 +16,16 @@ from math import radians
 import numpy as np
 from scipy import stats
 
-from calib.errors import CalibError
-from calib.estimate import EstimateOptions, estimate
-from calib.estimate.bound import Truth, cramer_rao, errors
-from calib.estimate.model import REPORTED
-from calib.frames import Array
-from calib.simulate.drive import DriveOptions, exact_correspondences, simulate_drive
-from calib.simulate.robot import Robot, paper
-from calib.simulate.stops import choose_stops
-from detect.correspondences import Correspondences
-from target.box import Target, make_target
+from boxcal.calib.errors import CalibError
+from boxcal.calib.geometry.so3_se3 import Array
+from boxcal.calib.likelihood import EstimateOptions, estimate
+from boxcal.calib.likelihood.problem import REPORTED
+from boxcal.calib.simulate.drive import DriveOptions, exact_correspondences, simulate_drive
+from boxcal.calib.simulate.robot import Robot, paper
+from boxcal.calib.simulate.viewpoints import choose_stops
+from boxcal.calib.uncertainty.cramer_rao import Truth, cramer_rao, errors
+from boxcal.detect.correspondences import Correspondences
+from boxcal.target.box import Target, make_target
 
 SIGMA_PX = 0.25
 STEP = radians(0.1302)

@@ -15,17 +15,17 @@ from math import radians
 import numpy as np
 from scipy.optimize import least_squares
 
-from calib.estimate import EstimateOptions, estimate
-from calib.estimate.model import PER_STOP, build_problem, moved
-from calib.estimate.residuals import corner_residuals, leg_covariance, leg_residuals
-from calib.estimate.run import fit, step_of
-from calib.estimate.start import camera_start, first_states
-from calib.four_steps import FourSteps, solve_four_steps
-from calib.frames import Array
-from calib.simulate.drive import DriveOptions, exact_correspondences, simulate_drive
-from calib.simulate.robot import khepera
-from detect.correspondences import Correspondences
-from target.box import make_target
+from boxcal.calib.four_steps.procedure import FourSteps, solve_four_steps
+from boxcal.calib.geometry.so3_se3 import Array
+from boxcal.calib.likelihood import EstimateOptions, estimate
+from boxcal.calib.likelihood.estimator import fit, step_of
+from boxcal.calib.likelihood.initial_guess import camera_start, first_states
+from boxcal.calib.likelihood.problem import PER_STOP, build_problem, moved
+from boxcal.calib.likelihood.residuals import corner_residuals, leg_covariance, leg_residuals
+from boxcal.calib.simulate.drive import DriveOptions, exact_correspondences, simulate_drive
+from boxcal.calib.simulate.robot import khepera
+from boxcal.detect.correspondences import Correspondences
+from boxcal.target.box import make_target
 
 
 def drive(stops: int) -> tuple[Correspondences, FourSteps]:

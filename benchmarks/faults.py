@@ -14,15 +14,15 @@ from math import radians
 
 import numpy as np
 
-from calib.errors import CalibError
-from calib.estimate import Estimate, estimate
-from calib.estimate.bound import Truth, errors
-from calib.frames import Array, inverse, planar
-from calib.simulate.drive import Drive, DriveOptions, exact_correspondences, simulate_drive
-from calib.simulate.robot import khepera
-from detect.correspondences import Correspondences, StopView
-from detect.wheels import WheelSamples
-from target.box import make_target
+from boxcal.calib.errors import CalibError
+from boxcal.calib.geometry.so3_se3 import Array, inverse, planar
+from boxcal.calib.likelihood import Estimate, estimate
+from boxcal.calib.simulate.drive import Drive, DriveOptions, exact_correspondences, simulate_drive
+from boxcal.calib.simulate.robot import khepera
+from boxcal.calib.uncertainty.cramer_rao import Truth, errors
+from boxcal.detect.correspondences import Correspondences, StopView
+from boxcal.detect.log.wheel_samples import WheelSamples
+from boxcal.target.box import make_target
 
 STOPS = 20
 SIGMA_PX = 0.2

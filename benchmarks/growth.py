@@ -5,11 +5,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from runs import difference, estimate_sigma, estimate_values, step_values
 
-from calib.errors import CalibError
-from calib.estimate import EstimateOptions, estimate
-from calib.four_steps import solve_four_steps
-from calib.frames import Array
-from detect.correspondences import Correspondences
+from boxcal.calib.errors import CalibError
+from boxcal.calib.four_steps.procedure import solve_four_steps
+from boxcal.calib.geometry.so3_se3 import Array
+from boxcal.calib.likelihood import EstimateOptions, estimate
+from boxcal.detect.correspondences import Correspondences
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

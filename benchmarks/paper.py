@@ -20,13 +20,13 @@ from pictures import growths, histograms
 from plans import best_plan
 from runs import ANGLES, MOTION, PARAMETERS, TRANSLATION, Runs, Setting, drive, rms, simulate_runs, true_values
 
-from calib.estimate import EstimateOptions
-from calib.frames import Array, rot_y, rot_z
-from calib.simulate.robot import khepera, paper
-from calib.truth import load_truth, truth_path
-from detect.extract import extract
-from target.box import make_target
-from target.projection import Intrinsics
+from boxcal.calib.compare.ground_truth import load_truth, truth_path
+from boxcal.calib.geometry.so3_se3 import Array, rot_y, rot_z
+from boxcal.calib.likelihood import EstimateOptions
+from boxcal.calib.simulate.robot import khepera, paper
+from boxcal.detect.extract import extract
+from boxcal.target.box import make_target
+from boxcal.target.camera.pinhole import Intrinsics
 
 ROOT = Path(__file__).resolve().parents[1]
 LOG = ROOT / "../shared/data/fleet/khepera.mcap"

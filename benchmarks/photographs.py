@@ -17,15 +17,15 @@ from numpy.typing import NDArray
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from detect.align.grey import to_grey
-from detect.align.lens import straight_lens
-from detect.align.locate import LocateSettings, locate_copies
-from detect.align.pattern import Patterns, family_patterns
-from detect.align.photometric.batch import Batch, Frame
-from detect.align.photometric.model import differentiate
-from detect.align.photometric.parameters import LOG_SIGMA
-from detect.align.photometric.solve import align, footprints
-from detect.align.tone import tone_table
+from boxcal.detect.alignment.detector import LocateSettings, locate_copies
+from boxcal.detect.alignment.radial_camera import straight_lens
+from boxcal.detect.alignment.registration.align import align, footprints
+from boxcal.detect.alignment.registration.image_model import differentiate
+from boxcal.detect.alignment.registration.parameters import LOG_SIGMA
+from boxcal.detect.alignment.registration.tag_batch import Batch, Frame
+from boxcal.detect.alignment.tag_patterns import Patterns, family_patterns
+from boxcal.detect.image.gray import to_grey
+from boxcal.detect.image.response_curve import tone_table
 
 Array = NDArray[np.float64]
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data" / "photos"

@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 from runs import TRANSLATION, WHEELS, Setting, drive, true_values
 
-from calib.estimate.bound import Truth, cramer_rao
-from calib.frames import Array
-from calib.simulate.drive import DriveOptions
-from calib.simulate.robot import Robot
-from calib.simulate.stops import choose_stops
-from target.box import Target
+from boxcal.calib.geometry.so3_se3 import Array
+from boxcal.calib.simulate.drive import DriveOptions
+from boxcal.calib.simulate.robot import Robot
+from boxcal.calib.simulate.viewpoints import choose_stops
+from boxcal.calib.uncertainty.cramer_rao import Truth, cramer_rao
+from boxcal.target.box import Target
 
 
 def best_plan(robot: Robot, target: Target, setting: Setting, tries: int) -> Array:

@@ -14,13 +14,13 @@ from pathlib import Path
 
 import numpy as np
 
-from calib.job import Job, Settings
-from calib.report.fleet import fleet_report
-from calib.report.robot import judge, robot_report
-from calib.simulate.drive import DriveOptions, exact_correspondences, simulate_drive
-from calib.simulate.robot import turtlebot
-from calib.solve import solve
-from target.box import make_target
+from boxcal.calib.calibrate import solve
+from boxcal.calib.report.fleet import fleet_report
+from boxcal.calib.report.robot import judge, robot_report
+from boxcal.calib.settings import Job, Settings
+from boxcal.calib.simulate.drive import DriveOptions, exact_correspondences, simulate_drive
+from boxcal.calib.simulate.robot import turtlebot
+from boxcal.target.box import make_target
 
 QUIET = ("--headless", "--no-sandbox", "--disable-gpu", "--disable-background-networking", "--disable-sync")
 

@@ -6,15 +6,15 @@ from math import radians
 
 import numpy as np
 
-from calib.errors import CalibError
-from calib.estimate import Estimate, EstimateOptions, estimate
-from calib.four_steps import FourSteps, solve_four_steps
-from calib.frames import Array, rot_y, rot_z, wrap
-from calib.simulate.drive import Drive, DriveOptions, exact_correspondences, simulate_drive
-from calib.simulate.robot import Robot
-from detect.correspondences import Correspondences
-from target.box import Target, make_target
-from target.projection import Intrinsics
+from boxcal.calib.errors import CalibError
+from boxcal.calib.four_steps.procedure import FourSteps, solve_four_steps
+from boxcal.calib.geometry.so3_se3 import Array, rot_y, rot_z, wrap
+from boxcal.calib.likelihood import Estimate, EstimateOptions, estimate
+from boxcal.calib.simulate.drive import Drive, DriveOptions, exact_correspondences, simulate_drive
+from boxcal.calib.simulate.robot import Robot
+from boxcal.detect.correspondences import Correspondences
+from boxcal.target.box import Target, make_target
+from boxcal.target.camera.pinhole import Intrinsics
 
 PARAMETERS = ("fu", "fv", "cu", "cv", "kr", "rR", "rL", "b", "a1", "a2", "a3", "tx", "ty", "tz")
 WHEELS, ANGLES, TRANSLATION = slice(5, 8), slice(8, 11), slice(11, 14)

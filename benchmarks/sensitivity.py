@@ -17,12 +17,12 @@ from blocks import fill, table
 from runs import PARAMETERS, difference, estimate_values, step_values, true_values
 from sources import Sources, observe, weaving_drive
 
-from calib.errors import CalibError
-from calib.estimate import EstimateOptions, estimate
-from calib.four_steps import solve_four_steps
-from calib.frames import Array
-from calib.simulate.robot import Robot, paper
-from target.box import Target, make_target
+from boxcal.calib.errors import CalibError
+from boxcal.calib.four_steps.procedure import solve_four_steps
+from boxcal.calib.geometry.so3_se3 import Array
+from boxcal.calib.likelihood import EstimateOptions, estimate
+from boxcal.calib.simulate.robot import Robot, paper
+from boxcal.target.box import Target, make_target
 
 ROOT = Path(__file__).resolve().parents[1]
 STOPS = 15

@@ -4,12 +4,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calib.frames import Array, planar
-from calib.simulate.drive import Drive, DriveOptions, exact_correspondences, simulate_drive
-from calib.simulate.motion import slipped
-from calib.simulate.robot import Robot
-from detect.correspondences import Correspondences
-from target.box import Target
+from boxcal.calib.geometry.so3_se3 import Array, planar
+from boxcal.calib.simulate.drive import Drive, DriveOptions, exact_correspondences, simulate_drive
+from boxcal.calib.simulate.kinematics import slipped
+from boxcal.calib.simulate.robot import Robot
+from boxcal.detect.correspondences import Correspondences
+from boxcal.target.box import Target
 
 FINE_S = 0.002
 _WEAVE, _WEAVE_HZ = np.radians(5.0), 1.0

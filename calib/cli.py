@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from calib.job import Outcome, Settings
-    from target.box import Target
+    from boxcal.calib.settings import Outcome, Settings
+    from boxcal.target.box import Target
 
 _EPILOG = """\
 example:
@@ -142,11 +142,11 @@ def _size(text: str) -> float:
 
 
 def _run(args: argparse.Namespace, command: str) -> int:
-    from calib.errors import CalibError
-    from calib.fleet import FLEET, calibrate_fleet, check_folder, fleet_record
-    from calib.job import Job, listed, robot_name
-    from target.errors import TargetError
-    from target.files import write_atomically
+    from boxcal.calib.errors import CalibError
+    from boxcal.calib.fleet.batch import FLEET, calibrate_fleet, check_folder, fleet_record
+    from boxcal.calib.settings import Job, listed, robot_name
+    from boxcal.target.errors import TargetError
+    from boxcal.target.files.atomic_write import write_atomically
 
     def say(line: str) -> None:
         if not args.quiet:
@@ -201,11 +201,11 @@ def _run(args: argparse.Namespace, command: str) -> int:
 def _settings(args: argparse.Namespace, target: "Target") -> "Settings":
     from math import radians
 
-    from calib.camera import CameraMode
-    from calib.estimate import Lens
-    from calib.exports.nominal import load_nominal
-    from calib.job import Settings
-    from detect.names import Topics
+    from boxcal.calib.exports.nominal import load_nominal
+    from boxcal.calib.four_steps.step1_camera import CameraMode
+    from boxcal.calib.likelihood import Lens
+    from boxcal.calib.settings import Settings
+    from boxcal.detect.log.topics import Topics
 
     half_face = max(target.box.width, target.box.depth) / 2
     return Settings(
@@ -246,18 +246,18 @@ def _has_report() -> bool:
 
 
 def _target(path: Path | None) -> "Target":
-    from target.box import make_target
-    from target.landmarks import load_target
+    from boxcal.target.box import make_target
+    from boxcal.target.files.target_json import load_target
 
     return make_target() if path is None else load_target(path)
 
 
 def _write_fleet(outcomes: "list[Outcome]", out: Path, report: bool) -> bool:
     """Write what is about all robots; tell whether that worked."""
-    from calib.exports.fleet_csv import fleet_csv
-    from calib.job import listed
-    from calib.report.fleet import fleet_report
-    from target.files import write_atomically
+    from boxcal.calib.exports.fleet_csv import fleet_csv
+    from boxcal.calib.report.fleet import fleet_report
+    from boxcal.calib.settings import listed
+    from boxcal.target.files.atomic_write import write_atomically
 
     good = [o for o in outcomes if o.calibration is not None]
     results = [o.calibration for o in good if o.calibration is not None]
@@ -295,7 +295,7 @@ def _report(outcomes: "list[Outcome]", *, out: Path, truth: bool, report: bool) 
 
 
 def _print_results(outcomes: "list[Outcome]") -> None:
-    from calib.table import results_table
+    from boxcal.calib.results.text_table import results_table
 
     print(results_table([o.calibration for o in outcomes if o.calibration is not None]) + "\n")
     for o in outcomes:
@@ -307,9 +307,9 @@ def _print_results(outcomes: "list[Outcome]") -> None:
 
 def _print_errors(outcomes: "list[Outcome]") -> bool:
     """Print how far every calibration is from its truth; tell whether there was a truth for each."""
-    from calib.errors import CalibError
-    from calib.table import errors_table
-    from calib.truth import compare, load_truth, truth_path
+    from boxcal.calib.compare.ground_truth import compare, load_truth, truth_path
+    from boxcal.calib.errors import CalibError
+    from boxcal.calib.results.text_table import errors_table
 
     errors, whole = [], True
     for o in outcomes:

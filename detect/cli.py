@@ -7,13 +7,13 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from detect.errors import DetectError
-from target.errors import TargetError
-from target.files import write_atomically
+from boxcal.detect.errors import DetectError
+from boxcal.target.errors import TargetError
+from boxcal.target.files.atomic_write import write_atomically
 
 if TYPE_CHECKING:
-    from detect.align.locate import Located
-    from target.box import Target
+    from boxcal.detect.alignment.detector import Located
+    from boxcal.target.box import Target
 
 SCHEMA = 1
 MAX_FILE_BYTES = 1 << 29
@@ -70,15 +70,15 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _target(name: str | None) -> "Target":
-    from target.box import make_target
-    from target.landmarks import load_target
+    from boxcal.target.box import make_target
+    from boxcal.target.files.target_json import load_target
 
     return make_target() if name is None else load_target(Path(name))
 
 
 def _one(path: Path, target: "Target", args: argparse.Namespace, number: int) -> tuple[dict[str, Any], str]:
     """Return what a picture shows, as JSON and as a line of text; draw it if that is asked for."""
-    from detect.align.locate import LocateSettings, locate_tags
+    from boxcal.detect.alignment.detector import LocateSettings, locate_tags
 
     image = _read(path)
     try:
@@ -87,7 +87,7 @@ def _one(path: Path, target: "Target", args: argparse.Namespace, number: int) ->
         raise DetectError(f"{path.name}: {error}") from error
     line = f"{path.name}: {_summary(tags, target)}"
     if args.draw:
-        from detect.drawing import drawn_png
+        from boxcal.detect.image.annotate import drawn_png
 
         out = Path(args.draw) / f"{number:04d}-{path.stem}.png"
         try:
@@ -158,7 +158,7 @@ def _document(path: Path, image: Any, tags: "Located") -> dict[str, Any]:
 
 
 def _write_json(name: str, target: "Target", documents: list[dict[str, Any]]) -> bool:
-    from target.landmarks import target_sha256
+    from boxcal.target.files.target_json import target_sha256
 
     text = json.dumps(
         {

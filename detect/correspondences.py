@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from detect.errors import DetectError
-from detect.wheels import Array, Ids, WheelSamples
-from target.files import write_atomically
+from boxcal.detect.errors import DetectError
+from boxcal.detect.log.wheel_samples import Array, Ids, WheelSamples
+from boxcal.target.files.atomic_write import write_atomically
 
 SCHEMA = 1
 MAX_FILE_BYTES = 1 << 30

@@ -6,20 +6,20 @@ from pathlib import Path
 
 import numpy as np
 
-from detect.combine import FLOOR_PX, Sighting, combine, covariances
-from detect.correspondences import Correspondences, Source, StopView
-from detect.depth import DEPTHS, eight_bits
-from detect.errors import DetectError
-from detect.messages import Grey
-from detect.names import Topics
-from detect.recording import Recording, file_sha256, open_recording
-from detect.stops import Stop, StopSettings, find_stops
-from detect.tags import Tags, TagSettings, find_tags, other_family
-from detect.text import listed, printable
-from detect.tone import choose_tone
-from detect.wheels import Array, Ids
-from target.box import Target
-from target.landmarks import target_sha256
+from boxcal.detect.correspondences import Correspondences, Source, StopView
+from boxcal.detect.errors import DetectError
+from boxcal.detect.image.bit_depth import DEPTHS, eight_bits
+from boxcal.detect.image.log_response import choose_tone
+from boxcal.detect.log.messages import Grey
+from boxcal.detect.log.recording import Recording, file_sha256, open_recording
+from boxcal.detect.log.safe_text import listed, printable
+from boxcal.detect.log.topics import Topics
+from boxcal.detect.log.wheel_samples import Array, Ids
+from boxcal.detect.stops import Stop, StopSettings, find_stops
+from boxcal.detect.tags.averaging import FLOOR_PX, Sighting, combine, covariances
+from boxcal.detect.tags.detections import Tags, TagSettings, find_tags, other_family
+from boxcal.target.box import Target
+from boxcal.target.files.target_json import target_sha256
 
 MIN_STOPS = 3
 _SOME_FRAMES = 5

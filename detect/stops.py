@@ -10,9 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from detect.encoder import encoder_step
-from detect.errors import DetectError
-from detect.wheels import Array, WheelSamples
+from boxcal.detect.errors import DetectError
+from boxcal.detect.log.encoder import encoder_step
+from boxcal.detect.log.wheel_samples import Array, WheelSamples
 
 _BAND_STEPS = 1.5
 _AWAY_BANDS = 3.0

@@ -6,9 +6,9 @@ from math import isfinite
 import numpy as np
 from numpy.typing import NDArray
 
-from target.errors import TargetError
-from target.measured import Measured, check_credible
-from target.patterns import family_size, modules_per_side
+from boxcal.target.errors import TargetError
+from boxcal.target.measure.measured_size import Measured, check_credible
+from boxcal.target.tags.families import family_size, modules_per_side
 
 Array = NDArray[np.float64]
 Ids = NDArray[np.int64]

@@ -8,14 +8,14 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from target.errors import TargetError
-from target.files import write_together
-from target.models import missing_modules, products
-from target.paper.papers import NET_PAPERS, PAPERS, mm
-from target.presets import PRESETS, Preset
+from boxcal.target.errors import TargetError
+from boxcal.target.files.atomic_write import write_together
+from boxcal.target.models.products import missing_modules, products
+from boxcal.target.presets import PRESETS, Preset
+from boxcal.target.print.papers import NET_PAPERS, PAPERS, mm
 
 if TYPE_CHECKING:
-    from target.box import Box, Target
+    from boxcal.target.box import Box, Target
 
 TARGET_NAME = "target.json"
 
@@ -136,7 +136,7 @@ def _option(name: str) -> str:
 
 def _box(args: argparse.Namespace) -> "Box":
     """Return the box that the options describe; millimetres end here (30.1 mm as 0.0301 m, without idle digits)."""
-    from target.box import Box
+    from boxcal.target.box import Box
 
     figures: dict[str, Any] = dict(PRESETS[args.preset].figures)
     for name in figures:
@@ -147,7 +147,7 @@ def _box(args: argparse.Namespace) -> "Box":
 
 
 def _list(args: argparse.Namespace) -> int:
-    from target.box import make_target
+    from boxcal.target.box import make_target
 
     target = make_target(_box(args))
     for item in _paper_items(args, target):
@@ -161,7 +161,7 @@ def _list(args: argparse.Namespace) -> int:
 
 
 def _write(args: argparse.Namespace, folder: Path) -> int:
-    from target.box import make_target
+    from boxcal.target.box import make_target
 
     target = make_target(_box(args))
     items = list(_paper_items(args, target))
@@ -191,9 +191,9 @@ def _write(args: argparse.Namespace, folder: Path) -> int:
 
 def _paper_items(args: argparse.Namespace, target: "Target") -> Iterator[_Item]:
     """Yield target.json and the PDFs; their pages are drawn here already, for only then it is known that they fit."""
-    from target.landmarks import target_bytes
-    from target.paper.guide import guide_pdf
-    from target.paper.net_pages import net_pdf
+    from boxcal.target.files.target_json import target_bytes
+    from boxcal.target.print.guide import guide_pdf
+    from boxcal.target.print.net_pages import net_pdf
 
     ids = f"{target.tag_ids.size} tags, ids {target.tag_ids[0]} to {target.tag_ids[-1]}"
     yield _Item(name=TARGET_NAME, what=ids, make=lambda: {TARGET_NAME: target_bytes(target)})
@@ -215,7 +215,7 @@ def _papers(args: argparse.Namespace) -> tuple[str, ...]:
 
 
 def _sheets(args: argparse.Namespace, target: "Target", paper: str) -> _Item:
-    from target.sheets import face_tiles, needs_tiles, sheets_pdf, tiled_pdf
+    from boxcal.target.print.sheets import face_tiles, needs_tiles, sheets_pdf, tiled_pdf
 
     size = PAPERS[paper]
     if (args.tile or PRESETS[args.preset].tile) and needs_tiles(target.box, size):
@@ -250,7 +250,7 @@ def _refuse_other_target(folder: Path, target: "Target") -> bool:
 
     Returns whether the folder's target.json is this box as measured, which is not replaced either.
     """
-    from target.landmarks import load_target
+    from boxcal.target.files.target_json import load_target
 
     path = folder / TARGET_NAME
     if not path.exists():

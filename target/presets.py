@@ -11,7 +11,7 @@ class Preset:
     Attributes
     ----------
     figures
-        Of :class:`~target.box.Box`, by name; lengths in m.
+        Of :class:`~boxcal.target.box.Box`, by name; lengths in m.
     papers
         What its sheets are printed on.
     tile

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-COMPILED = Path(__file__).resolve().parents[1] / "detect" / "align" / "compiled"
+COMPILED = Path(__file__).resolve().parents[1] / "detect" / "alignment" / "numba"
 SHARED_DATA = Path(__file__).resolve().parents[1] / "../shared/data"
 
 
@@ -21,7 +21,7 @@ def pytest_configure(config: pytest.Config) -> None:
     if hasattr(config, "workerinput"):
         return
     align = COMPILED.parent
-    sources = [*COMPILED.glob("*.py"), *(align / "photometric").glob("*.py"), align / "lens.py"]
+    sources = [*COMPILED.glob("*.py"), *(align / "registration").glob("*.py"), align / "radial_camera.py"]
     newest = max(source.stat().st_mtime for source in sources)
     for kept in (COMPILED / "__pycache__").glob("*.nb[ic]"):
         if kept.stat().st_mtime < newest:

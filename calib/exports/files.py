@@ -2,13 +2,13 @@
 
 from collections.abc import Mapping
 
-from calib.exports.camera_info import camera_info
-from calib.exports.diff_drive import diff_drive_yaml
-from calib.exports.kalibr import camchain
-from calib.exports.nominal import Nominal
-from calib.exports.static_transform import static_transform
-from calib.exports.urdf import urdf, xacro
-from calib.result import Calibration
+from boxcal.calib.exports.kalibr import camchain
+from boxcal.calib.exports.nominal import Nominal
+from boxcal.calib.exports.ros_camera_info import camera_info
+from boxcal.calib.exports.ros_diff_drive import diff_drive_yaml
+from boxcal.calib.exports.ros_static_transform import static_transform
+from boxcal.calib.exports.ros_urdf import urdf, xacro
+from boxcal.calib.results.calibration import Calibration
 
 
 def exports(calibration: Calibration, nominal: Nominal | None = None) -> Mapping[str, bytes]:

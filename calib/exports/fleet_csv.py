@@ -4,11 +4,11 @@ import csv
 import io
 from collections.abc import Iterable
 
-from calib.detail import ORDER
-from calib.exports.rotations import quaternion
-from calib.exports.text import number
-from calib.result import Calibration
-from calib.table import yaw_pitch_roll
+from boxcal.calib.exports.rotations import quaternion
+from boxcal.calib.exports.text import number
+from boxcal.calib.results.calibration import Calibration
+from boxcal.calib.results.diagnostics import ORDER
+from boxcal.calib.results.text_table import yaw_pitch_roll
 
 _UNIT = dict(zip(ORDER, ["_px"] * 4 + [""] + ["_m"] * 3 + ["_rad"] * 3 + ["_m"] * 3, strict=True))
 _COMMENT = (

@@ -1,9 +1,9 @@
 """``camchain.yaml``: the camera as Kalibr describes a chain of one."""
 
-from calib.exports.lens_models import kalibr_distortion
-from calib.exports.text import comment, heading, number, numbers, sigma_line
-from calib.frames import inverse, nearest_rotation, rigid
-from calib.result import Calibration
+from boxcal.calib.exports.lens_models import kalibr_distortion
+from boxcal.calib.exports.text import comment, heading, number, numbers, sigma_line
+from boxcal.calib.geometry.so3_se3 import inverse, nearest_rotation, rigid
+from boxcal.calib.results.calibration import Calibration
 
 _TOPIC = "/camera/image_raw"
 

@@ -4,9 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.estimate.lens import Lens, extra_names
-from calib.frames import Array
-from calib.result import Calibration
+from boxcal.calib.geometry.so3_se3 import Array
+from boxcal.calib.results.calibration import Calibration
+from boxcal.target.camera.camera_model import Lens, extra_names
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

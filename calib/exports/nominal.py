@@ -5,8 +5,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from calib.errors import CalibError
-from calib.exports.urdf_wheels import urdf_wheels
+from boxcal.calib.errors import CalibError
+from boxcal.calib.exports.urdf_wheels import urdf_wheels
 
 MAX_YAML_BYTES = 1 << 16
 MAX_URDF_BYTES = 16 << 20

@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from calib.errors import CalibError
-from calib.exports.scene import MAGNIFIED, Images, Scene, residual_colours
-from calib.frames import Array, inverse, planar
-from calib.report.seen import SeenStop
+from boxcal.calib.errors import CalibError
+from boxcal.calib.exports.scene import MAGNIFIED, Images, Scene, residual_colours
+from boxcal.calib.geometry.so3_se3 import Array, inverse, planar
+from boxcal.calib.results.stop_residuals import SeenStop
 
 _TIMELINE = "log"
 _PIXEL_CORNER = 0.5
@@ -27,7 +27,7 @@ def rerun_recording(scene: Scene, images: Images) -> bytes:
     scene
         What happened.
     images
-        Time (ns) and JPEG of a frame of each stop, as :func:`calib.draw.stop_jpegs` gives them.
+        Time (ns) and JPEG of a frame of each stop, as :func:`boxcal.calib.fleet.stop_images.stop_jpegs` gives them.
 
     Raises
     ------

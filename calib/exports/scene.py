@@ -7,13 +7,13 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.frames import Array, inverse
-from calib.odometry import legs_between, unit_path
-from calib.report.seen import SeenStop, stops_seen
-from calib.result import Calibration
-from detect.correspondences import Correspondences
-from detect.wheels import Ids
-from target.box import Target
+from boxcal.calib.geometry.diff_drive import legs_between, unit_path
+from boxcal.calib.geometry.so3_se3 import Array, inverse
+from boxcal.calib.results.calibration import Calibration
+from boxcal.calib.results.stop_residuals import SeenStop, stops_seen
+from boxcal.detect.correspondences import Correspondences
+from boxcal.detect.log.wheel_samples import Ids
+from boxcal.target.box import Target
 
 PATH_HZ = 10.0
 """Poses along the path a second, at most."""

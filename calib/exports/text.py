@@ -3,8 +3,8 @@
 import re
 from collections.abc import Iterable
 
-from calib.result import Calibration
-from detect.text import printable
+from boxcal.calib.results.calibration import Calibration
+from boxcal.detect.log.safe_text import printable
 
 MAX_ROS_NAME = 60
 _UNITS = {

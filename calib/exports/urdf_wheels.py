@@ -8,10 +8,10 @@ from xml.parsers import expat
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from calib.errors import CalibError
-from calib.frames import Array, rigid
-from detect.names import Side, wheel_side
-from detect.text import listed, printable
+from boxcal.calib.errors import CalibError
+from boxcal.calib.geometry.so3_se3 import Array, rigid
+from boxcal.detect.log.safe_text import listed, printable
+from boxcal.detect.log.topics import Side, wheel_side
 
 _REMEDY = "give wheel_radius and wheel_separation in a YAML file instead"
 _XACRO = "{http://www.ros.org/wiki/xacro}"

@@ -5,12 +5,12 @@ from typing import Any
 
 import numpy as np
 
-from calib.frames import Array, inverse
-from calib.report.drive import DrivenLeg, floor_pose
-from calib.report.projection import projection_sigma
-from calib.report.seen import SeenStop, lens_values
-from calib.result import Calibration
-from target.box import FACES, Target
+from boxcal.calib.geometry.so3_se3 import Array, inverse
+from boxcal.calib.report.projection import projection_sigma
+from boxcal.calib.results.calibration import Calibration
+from boxcal.calib.results.stop_residuals import SeenStop, lens_values
+from boxcal.calib.results.trajectory import DrivenLeg, floor_pose
+from boxcal.target.box import FACES, Target
 
 MAX_CORNERS = 40_000
 """Corners drawn at most; more are thinned out evenly, which the page says."""

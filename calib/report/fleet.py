@@ -7,11 +7,11 @@ from urllib.parse import quote
 
 import numpy as np
 
-from calib.report.judgement import Level, Verdict, angle, length
-from calib.report.page import page, readable_time
-from calib.result import Calibration
-from calib.table import yaw_pitch_roll, yaw_pitch_roll_sigma
-from calib.verdict import verdict
+from boxcal.calib.assessment.limits import Level, Verdict, angle, length
+from boxcal.calib.assessment.verdict import verdict
+from boxcal.calib.report.page import page, readable_time
+from boxcal.calib.results.calibration import Calibration
+from boxcal.calib.results.text_table import yaw_pitch_roll, yaw_pitch_roll_sigma
 
 REPORT = "report.html"
 """File name of a robot's own report, in the folder that bears its name."""
@@ -52,8 +52,8 @@ def fleet_report(
     failures
         File name and reason of those that were not.
     verdicts
-        Of the results, in their order, where they are known already (:func:`calib.report.robot.judge` also looks at
-        the corners); else each result is judged by itself.
+        Of the results, in their order, where they are known already (:func:`boxcal.calib.report.robot.judge` also
+        looks at the corners); else each result is judged by itself.
 
     Raises
     ------

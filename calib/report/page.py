@@ -8,7 +8,7 @@ from datetime import datetime
 from importlib import resources
 from typing import Any
 
-from calib.errors import CalibError
+from boxcal.calib.errors import CalibError
 
 _ESCAPED = {"<": "\\u003c", ">": "\\u003e", "&": "\\u0026", "\u2028": "\\u2028", "\u2029": "\\u2029"}
 
@@ -39,11 +39,11 @@ def page(template: str, *, scripts: tuple[str, ...], data: Mapping[str, Any], **
         import jinja2  # noqa: PLC0415  an extra: only who asks for a report needs it
     except ImportError as error:
         raise CalibError("the report needs jinja2; install it with: pip install 'boxcal[report]'") from error
-    static = resources.files("calib.report") / "static"
+    static = resources.files("boxcal.calib.report") / "static"
     css = (static / "style.css").read_text(encoding="utf-8")
     js = "\n".join((static / name).read_text(encoding="utf-8") for name in scripts)
     environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("calib.report"),
+        loader=jinja2.PackageLoader("boxcal.calib.report"),
         autoescape=True,
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,

@@ -6,10 +6,10 @@ from math import isfinite, pi
 
 import numpy as np
 
-from calib.frames import Array
-from calib.report.judgement import length
-from calib.result import Calibration
-from calib.table import yaw_pitch_roll, yaw_pitch_roll_sigma
+from boxcal.calib.assessment.limits import length
+from boxcal.calib.geometry.so3_se3 import Array
+from boxcal.calib.results.calibration import Calibration
+from boxcal.calib.results.text_table import yaw_pitch_roll, yaw_pitch_roll_sigma
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

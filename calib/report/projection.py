@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from calib.estimate.lens import Lens, project_lens
-from calib.frames import Array, hat
+from boxcal.calib.geometry.so3_se3 import Array, hat
+from boxcal.target.camera.camera_model import Lens, project_lens
 
 _STEPS = 30
 _CONVERGED_PX = 1e-3

@@ -4,17 +4,16 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from calib.report.detail_rules import held_out_ratio
-from calib.report.drawing import legs_data, projection_data, residual_data, scene_data
-from calib.report.drive import driven_legs
-from calib.report.gauges import gauges, slip_on_top
-from calib.report.judgement import Level, Reason, Verdict
-from calib.report.page import page, readable_time
-from calib.report.parameters import parameter_groups
-from calib.report.print_scale import find_print_scale
-from calib.report.seen import stops_seen
-from calib.report.series import growth_data, growth_rows, held_out_data, held_out_rows
-from calib.report.tables import (
+from boxcal.calib.assessment.estimate_rules import held_out_ratio
+from boxcal.calib.assessment.gauges import gauges, slip_on_top
+from boxcal.calib.assessment.limits import Level, Reason, Verdict
+from boxcal.calib.assessment.print_scale import find_print_scale
+from boxcal.calib.assessment.verdict import verdict
+from boxcal.calib.report.drawing import legs_data, projection_data, residual_data, scene_data
+from boxcal.calib.report.page import page, readable_time
+from boxcal.calib.report.parameters import parameter_groups
+from boxcal.calib.report.series import growth_data, growth_rows, held_out_data, held_out_rows
+from boxcal.calib.report.tables import (
     extra_rows,
     face_row,
     leg_row,
@@ -24,10 +23,11 @@ from calib.report.tables import (
     singular_ratios,
     stop_row,
 )
-from calib.result import Calibration
-from calib.verdict import verdict
-from detect.correspondences import Correspondences
-from target.box import FACES, Target
+from boxcal.calib.results.calibration import Calibration
+from boxcal.calib.results.stop_residuals import stops_seen
+from boxcal.calib.results.trajectory import driven_legs
+from boxcal.detect.correspondences import Correspondences
+from boxcal.target.box import FACES, Target
 
 SCRIPTS = ("draw.js", "scene.js", "residuals.js", "charts.js")
 _SINGULAR_LOW = 1e-4

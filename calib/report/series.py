@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from calib.detail import ORDER, Detail
-from calib.report.seen import stop_label
+from boxcal.calib.results.diagnostics import ORDER, Detail
+from boxcal.calib.results.stop_residuals import stop_label
 
 _GROWTH = (
     ("rL", "left radius", "mm", 1e3),

@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from calib.detail import Detail
-from calib.frames import Array
-from calib.report.drive import DrivenLeg
-from calib.report.seen import SeenStop
-from calib.result import Calibration
+from boxcal.calib.geometry.so3_se3 import Array
+from boxcal.calib.results.calibration import Calibration
+from boxcal.calib.results.diagnostics import Detail
+from boxcal.calib.results.stop_residuals import SeenStop
+from boxcal.calib.results.trajectory import DrivenLeg
 
 _SINGULAR_LOW = 1e-4
 

@@ -25,12 +25,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     args = _parser().parse_args(argv)
 
     # What is heavy comes after --help has answered.
-    from calib.simulate.drive import DriveOptions
-    from calib.simulate.fleet import Job, simulate_fleet
-    from calib.simulate.record import RecordOptions
-    from target.box import make_target
-    from target.errors import TargetError
-    from target.landmarks import load_target
+    from boxcal.calib.simulate.drive import DriveOptions
+    from boxcal.calib.simulate.fleet import Job, simulate_fleet
+    from boxcal.calib.simulate.recorder import RecordOptions
+    from boxcal.target.box import make_target
+    from boxcal.target.errors import TargetError
+    from boxcal.target.files.target_json import load_target
 
     try:
         target = load_target(args.target) if args.target else make_target()

@@ -5,16 +5,16 @@ from math import radians
 
 import numpy as np
 
-from calib.errors import CalibError
-from calib.frames import Array, inverse, planar
-from calib.simulate.motion import arc_path, slipped, wheel_turns, within_arc
-from calib.simulate.robot import Robot
-from calib.simulate.route import KeepOut, route
-from calib.simulate.stops import choose_stops, decodable_tags
-from detect.correspondences import Correspondences, StopView
-from detect.wheels import Ids, WheelSamples
-from target.box import CORNERS, Target
-from target.projection import project
+from boxcal.calib.errors import CalibError
+from boxcal.calib.geometry.so3_se3 import Array, inverse, planar
+from boxcal.calib.simulate.kinematics import arc_path, slipped, wheel_turns, within_arc
+from boxcal.calib.simulate.robot import Robot
+from boxcal.calib.simulate.route import KeepOut, route
+from boxcal.calib.simulate.viewpoints import choose_stops, decodable_tags
+from boxcal.detect.correspondences import Correspondences, StopView
+from boxcal.detect.log.wheel_samples import Ids, WheelSamples
+from boxcal.target.box import CORNERS, Target
+from boxcal.target.camera.pinhole import project
 
 _NS = 1e9
 _EXACT_SIGMA_PX = 1e-6

@@ -9,14 +9,14 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from calib.errors import CalibError
-from calib.simulate.drive import DriveOptions, simulate_drive
-from calib.simulate.record import RecordOptions, write_log
-from calib.simulate.robot import VGA, random_robot
-from calib.simulate.truth import truth_bytes
-from target.box import Target
-from target.errors import TargetError
-from target.files import write_atomically
+from boxcal.calib.errors import CalibError
+from boxcal.calib.simulate.drive import DriveOptions, simulate_drive
+from boxcal.calib.simulate.recorder import RecordOptions, write_log
+from boxcal.calib.simulate.robot import VGA, random_robot
+from boxcal.calib.simulate.truth import truth_bytes
+from boxcal.target.box import Target
+from boxcal.target.errors import TargetError
+from boxcal.target.files.atomic_write import write_atomically
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -5,8 +5,8 @@ from math import atan2, radians
 
 import numpy as np
 
-from calib.frames import Array, nearest_rotation, rigid, rot_y, rot_z
-from target.projection import Intrinsics
+from boxcal.calib.geometry.so3_se3 import Array, nearest_rotation, rigid, rot_y, rot_z
+from boxcal.target.camera.pinhole import Intrinsics
 
 VGA = (640, 480)
 

@@ -5,9 +5,9 @@ from math import atan2, ceil, cos, hypot, pi, radians, remainder, sin
 
 import numpy as np
 
-from calib.frames import Array
-from calib.simulate.motion import Arc, arc_path
-from target.box import Box
+from boxcal.calib.geometry.so3_se3 import Array
+from boxcal.calib.simulate.kinematics import Arc, arc_path
+from boxcal.target.box import Box
 
 _RING_STEP = radians(30)
 _LEAST = 1e-9

@@ -4,9 +4,9 @@ import json
 from math import degrees
 from typing import Any
 
-from calib.simulate.drive import Drive, DriveOptions
-from calib.simulate.record import JOINT_TOPIC, RecordOptions
-from calib.simulate.robot import Robot
+from boxcal.calib.simulate.drive import Drive, DriveOptions
+from boxcal.calib.simulate.recorder import JOINT_TOPIC, RecordOptions
+from boxcal.calib.simulate.robot import Robot
 
 CONVENTIONS = (
     "m, rad, s since t0_ns; world: the box's frame, z up; vehicle: x forward, y left, z up, origin on the floor under "

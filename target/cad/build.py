@@ -5,8 +5,8 @@ from math import isfinite
 
 import numpy as np
 
-from target.box import Array, Box
-from target.errors import TargetError
+from boxcal.target.box import Array, Box
+from boxcal.target.errors import TargetError
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

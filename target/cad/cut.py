@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from target.box import FACES, Array, Target
-from target.cad.build import Build, build_for, check_build
-from target.cad.numbers import T_box_lid_number, face_number, lid_number_height, strokes
-from target.cad.panels import panels, widened
-from target.cad.tags import tag_loops
-from target.net import make_net
+from boxcal.target.box import FACES, Array, Target
+from boxcal.target.cad.build import Build, build_for, check_build
+from boxcal.target.cad.numbers import T_box_lid_number, face_number, lid_number_height, strokes
+from boxcal.target.cad.panels import panels, widened
+from boxcal.target.cad.tags import tag_loops
+from boxcal.target.print.net import make_net
 
 if TYPE_CHECKING:
     from ezdxf.document import Drawing
@@ -72,7 +72,10 @@ def panels_dxf(target: Target, build: Build | None = None, *, kerf: float = 0.0)
 
 @_undated()
 def net_dxf(target: Target) -> bytes:
-    """Return the fold-up net of a box of thin card (:mod:`target.net`), with tags and numbers to engrave or plot."""
+    """Return the fold-up net of a box of thin card (:mod:`boxcal.target.print.net`).
+
+    With tags and numbers to engrave or plot.
+    """
     document = _document()
     plan = make_net(target.box)
     _line(document, "CUT", np.array(plan.cut), closed=True)

@@ -6,13 +6,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from target.box import FACES, Array, Target
-from target.cad.build import Build, build_for, check_build
-from target.cad.numbers import T_box_lid_number, bars, lid_number_height
-from target.cad.panels import Panel, panels
-from target.cad.tags import tag_loops
-from target.cad.threemf import Coloured, threemf
-from target.landmarks import target_sha256
+from boxcal.target.box import FACES, Array, Target
+from boxcal.target.cad.build import Build, build_for, check_build
+from boxcal.target.cad.numbers import T_box_lid_number, bars, lid_number_height
+from boxcal.target.cad.panels import Panel, panels
+from boxcal.target.cad.tags import tag_loops
+from boxcal.target.cad.threemf import Coloured, threemf
+from boxcal.target.files.target_json import target_sha256
 
 if TYPE_CHECKING:
     import manifold3d

@@ -4,9 +4,9 @@ from itertools import pairwise
 
 import numpy as np
 
-from target.box import Array, Box
-from target.cad.build import margins
-from target.patterns import modules_per_side
+from boxcal.target.box import Array, Box
+from boxcal.target.cad.build import margins
+from boxcal.target.tags.families import modules_per_side
 
 _A, _B, _C, _D, _E, _F = (0.0, 1.0), (0.5, 1.0), (0.5, 0.5), (0.5, 0.0), (0.0, 0.0), (0.0, 0.5)
 _STROKES = {

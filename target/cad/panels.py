@@ -4,9 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from target.box import FACES, Array, Box
-from target.cad.build import Build
-from target.outline import black_outline
+from boxcal.target.box import FACES, Array, Box
+from boxcal.target.cad.build import Build
+from boxcal.target.tags.outline import black_outline
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

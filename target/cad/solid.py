@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from target.box import FACES, Array, Target
-from target.cad.build import Build, build_for, check_build, pin_places
-from target.cad.numbers import T_box_lid_number, bars, face_number, lid_number_height
-from target.cad.panels import panels
-from target.landmarks import target_sha256
+from boxcal.target.box import FACES, Array, Target
+from boxcal.target.cad.build import Build, build_for, check_build, pin_places
+from boxcal.target.cad.numbers import T_box_lid_number, bars, face_number, lid_number_height
+from boxcal.target.cad.panels import panels
+from boxcal.target.files.target_json import target_sha256
 
 if TYPE_CHECKING:
     import cadquery
@@ -34,7 +34,7 @@ def box_step(target: Target, build: Build | None = None) -> bytes:
 
     The outside is that of the box's figures; sheets are glued on it. Where the tags leave room, each
     wall has the number of its face engraved below them, and holes for pins at the sheet's corners (see
-    :func:`target.cad.build.pin_places`); the lid carries the four numbers beside their faces.
+    :func:`boxcal.target.cad.build.pin_places`); the lid carries the four numbers beside their faces.
     """
     build = build or build_for(target.box)
     return _step(target, {"body": _body(target, build), "lid": _lid(target, build)})

@@ -4,9 +4,9 @@ from collections import Counter
 
 import numpy as np
 
-from target.box import Array, Target
-from target.outline import Loop, black_outline
-from target.patterns import tag_modules
+from boxcal.target.box import Array, Target
+from boxcal.target.tags.families import tag_modules
+from boxcal.target.tags.outline import Loop, black_outline
 
 
 def tag_loops(target: Target, face: int, *, clip: float = 0.0) -> tuple[Array, ...]:

@@ -6,14 +6,14 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from calib.camera import CameraStep
-from calib.frames import Array, exp_so3, inverse, planar, rigid, rot_y, rot_z, wrap
-from calib.odometry import Legs
-from calib.result import Wheels
-from detect.correspondences import Correspondences, StopView
-from detect.wheels import WheelSamples
-from target.box import make_target
-from target.projection import Intrinsics, project
+from boxcal.calib.four_steps.step1_camera import CameraStep
+from boxcal.calib.geometry.diff_drive import Legs
+from boxcal.calib.geometry.so3_se3 import Array, exp_so3, inverse, planar, rigid, rot_y, rot_z, wrap
+from boxcal.calib.results.calibration import Wheels
+from boxcal.detect.correspondences import Correspondences, StopView
+from boxcal.detect.log.wheel_samples import WheelSamples
+from boxcal.target.box import make_target
+from boxcal.target.camera.pinhole import Intrinsics, project
 
 CAMERA = Intrinsics(fu=561.3, fv=557.8, cu=327.4, cv=231.9, kr=-0.21)
 WHEELS = Wheels(rR=0.02113, rL=0.02087, b=0.0893)

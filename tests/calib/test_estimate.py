@@ -6,18 +6,18 @@ from math import radians
 import numpy as np
 import pytest
 
-from calib.errors import CalibError
-from calib.estimate import Estimate, EstimateOptions, estimate
-from calib.estimate.bound import Truth, cramer_rao, errors
-from calib.estimate.ground import ground_uncertainty
-from calib.estimate.model import REPORTED
-from calib.estimate.validate import validate
-from calib.four_steps import solve_four_steps
-from calib.frames import Array, exp_so3, rigid
-from calib.simulate.drive import Drive, DriveOptions, exact_correspondences, exact_options, simulate_drive
-from calib.simulate.robot import Robot, khepera, turtlebot
-from detect.correspondences import Correspondences
-from target.box import make_target
+from boxcal.calib.errors import CalibError
+from boxcal.calib.four_steps.procedure import solve_four_steps
+from boxcal.calib.geometry.so3_se3 import Array, exp_so3, rigid
+from boxcal.calib.likelihood import Estimate, EstimateOptions, estimate
+from boxcal.calib.likelihood.problem import REPORTED
+from boxcal.calib.simulate.drive import Drive, DriveOptions, exact_correspondences, exact_options, simulate_drive
+from boxcal.calib.simulate.robot import Robot, khepera, turtlebot
+from boxcal.calib.uncertainty.cramer_rao import Truth, cramer_rao, errors
+from boxcal.calib.uncertainty.cross_validation import validate
+from boxcal.calib.uncertainty.propagation import ground_uncertainty
+from boxcal.detect.correspondences import Correspondences
+from boxcal.target.box import make_target
 
 TARGET = make_target()
 STEP = radians(0.1302)

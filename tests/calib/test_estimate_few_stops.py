@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from calib.estimate import EstimateOptions, estimate
-from calib.estimate.run import ASSUMED_SLIP
+from boxcal.calib.likelihood import EstimateOptions, estimate
+from boxcal.calib.likelihood.estimator import ASSUMED_SLIP
 
 
 @pytest.mark.parametrize("seed", range(6))

@@ -5,14 +5,14 @@ from math import radians
 import numpy as np
 import pytest
 
-from calib.estimate.lens import Lens, extra_names, first_values, project_lens
-from calib.estimate.model import Problem, State, build_problem, moved
-from calib.estimate.options import EstimateOptions
-from calib.estimate.residuals import corner_residuals, leg_residuals
-from calib.frames import Array, exp_se3, exp_so3, log_so3, right_jacobian
-from calib.simulate.drive import DriveOptions, exact_correspondences, simulate_drive
-from calib.simulate.robot import khepera
-from target.box import make_target
+from boxcal.calib.geometry.so3_se3 import Array, exp_se3, exp_so3, log_so3, right_jacobian
+from boxcal.calib.likelihood.options import EstimateOptions
+from boxcal.calib.likelihood.problem import Problem, State, build_problem, moved
+from boxcal.calib.likelihood.residuals import corner_residuals, leg_residuals
+from boxcal.calib.simulate.drive import DriveOptions, exact_correspondences, simulate_drive
+from boxcal.calib.simulate.robot import khepera
+from boxcal.target.box import make_target
+from boxcal.target.camera.camera_model import Lens, extra_names, first_values, project_lens
 
 STEP = radians(0.1302)
 

@@ -5,16 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calib.assemble import refined
-from calib.estimate import EstimateOptions, estimate
-from calib.four_steps import solve_four_steps
-from calib.report.robot import judge
-from calib.result import Calibration, Provenance
-from calib.simulate.drive import DriveOptions, exact_correspondences, simulate_drive
-from calib.simulate.robot import Robot, turtlebot
-from detect.correspondences import Correspondences
-from target.box import Box, Target, make_target
-from target.measured import Measured
+from boxcal.calib.four_steps.procedure import solve_four_steps
+from boxcal.calib.likelihood import EstimateOptions, estimate
+from boxcal.calib.report.robot import judge
+from boxcal.calib.results.build import refined
+from boxcal.calib.results.calibration import Calibration, Provenance
+from boxcal.calib.simulate.drive import DriveOptions, exact_correspondences, simulate_drive
+from boxcal.calib.simulate.robot import Robot, turtlebot
+from boxcal.detect.correspondences import Correspondences
+from boxcal.target.box import Box, Target, make_target
+from boxcal.target.measure.measured_size import Measured
 
 BUILT = {"sx": 0.996, "sy": 0.998, "width": 0.2506, "depth": 0.2497, "height": 0.2}
 RULER = np.diag([0.001, 0.001, 0.0003, 0.0003, 0.0003]) ** 2

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from calib.estimate import EstimateOptions, estimate
-from calib.estimate.bound import Truth, cramer_rao, errors
-from calib.frames import Array
-from calib.simulate.drive import DriveOptions, exact_correspondences, simulate_drive
-from calib.simulate.robot import paper
-from target.box import make_target
+from boxcal.calib.geometry.so3_se3 import Array
+from boxcal.calib.likelihood import EstimateOptions, estimate
+from boxcal.calib.simulate.drive import DriveOptions, exact_correspondences, simulate_drive
+from boxcal.calib.simulate.robot import paper
+from boxcal.calib.uncertainty.cramer_rao import Truth, cramer_rao, errors
+from boxcal.target.box import make_target
 
 RUNS = 40
 STEP = radians(0.1302)

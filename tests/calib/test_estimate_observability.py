@@ -6,16 +6,16 @@ from math import radians
 import numpy as np
 import pytest
 
-from calib.errors import CalibError
-from calib.estimate import estimate
-from calib.estimate.model import REPORTED, build_problem
-from calib.estimate.observability import open_directions
-from calib.estimate.options import EstimateOptions
-from calib.estimate.run import fit
-from calib.simulate.drive import DriveOptions, exact_correspondences, simulate_drive
-from calib.simulate.robot import khepera
-from detect.correspondences import Correspondences
-from target.box import make_target
+from boxcal.calib.errors import CalibError
+from boxcal.calib.likelihood import estimate
+from boxcal.calib.likelihood.estimator import fit
+from boxcal.calib.likelihood.options import EstimateOptions
+from boxcal.calib.likelihood.problem import REPORTED, build_problem
+from boxcal.calib.simulate.drive import DriveOptions, exact_correspondences, simulate_drive
+from boxcal.calib.simulate.robot import khepera
+from boxcal.calib.uncertainty.observability import open_directions
+from boxcal.detect.correspondences import Correspondences
+from boxcal.target.box import make_target
 
 STEP = radians(0.1302)
 

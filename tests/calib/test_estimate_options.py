@@ -6,17 +6,17 @@ from math import radians
 import numpy as np
 import pytest
 
-from calib.errors import CalibError
-from calib.estimate import Estimate, EstimateOptions, Lens, estimate
-from calib.estimate.bound import Truth, errors
-from calib.estimate.choose_lens import choose_lens
-from calib.estimate.lens import project_lens
-from calib.frames import Array, exp_so3, inverse, rigid
-from calib.simulate.drive import Drive, DriveOptions, exact_correspondences, simulate_drive
-from calib.simulate.robot import turtlebot
-from detect.correspondences import Correspondences
-from target.box import Target, make_target
-from target.measured import Measured
+from boxcal.calib.errors import CalibError
+from boxcal.calib.geometry.so3_se3 import Array, exp_so3, inverse, rigid
+from boxcal.calib.likelihood import Estimate, EstimateOptions, Lens, estimate
+from boxcal.calib.likelihood.camera_selection import choose_lens
+from boxcal.calib.simulate.drive import Drive, DriveOptions, exact_correspondences, simulate_drive
+from boxcal.calib.simulate.robot import turtlebot
+from boxcal.calib.uncertainty.cramer_rao import Truth, errors
+from boxcal.detect.correspondences import Correspondences
+from boxcal.target.box import Target, make_target
+from boxcal.target.camera.camera_model import project_lens
+from boxcal.target.measure.measured_size import Measured
 
 STEP = radians(0.1302)
 TARGET = make_target()

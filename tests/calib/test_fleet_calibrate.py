@@ -14,17 +14,17 @@ import pytest
 from mcap.reader import make_reader
 from rosbags.typesys import Stores, get_typestore
 
-from calib.cli import main
-from calib.result import load_calibration
-from calib.simulate.drive import DriveOptions, simulate_drive
-from calib.simulate.log import LogWriter
-from calib.simulate.record import RecordOptions, write_log
-from calib.simulate.robot import khepera, turtlebot
-from calib.simulate.truth import truth_bytes
-from calib.truth import compare, load_truth
-from target.box import Box, make_target
-from target.landmarks import save_target
-from target.measured import Measured
+from boxcal.calib.cli import main
+from boxcal.calib.compare.ground_truth import compare, load_truth
+from boxcal.calib.results.calibration import load_calibration
+from boxcal.calib.simulate.drive import DriveOptions, simulate_drive
+from boxcal.calib.simulate.mcap_writer import LogWriter
+from boxcal.calib.simulate.recorder import RecordOptions, write_log
+from boxcal.calib.simulate.robot import khepera, turtlebot
+from boxcal.calib.simulate.truth import truth_bytes
+from boxcal.target.box import Box, make_target
+from boxcal.target.files.target_json import save_target
+from boxcal.target.measure.measured_size import Measured
 
 STORE = get_typestore(Stores.ROS2_HUMBLE)
 RECORD = RecordOptions(frames=2, moving_frames=1)

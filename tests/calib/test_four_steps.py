@@ -7,14 +7,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from calib.axis import find_axis
-from calib.camera import CameraMode, calibrate_camera
-from calib.errors import CalibError
-from calib.four_steps import FourSteps, solve_four_steps, solve_motion
-from calib.frames import Array, euler_zyz, planar, rigid, rot_y, rot_z
-from calib.heading import solve_heading
-from calib.mounting import solve_mounting
-from detect.correspondences import Correspondences, load_correspondences
+from boxcal.calib.errors import CalibError
+from boxcal.calib.four_steps.procedure import FourSteps, solve_four_steps, solve_motion
+from boxcal.calib.four_steps.step1_camera import CameraMode, calibrate_camera
+from boxcal.calib.four_steps.step2_heading import solve_heading
+from boxcal.calib.four_steps.step3_axis import find_axis
+from boxcal.calib.four_steps.step4_mounting import solve_mounting
+from boxcal.calib.geometry.so3_se3 import Array, euler_zyz, planar, rigid, rot_y, rot_z
+from boxcal.detect.correspondences import Correspondences, load_correspondences
 
 LOOKS = {  # yaw to the left, pitch down, roll; deg
     "ahead": (0.0, 0.0, 0.0),

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from calib.detail import ORDER, Covariance, Detail, Ground, Growth, HeldOut, Leg
-from calib.errors import CalibError
-from calib.estimate.result import Direction, FlaggedCorner, FlaggedLeg, NoiseLevels
-from calib.result import (
+from boxcal.calib.compare.ground_truth import compare, load_truth
+from boxcal.calib.errors import CalibError
+from boxcal.calib.likelihood.estimate import Direction, FlaggedCorner, FlaggedLeg, NoiseLevels
+from boxcal.calib.results.calibration import (
     Calibration,
     Provenance,
     Quality,
@@ -20,8 +20,8 @@ from calib.result import (
     load_calibration,
     save_calibration,
 )
-from calib.truth import compare, load_truth
-from target.projection import Intrinsics
+from boxcal.calib.results.diagnostics import ORDER, Covariance, Detail, Ground, Growth, HeldOut, Leg
+from boxcal.target.camera.pinhole import Intrinsics
 
 
 def _result(T_body_cam: Any, detail: Detail | None = None) -> Calibration:

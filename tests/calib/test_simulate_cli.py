@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 from mcap.reader import make_reader
 
-from calib.simulate.cli import main
-from target.box import Box, make_target
-from target.landmarks import save_target
+from boxcal.calib.simulate.cli import main
+from boxcal.target.box import Box, make_target
+from boxcal.target.files.target_json import save_target
 
 QUICK = ("--stops", "3", "--frames", "1", "--moving-frames", "0", "--jobs", "1")
 ROOT = Path(__file__).resolve().parents[2]
@@ -150,7 +150,7 @@ def test_wrong_usage_exits_with_2(tmp_path: Path, capsys: pytest.CaptureFixture[
 
 def test_help_opens_with_an_example_and_loads_nothing_heavy() -> None:
     code = (
-        "import sys\nfrom calib.simulate.cli import main\ntry:\n    main(['--help'])\nexcept SystemExit as e:\n"
+        "import sys\nfrom boxcal.calib.simulate.cli import main\ntry:\n    main(['--help'])\nexcept SystemExit as e:\n"
         "    print(e.code, [m for m in ('cv2', 'numpy', 'scipy', 'mcap', 'rosbags') if m in sys.modules])\n"
     )
     result = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from calib.errors import CalibError
-from calib.frames import Array, inverse, planar, rot_y
-from calib.simulate.drive import Drive, DriveOptions, exact_correspondences, exact_options, simulate_drive
-from calib.simulate.motion import Arc, arc_path, slipped, wheel_turns, within_arc
-from calib.simulate.robot import Robot, khepera, mount, paper, random_robot, turtlebot
-from calib.simulate.route import KeepOut
-from target.box import Box, Target, make_target
-from target.projection import project
+from boxcal.calib.errors import CalibError
+from boxcal.calib.geometry.so3_se3 import Array, inverse, planar, rot_y
+from boxcal.calib.simulate.drive import Drive, DriveOptions, exact_correspondences, exact_options, simulate_drive
+from boxcal.calib.simulate.kinematics import Arc, arc_path, slipped, wheel_turns, within_arc
+from boxcal.calib.simulate.robot import Robot, khepera, mount, paper, random_robot, turtlebot
+from boxcal.calib.simulate.route import KeepOut
+from boxcal.target.box import Box, Target, make_target
+from boxcal.target.camera.pinhole import project
 
 TARGET = make_target()
 

@@ -8,8 +8,8 @@ from mcap.reader import make_reader
 from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_typestore
 
-from calib.errors import CalibError
-from calib.simulate.log import COMPRESSIONS, LogWriter
+from boxcal.calib.errors import CalibError
+from boxcal.calib.simulate.mcap_writer import COMPRESSIONS, LogWriter
 
 T0 = 1_700_000_000_000_000_000
 STORE = get_typestore(Stores.ROS2_HUMBLE)

@@ -11,17 +11,17 @@ import pytest
 from mcap.reader import make_reader
 from rosbags.typesys import Stores, get_typestore
 
-from calib.errors import CalibError
-from calib.frames import inverse
-from calib.simulate.drive import Drive, DriveOptions, simulate_drive
-from calib.simulate.record import RecordOptions, frame_times, take_picture, write_log
-from calib.simulate.robot import Robot, random_robot, turtlebot
-from calib.simulate.truth import truth_bytes
-from calib.truth import load_truth
-from target.box import make_target
-from target.look import Look
-from target.projection import project
-from target.render import render
+from boxcal.calib.compare.ground_truth import load_truth
+from boxcal.calib.errors import CalibError
+from boxcal.calib.geometry.so3_se3 import inverse
+from boxcal.calib.simulate.drive import Drive, DriveOptions, simulate_drive
+from boxcal.calib.simulate.recorder import RecordOptions, frame_times, take_picture, write_log
+from boxcal.calib.simulate.robot import Robot, random_robot, turtlebot
+from boxcal.calib.simulate.truth import truth_bytes
+from boxcal.target.box import make_target
+from boxcal.target.camera.pinhole import project
+from boxcal.target.render.renderer import render
+from boxcal.target.render.sensor import Look
 
 TARGET = make_target()
 STORE = get_typestore(Stores.ROS2_HUMBLE)
@@ -168,7 +168,7 @@ def test_moving_pictures_are_blurred_by_the_motion_and_still_ones_are_not() -> N
 
 def test_length_of_the_streak_is_the_true_motion_during_the_exposure(monkeypatch: pytest.MonkeyPatch) -> None:
     looks = []
-    monkeypatch.setattr("calib.simulate.record.render", lambda *args: looks.append(args[4]))
+    monkeypatch.setattr("boxcal.calib.simulate.recorder.render", lambda *args: looks.append(args[4]))
     robot = turtlebot()
     stops = np.array([[0.6, 0.0, np.pi], [0.6, 0.0, np.pi + 3]])
     driven = simulate_drive(robot, TARGET, replace(DRIVEN, slip=0), np.random.default_rng(0), stops)

@@ -7,8 +7,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calib.simulate.log import LogWriter
-from detect.wheels import Array, Ids, WheelSamples
+from boxcal.calib.simulate.mcap_writer import LogWriter
+from boxcal.detect.log.wheel_samples import Array, Ids, WheelSamples
 
 T0_NS = 1_700_000_000_000_000_000
 STEP = np.deg2rad(0.1302)

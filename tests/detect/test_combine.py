@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from detect.combine import FLOOR_PX, combine, covariances
-from detect.tags import Tags
-from detect.wheels import Array
+from boxcal.detect.log.wheel_samples import Array
+from boxcal.detect.tags.averaging import FLOOR_PX, combine, covariances
+from boxcal.detect.tags.detections import Tags
 
 PLACES = np.random.default_rng(0).uniform(0, 600, (12, 4, 2))
 

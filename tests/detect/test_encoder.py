@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from small_logs import STEP, T0_NS, drive
 
-from detect.encoder import Encoder, clean, encoder_step, join
-from detect.errors import DetectError
-from detect.wheels import Array
+from boxcal.detect.errors import DetectError
+from boxcal.detect.log.encoder import Encoder, clean, encoder_step, join
+from boxcal.detect.log.wheel_samples import Array
 
 
 @pytest.mark.parametrize("step", [STEP, 2 * np.pi / 64, 2 * np.pi / 4096])

@@ -10,16 +10,16 @@ from numpy.typing import NDArray
 from small_logs import COMPRESSED, T0_NS, drive, jpeg, write_joints, write_log
 from small_views import SIZE, TARGET, T_cam_box, true_landmarks, view
 
-from calib.simulate.log import LogWriter
-from detect.combine import FLOOR_PX
-from detect.correspondences import load_correspondences
-from detect.errors import DetectError
-from detect.extract import ExtractSettings, extract, frames_at
-from detect.names import Topics
-from detect.recording import open_recording
-from detect.stops import StopSettings, find_stops
-from target.box import Box, make_target
-from target.landmarks import target_sha256
+from boxcal.calib.simulate.mcap_writer import LogWriter
+from boxcal.detect.correspondences import load_correspondences
+from boxcal.detect.errors import DetectError
+from boxcal.detect.extract import ExtractSettings, extract, frames_at
+from boxcal.detect.log.recording import open_recording
+from boxcal.detect.log.topics import Topics
+from boxcal.detect.stops import StopSettings, find_stops
+from boxcal.detect.tags.averaging import FLOOR_PX
+from boxcal.target.box import Box, make_target
+from boxcal.target.files.target_json import target_sha256
 
 ANGLES = (0.0, 45.0, 120.0, 300.0)
 Frames = Sequence[NDArray[np.uint8]]

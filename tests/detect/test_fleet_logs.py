@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from detect.correspondences import Correspondences
-from detect.extract import extract
-from target.box import make_target
-from target.projection import Intrinsics, project
+from boxcal.detect.correspondences import Correspondences
+from boxcal.detect.extract import extract
+from boxcal.target.box import make_target
+from boxcal.target.camera.pinhole import Intrinsics, project
 
 
 @pytest.fixture(scope="module", params=["khepera", "turtlebot"])

@@ -13,16 +13,16 @@ from small_logs import CAMERA, COMPRESSED, T0_NS, write_joints, write_log
 from small_views import CAMERA as CAMERA_MODEL
 from small_views import SIZE, TARGET, T_cam_box, view
 
-from calib.simulate.log import LogWriter
-from detect.correspondences import Correspondences
-from detect.errors import DetectError
-from detect.extract import ExtractSettings, extract
-from detect.messages import RAW_IMAGE
-from detect.mosaic import MOSAICS
-from detect.recording import open_recording
-from target.box import FACES
-from target.look import srgb_curve
-from target.projection import project
+from boxcal.calib.simulate.mcap_writer import LogWriter
+from boxcal.detect.correspondences import Correspondences
+from boxcal.detect.errors import DetectError
+from boxcal.detect.extract import ExtractSettings, extract
+from boxcal.detect.image.bayer import MOSAICS
+from boxcal.detect.log.messages import RAW_IMAGE
+from boxcal.detect.log.recording import open_recording
+from boxcal.target.box import FACES
+from boxcal.target.camera.pinhole import project
+from boxcal.target.render.sensor import srgb_curve
 
 ANGLES = (10.0, 45.0, 130.0)
 STORE = get_typestore(Stores.ROS2_HUMBLE)

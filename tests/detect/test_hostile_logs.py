@@ -12,10 +12,10 @@ import zstandard
 from mcap.writer import Writer
 from small_logs import JOINTS, write_frames, write_joints, write_log, write_small
 
-from detect import mcap_records, scan
-from detect.errors import DetectError
-from detect.mcap_records import MAGIC
-from detect.recording import open_recording
+from boxcal.detect.errors import DetectError
+from boxcal.detect.log import mcap_records, scan
+from boxcal.detect.log.mcap_records import MAGIC
+from boxcal.detect.log.recording import open_recording
 
 
 def _record(opcode: int, body: bytes) -> bytes:

@@ -10,11 +10,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_typestore
 
-from detect import messages
-from detect.depth import bits_of, eight_bits, full_scale
-from detect.errors import DetectError
-from detect.messages import decode_compressed_image, decode_image, decode_joints, header_stamp_ns, picture_size
-from detect.mosaic import MOSAICS
+from boxcal.detect.errors import DetectError
+from boxcal.detect.image.bayer import MOSAICS
+from boxcal.detect.image.bit_depth import bits_of, eight_bits, full_scale
+from boxcal.detect.log import messages
+from boxcal.detect.log.messages import (
+    decode_compressed_image,
+    decode_image,
+    decode_joints,
+    header_stamp_ns,
+    picture_size,
+)
 
 STORE = get_typestore(Stores.ROS2_HUMBLE)
 GREY = np.random.default_rng(0).integers(0, 256, (24, 32), dtype=np.uint8)

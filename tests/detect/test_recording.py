@@ -26,11 +26,11 @@ from small_logs import (
     write_small,
 )
 
-from calib.simulate.log import LogWriter
-from detect.errors import DetectError
-from detect.mcap_records import walk
-from detect.names import Topics
-from detect.recording import Recording, open_recording
+from boxcal.calib.simulate.mcap_writer import LogWriter
+from boxcal.detect.errors import DetectError
+from boxcal.detect.log.mcap_records import walk
+from boxcal.detect.log.recording import Recording, open_recording
+from boxcal.detect.log.topics import Topics
 
 
 def _check(recording: Recording) -> None:

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from small_logs import STEP, T0_NS, drive
 
-from detect.errors import DetectError
-from detect.stops import Stop, StopSettings, find_stops
-from detect.wheels import Array, Ids, WheelSamples
+from boxcal.detect.errors import DetectError
+from boxcal.detect.log.wheel_samples import Array, Ids, WheelSamples
+from boxcal.detect.stops import Stop, StopSettings, find_stops
 
 
 def _samples(t_ns: Ids, phi_R: Array, phi_L: Array) -> WheelSamples:

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from small_views import SIZE, TARGET, T_cam_box, true_corners, view
 
-from detect.corners import CornerSettings, refine, systematic_px
-from detect.errors import DetectError
-from detect.tags import TagSettings, find_tags, other_family
-from detect.tone import choose_tone, tag_growth_px
-from target.box import Box, make_target
-from target.patterns import load_dictionary
+from boxcal.detect.errors import DetectError
+from boxcal.detect.image.log_response import choose_tone, tag_growth_px
+from boxcal.detect.tags.detections import TagSettings, find_tags, other_family
+from boxcal.detect.tags.line_fit import CornerSettings, refine, systematic_px
+from boxcal.target.box import Box, make_target
+from boxcal.target.tags.families import load_dictionary
 
 
 def _with_tone(tone: str) -> TagSettings:

@@ -2,7 +2,7 @@
 
 import pytest
 
-from detect.names import choose_camera, wheel_side
+from boxcal.detect.log.topics import choose_camera, wheel_side
 
 
 @pytest.mark.parametrize(

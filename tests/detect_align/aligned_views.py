@@ -4,14 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from detect.align.pattern import target_patterns
-from detect.align.photometric.batch import Batch, Frame
-from detect.align.photometric.parameters import KURTOSIS
-from detect.align.photometric.solve import align
-from detect.align.tone import tone_table
-from target.box import Box, make_target
-from target.projection import Intrinsics, project
-from target.render import Look, render, visible_tags
+from boxcal.detect.alignment.registration.align import align
+from boxcal.detect.alignment.registration.parameters import KURTOSIS
+from boxcal.detect.alignment.registration.tag_batch import Batch, Frame
+from boxcal.detect.alignment.tag_patterns import target_patterns
+from boxcal.detect.image.response_curve import tone_table
+from boxcal.target.box import Box, make_target
+from boxcal.target.camera.pinhole import Intrinsics, project
+from boxcal.target.render.renderer import Look, render, visible_tags
 
 SIZE = (640, 480)
 CAMERA = Intrinsics(fu=700.0, fv=700.0, cu=325.0, cv=236.0, kr=-0.1)

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from aligned_views import PLAIN, TARGET
 
-from target.look import expose
-from target.texture import face_texture
+from boxcal.target.render.sensor import expose
+from boxcal.target.render.texture import face_texture
 
 TEXTURES = [face_texture(TARGET, face) for face in range(4)]
 SAMPLES = 4

@@ -5,15 +5,15 @@ import numpy as np
 import pytest
 from aligned_views import PLAIN, TARGET, pose, truth, view, width_px
 
-from detect.align.grey import to_grey
-from detect.align.locate import LocateSettings, locate_copies, locate_tags
-from detect.align.pattern import family_patterns
-from detect.corners import CornerSettings
-from detect.errors import DetectError
-from detect.tags import TagSettings, find_tags
-from detect.tone import choose_tone
-from target.box import Box, make_target
-from target.projection import Intrinsics
+from boxcal.detect.alignment.detector import LocateSettings, locate_copies, locate_tags
+from boxcal.detect.alignment.tag_patterns import family_patterns
+from boxcal.detect.errors import DetectError
+from boxcal.detect.image.gray import to_grey
+from boxcal.detect.image.log_response import choose_tone
+from boxcal.detect.tags.detections import TagSettings, find_tags
+from boxcal.detect.tags.line_fit import CornerSettings
+from boxcal.target.box import Box, make_target
+from boxcal.target.camera.pinhole import Intrinsics
 
 
 def _errors(tags, uv, least_px=12.0):

@@ -5,11 +5,19 @@ import pytest
 from aligned_views import SIZE, TARGET, pose, width_px
 from fisheye_views import aimed, fisheye, fisheye_truth, fisheye_view
 
-from detect.align.homography import least_squares_homography, map_points
-from detect.align.lens import bend, bend_jacobian, depth, fisheye_lens, straight_lens, straighten, to_pixels
-from detect.align.locate import locate_tags
-from detect.align.search.box_steps import Tangent, levenberg_marquardt, moved_by
-from detect.align.search.rigid import _prediction, _steps, fit_box, predict
+from boxcal.detect.alignment.box_pose import _prediction, _steps, fit_box, predict
+from boxcal.detect.alignment.box_refinement import Tangent, levenberg_marquardt, moved_by
+from boxcal.detect.alignment.detector import locate_tags
+from boxcal.detect.alignment.homography import least_squares_homography, map_points
+from boxcal.detect.alignment.radial_camera import (
+    bend,
+    bend_jacobian,
+    depth,
+    fisheye_lens,
+    straight_lens,
+    straighten,
+    to_pixels,
+)
 
 PLAIN = np.array([325.0, 236.0, 0.04, -0.01, 1 / 320, 0.002])
 SIDEWAYS = fisheye_lens(SIZE, 200.0)

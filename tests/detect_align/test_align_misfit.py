@@ -5,13 +5,13 @@ import numpy as np
 import pytest
 from aligned_views import PATTERNS, PLAIN, TARGET, pose, some_tags, truth, view, width_px
 
-from detect.align import misfit
-from detect.align.lens import straight_lens
-from detect.align.locate import locate_tags
-from detect.align.photometric import model
-from detect.align.photometric.batch import Frame
-from detect.align.photometric.solve import align
-from target.render import Look
+from boxcal.detect.alignment import covariance as misfit
+from boxcal.detect.alignment.detector import locate_tags
+from boxcal.detect.alignment.radial_camera import straight_lens
+from boxcal.detect.alignment.registration import image_model as model
+from boxcal.detect.alignment.registration.align import align
+from boxcal.detect.alignment.registration.tag_batch import Frame
+from boxcal.target.render.renderer import Look
 
 
 def _grained(azimuth_deg, seed, spread_px):
@@ -59,7 +59,7 @@ def _normalised_deviation():
 
 def test_sigmas_hold_where_neighbouring_pixels_agree(monkeypatch):
     assert 0.85 < _normalised_deviation() < 1.35
-    monkeypatch.setattr("detect.align.locate.noise_share", lambda *_: 1.0)
+    monkeypatch.setattr("boxcal.detect.alignment.detector.noise_share", lambda *_: 1.0)
     assert _normalised_deviation() > 1.5
 
 
@@ -67,7 +67,8 @@ def test_sigmas_hold_where_neighbouring_pixels_agree(monkeypatch):
 def test_share_is_one_only_where_noise_is_white(monkeypatch, spread_px, least, most):
     told = []
     monkeypatch.setattr(
-        "detect.align.locate.noise_share", lambda *arguments: told.append(misfit.noise_share(*arguments)) or told[-1]
+        "boxcal.detect.alignment.detector.noise_share",
+        lambda *arguments: told.append(misfit.noise_share(*arguments)) or told[-1],
     )
     for seed, azimuth_deg in enumerate((5.0, 33.0)):
         T = pose(azimuth_deg, distance=0.6)

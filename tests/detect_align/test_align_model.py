@@ -4,13 +4,15 @@ import numpy as np
 import pytest
 from aligned_views import BENT, LENS, PATTERNS, pose, some_tags, truth, view
 
-from detect.align.homography import from_square, least_squares_homography, map_points, to_square
-from detect.align.photometric import blur, model, solve
-from detect.align.photometric.batch import Frame
-from detect.align.photometric.finish import finish
-from detect.align.photometric.parameters import GAIN, LOG_SIGMA, OFFSET, PARAMETERS
-from detect.align.photometric.solve import align
-from detect.align.tone import tone_table
+from boxcal.detect.alignment.homography import from_square, least_squares_homography, map_points, to_square
+from boxcal.detect.alignment.registration import align as solve
+from boxcal.detect.alignment.registration import image_model as model
+from boxcal.detect.alignment.registration import psf as blur
+from boxcal.detect.alignment.registration.align import align
+from boxcal.detect.alignment.registration.finish import finish
+from boxcal.detect.alignment.registration.parameters import GAIN, LOG_SIGMA, OFFSET, PARAMETERS
+from boxcal.detect.alignment.registration.tag_batch import Frame
+from boxcal.detect.image.response_curve import tone_table
 
 
 def _pixels(batch, theta):
@@ -46,7 +48,7 @@ def test_gradient_is_the_derivative_of_the_residuals(azimuth_deg, tone, toleranc
 @pytest.mark.parametrize("tone", ["linear", "srgb"])
 @pytest.mark.parametrize("lens", [LENS, BENT], ids=["plain", "fisheye"])
 def test_compiled_sums_are_those_of_the_reference(tone, side, lens):
-    kernels = pytest.importorskip("detect.align.compiled.sums", reason="numba is not installed")
+    kernels = pytest.importorskip("boxcal.detect.alignment.numba.image_model", reason="numba is not installed")
     batch = some_tags(33.0, tone, side, lens)
     plain, fast = model.accumulate(batch), kernels.accumulate(batch)
     np.testing.assert_array_equal(fast.stats[:, 0], plain.stats[:, 0])

@@ -3,11 +3,11 @@ import numpy as np
 import pytest
 from aligned_views import SIZE, TARGET, pose, truth, view
 
-from detect.align.locate import locate_copies, locate_tags
-from detect.align.pattern import target_patterns
-from detect.align.search.guided import consistent_seeds
-from detect.align.search.seeds import find_seeds
-from target.box import Box, make_target
+from boxcal.detect.alignment.box_search import consistent_seeds
+from boxcal.detect.alignment.candidates import find_seeds
+from boxcal.detect.alignment.detector import locate_copies, locate_tags
+from boxcal.detect.alignment.tag_patterns import target_patterns
+from boxcal.target.box import Box, make_target
 
 PATTERNS = target_patterns(TARGET)
 

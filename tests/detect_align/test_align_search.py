@@ -3,10 +3,10 @@
 import numpy as np
 from aligned_views import TARGET, pose, width_px
 
-from detect.align.locate import locate_tags
-from detect.align.search import find
-from target.projection import Intrinsics, project
-from target.render import Look, render, visible_tags
+from boxcal.detect.alignment import pyramid_search as find
+from boxcal.detect.alignment.detector import locate_tags
+from boxcal.target.camera.pinhole import Intrinsics, project
+from boxcal.target.render.renderer import Look, render, visible_tags
 
 SIZE = (1280, 960)
 

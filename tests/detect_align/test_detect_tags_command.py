@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 from aligned_views import TARGET, pose, truth, view
 
-from detect.cli import main
-from target.box import Box, make_target
-from target.landmarks import save_target
+from boxcal.detect.cli import main
+from boxcal.target.box import Box, make_target
+from boxcal.target.files.target_json import save_target
 
 
 @pytest.fixture

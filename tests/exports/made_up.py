@@ -6,11 +6,11 @@ from typing import Any
 import numpy as np
 from hypothesis import strategies as st
 
-from calib.detail import ORDER, Covariance, Detail, Ground
-from calib.estimate.result import NoiseLevels
-from calib.frames import Array, exp_so3, rigid
-from calib.result import Calibration, Provenance, Quality, StopResult, Wheels
-from target.projection import Intrinsics
+from boxcal.calib.geometry.so3_se3 import Array, exp_so3, rigid
+from boxcal.calib.likelihood.estimate import NoiseLevels
+from boxcal.calib.results.calibration import Calibration, Provenance, Quality, StopResult, Wheels
+from boxcal.calib.results.diagnostics import ORDER, Covariance, Detail, Ground
+from boxcal.target.camera.pinhole import Intrinsics
 
 SIGMA = np.array([0.5, 0.5, 0.4, 0.4, 1e-3, 2e-6, 2e-6, 2e-5, 3e-4, 3e-4, 3e-4, 2e-4, 2e-4, 2e-4])
 EVIL = "<script>alert(1)</script>/../../x\n--> \"'; rm -rf ~ # ${1+1} =1+1"

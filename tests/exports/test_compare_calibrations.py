@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from made_up import EVIL, SIGMA, calibration, detail
 
-from calib.detail import ORDER
-from calib.difference import difference, projection_shift
-from calib.errors import CalibError
-from calib.exports.cli import main
-from calib.frames import Array, exp_so3, rigid
-from calib.result import Calibration, Wheels, save_calibration
-from target.projection import Intrinsics
+from boxcal.calib.compare.cli import main
+from boxcal.calib.compare.difference import difference, projection_shift
+from boxcal.calib.errors import CalibError
+from boxcal.calib.geometry.so3_se3 import Array, exp_so3, rigid
+from boxcal.calib.results.calibration import Calibration, Wheels, save_calibration
+from boxcal.calib.results.diagnostics import ORDER
+from boxcal.target.camera.pinhole import Intrinsics
 
 PLAIN = detail()
 

@@ -15,15 +15,15 @@ from hypothesis import example, given, settings
 from made_up import EVIL, RANDOM, SIGMA, calibration, detail, matrix_of
 from urdf_parser_py import urdf as urdf_reader
 
-from calib.detail import ORDER
-from calib.exports.diff_drive import diff_drive
-from calib.exports.files import exports
-from calib.exports.fleet_csv import fleet_csv
-from calib.exports.nominal import Nominal
-from calib.exports.text import number, ros_name
-from calib.frames import Array, exp_so3, inverse, rigid
-from calib.odometry import Legs, unit_path
-from calib.result import Calibration, Wheels
+from boxcal.calib.exports.files import exports
+from boxcal.calib.exports.fleet_csv import fleet_csv
+from boxcal.calib.exports.nominal import Nominal
+from boxcal.calib.exports.ros_diff_drive import diff_drive
+from boxcal.calib.exports.text import number, ros_name
+from boxcal.calib.geometry.diff_drive import Legs, unit_path
+from boxcal.calib.geometry.so3_se3 import Array, exp_so3, inverse, rigid
+from boxcal.calib.results.calibration import Calibration, Wheels
+from boxcal.calib.results.diagnostics import ORDER
 
 NOMINAL = Nominal(wheel_radius=0.033, wheel_separation=0.16, source="robot.yaml")
 CLOSE = 1e-9

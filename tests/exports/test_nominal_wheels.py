@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from calib.errors import CalibError
-from calib.exports.nominal import MAX_YAML_BYTES, load_nominal
+from boxcal.calib.errors import CalibError
+from boxcal.calib.exports.nominal import MAX_YAML_BYTES, load_nominal
 
 URDF = """<?xml version="1.0"?>
 <robot name="r">

@@ -18,20 +18,20 @@ import pytest
 from made_up import EVIL, calibration, detail
 from mcap.reader import make_reader
 
-from calib.draw import draw_stops, paint_stop, stop_jpegs
-from calib.errors import CalibError
-from calib.estimate.result import FlaggedCorner
-from calib.exports.rerun import rerun_recording
-from calib.exports.results_mcap import results_mcap
-from calib.exports.scene import Scene, make_scene, residual_colours
-from calib.frames import inverse
-from calib.result import Calibration, StopResult, Wheels
-from calib.simulate.drive import Drive, DriveOptions, exact_correspondences, simulate_drive
-from calib.simulate.log import LogWriter
-from calib.simulate.robot import turtlebot
-from detect.correspondences import Correspondences
-from target.box import make_target
-from target.render import encode_jpeg, render
+from boxcal.calib.errors import CalibError
+from boxcal.calib.exports.foxglove.results_mcap import results_mcap
+from boxcal.calib.exports.rerun import rerun_recording
+from boxcal.calib.exports.scene import Scene, make_scene, residual_colours
+from boxcal.calib.fleet.stop_images import draw_stops, paint_stop, stop_jpegs
+from boxcal.calib.geometry.so3_se3 import inverse
+from boxcal.calib.likelihood.estimate import FlaggedCorner
+from boxcal.calib.results.calibration import Calibration, StopResult, Wheels
+from boxcal.calib.simulate.drive import Drive, DriveOptions, exact_correspondences, simulate_drive
+from boxcal.calib.simulate.mcap_writer import LogWriter
+from boxcal.calib.simulate.robot import turtlebot
+from boxcal.detect.correspondences import Correspondences
+from boxcal.target.box import make_target
+from boxcal.target.render.renderer import encode_jpeg, render
 
 TARGET = make_target()
 ROBOT = turtlebot(EVIL)

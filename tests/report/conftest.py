@@ -13,8 +13,8 @@ sys.path.insert(0, str(Path(__file__).parent))
 import faulty
 from browser import Browser
 
-from calib.result import Calibration
-from detect.correspondences import Correspondences
+from boxcal.calib.results.calibration import Calibration
+from boxcal.detect.correspondences import Correspondences
 
 
 @cache

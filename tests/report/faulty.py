@@ -5,18 +5,18 @@ from dataclasses import replace
 
 import numpy as np
 
-from calib.assemble import refined
-from calib.detail import ORDER, Growth
-from calib.estimate import Estimate, EstimateOptions, estimate
-from calib.estimate.validate import validate
-from calib.four_steps import solve_four_steps
-from calib.frames import inverse, log_so3, planar
-from calib.result import Calibration, Provenance
-from calib.simulate.drive import DriveOptions, exact_correspondences, simulate_drive
-from calib.simulate.robot import Robot, turtlebot
-from detect.correspondences import Correspondences, Source
-from target.box import Target, make_target
-from target.measured import Measured
+from boxcal.calib.four_steps.procedure import solve_four_steps
+from boxcal.calib.geometry.so3_se3 import inverse, log_so3, planar
+from boxcal.calib.likelihood import Estimate, EstimateOptions, estimate
+from boxcal.calib.results.build import refined
+from boxcal.calib.results.calibration import Calibration, Provenance
+from boxcal.calib.results.diagnostics import ORDER, Growth
+from boxcal.calib.simulate.drive import DriveOptions, exact_correspondences, simulate_drive
+from boxcal.calib.simulate.robot import Robot, turtlebot
+from boxcal.calib.uncertainty.cross_validation import validate
+from boxcal.detect.correspondences import Correspondences, Source
+from boxcal.target.box import Target, make_target
+from boxcal.target.measure.measured_size import Measured
 
 SIGMA_PX = 0.15
 TARGET = make_target()

@@ -15,10 +15,10 @@ import numpy as np
 import pytest
 from browser import Browser
 
-from calib.report.fleet import fleet_report
-from calib.report.robot import robot_report
-from calib.result import Calibration
-from detect.correspondences import Correspondences
+from boxcal.calib.report.fleet import fleet_report
+from boxcal.calib.report.robot import robot_report
+from boxcal.calib.results.calibration import Calibration
+from boxcal.detect.correspondences import Correspondences
 
 EVIL = "<script>alert(1)</script>/../../x"
 WIDTHS = {"desktop": 1280, "phone": 390}

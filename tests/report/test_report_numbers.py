@@ -8,24 +8,24 @@ import faulty
 import numpy as np
 import pytest
 
-from calib.detail import ORDER, Covariance
-from calib.estimate.lens import Lens, project_lens
-from calib.estimate.result import FlaggedCorner
-from calib.frames import Array, exp_so3, inverse
-from calib.report.drawing import projection_data, residual_data, scene_data
-from calib.report.drive import driven_legs, floor_pose
-from calib.report.gauges import slip_on_top
-from calib.report.parameters import Row, parameter_groups
-from calib.report.print_scale import find_print_scale
-from calib.report.projection import projection_sigma, rays
-from calib.report.seen import lens_values, stops_seen
-from calib.report.tables import face_row, rms
-from calib.result import Calibration, StopResult
-from calib.simulate.drive import exact_correspondences, exact_options, simulate_drive
-from calib.table import yaw_pitch_roll, yaw_pitch_roll_sigma
-from detect.correspondences import Correspondences
-from target.box import make_target
-from target.measured import Measured
+from boxcal.calib.assessment.gauges import slip_on_top
+from boxcal.calib.assessment.print_scale import find_print_scale
+from boxcal.calib.geometry.so3_se3 import Array, exp_so3, inverse
+from boxcal.calib.likelihood.estimate import FlaggedCorner
+from boxcal.calib.report.drawing import projection_data, residual_data, scene_data
+from boxcal.calib.report.parameters import Row, parameter_groups
+from boxcal.calib.report.projection import projection_sigma, rays
+from boxcal.calib.report.tables import face_row, rms
+from boxcal.calib.results.calibration import Calibration, StopResult
+from boxcal.calib.results.diagnostics import ORDER, Covariance
+from boxcal.calib.results.stop_residuals import lens_values, stops_seen
+from boxcal.calib.results.text_table import yaw_pitch_roll, yaw_pitch_roll_sigma
+from boxcal.calib.results.trajectory import driven_legs, floor_pose
+from boxcal.calib.simulate.drive import exact_correspondences, exact_options, simulate_drive
+from boxcal.detect.correspondences import Correspondences
+from boxcal.target.box import make_target
+from boxcal.target.camera.camera_model import Lens, project_lens
+from boxcal.target.measure.measured_size import Measured
 
 Calibrations = Callable[[str], Calibration]
 Drives = Callable[[str], Correspondences]

@@ -16,14 +16,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from calib.detail import Covariance
-from calib.errors import CalibError
-from calib.estimate import EstimateOptions
-from calib.report.fleet import fleet_report, odd_ones, robot_link
-from calib.report.page import embedded, page, readable_time
-from calib.report.robot import judge, robot_report
-from calib.result import Calibration
-from detect.correspondences import Correspondences
+from boxcal.calib.errors import CalibError
+from boxcal.calib.likelihood import EstimateOptions
+from boxcal.calib.report.fleet import fleet_report, odd_ones, robot_link
+from boxcal.calib.report.page import embedded, page, readable_time
+from boxcal.calib.report.robot import judge, robot_report
+from boxcal.calib.results.calibration import Calibration
+from boxcal.calib.results.diagnostics import Covariance
+from boxcal.detect.correspondences import Correspondences
 
 Calibrations = Callable[[str], Calibration]
 Drives = Callable[[str], Correspondences]

@@ -9,18 +9,18 @@ import faulty
 import numpy as np
 import pytest
 
-from calib.detail import Covariance, HeldOut
-from calib.errors import CalibError
-from calib.estimate.result import Direction, FlaggedCorner
-from calib.frames import rigid, rot_z
-from calib.report.detail_rules import held_out_ratio
-from calib.report.judgement import LIMITS, Level, Limit, Verdict, angle, length, percent
-from calib.report.print_scale import PrintScale
-from calib.report.robot import judge
-from calib.result import Calibration
-from calib.verdict import verdict
-from detect.correspondences import Correspondences
-from target.box import make_target
+from boxcal.calib.assessment.estimate_rules import held_out_ratio
+from boxcal.calib.assessment.limits import LIMITS, Level, Limit, Verdict, angle, length, percent
+from boxcal.calib.assessment.print_scale import PrintScale
+from boxcal.calib.assessment.verdict import verdict
+from boxcal.calib.errors import CalibError
+from boxcal.calib.geometry.so3_se3 import rigid, rot_z
+from boxcal.calib.likelihood.estimate import Direction, FlaggedCorner
+from boxcal.calib.report.robot import judge
+from boxcal.calib.results.calibration import Calibration
+from boxcal.calib.results.diagnostics import Covariance, HeldOut
+from boxcal.detect.correspondences import Correspondences
+from boxcal.target.box import make_target
 
 Calibrations = Callable[[str], Calibration]
 Drives = Callable[[str], Correspondences]

@@ -3,8 +3,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from target.box import Box, make_target
-from target.errors import TargetError
+from boxcal.target.box import Box, make_target
+from boxcal.target.errors import TargetError
 
 TL, TR, BR, BL = range(4)
 

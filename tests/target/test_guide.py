@@ -12,14 +12,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from target import cli
-from target.box import Box, make_target
-from target.landmarks import load_target, target_sha256
-from target.measured import SIZES, Measured
-from target.paper.card import card_text
-from target.paper.guide import guide_pdf
-from target.paper.ink import design_id
-from target.paper.papers import PAPERS
+from boxcal.target import cli
+from boxcal.target.box import Box, make_target
+from boxcal.target.files.target_json import load_target, target_sha256
+from boxcal.target.measure.measured_size import SIZES, Measured
+from boxcal.target.print.card import card_text
+from boxcal.target.print.guide import guide_pdf
+from boxcal.target.print.ink import design_id
+from boxcal.target.print.papers import PAPERS
 
 pypdfium2 = pytest.importorskip("pypdfium2", reason="needs the renderer pypdfium2")
 

@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from target.box import Box, make_target
-from target.errors import TargetError
-from target.landmarks import MAX_FILE_BYTES, load_target, save_target, target_bytes, target_sha256
+from boxcal.target.box import Box, make_target
+from boxcal.target.errors import TargetError
+from boxcal.target.files.target_json import MAX_FILE_BYTES, load_target, save_target, target_bytes, target_sha256
 
 Document = dict[str, Any]
 

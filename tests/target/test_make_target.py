@@ -10,16 +10,17 @@ from pathlib import Path
 
 import pytest
 
-from target import cli, models
-from target.box import Box, Target
-from target.errors import TargetError
-from target.files import write_atomically, write_together
-from target.landmarks import load_target
-from target.models import Product
-from target.paper.papers import PAPERS
-from target.presets import PRESETS
-from target.ruler import cli as ruler_cli
-from target.sheets import sheets_pdf
+from boxcal.target import cli
+from boxcal.target.box import Box, Target
+from boxcal.target.errors import TargetError
+from boxcal.target.files.atomic_write import write_atomically, write_together
+from boxcal.target.files.target_json import load_target
+from boxcal.target.measure import cli as ruler_cli
+from boxcal.target.models import products as models
+from boxcal.target.models.products import Product
+from boxcal.target.presets import PRESETS
+from boxcal.target.print.papers import PAPERS
+from boxcal.target.print.sheets import sheets_pdf
 
 FILES = ["box-a4.pdf", "box-letter.pdf", "guide-a4.pdf", "guide-letter.pdf", "target.json"]
 SMALL = ["--width", "120", "--depth", "125", "--height", "130", "--columns", "3", "--rows", "2"]
@@ -172,7 +173,7 @@ def test_a_disk_that_fills_up_leaves_nothing_half_written(
             raise OSError(28, "No space left on device")
         write_atomically(path, content)
 
-    monkeypatch.setattr("target.files.write_atomically", full_after_the_first)
+    monkeypatch.setattr("boxcal.target.files.atomic_write.write_atomically", full_after_the_first)
     assert "cannot be written (No space left on device)" in refused([str(tmp_path)], capsys)
     assert written(tmp_path) == []
 
@@ -244,7 +245,7 @@ def test_help_names_each_figure_of_the_box_with_its_unit_and_default(capsys: pyt
 
 def test_help_does_not_wait_for_heavy_modules() -> None:
     code = (
-        "import sys\nfrom target.cli import main\n"
+        "import sys\nfrom boxcal.target.cli import main\n"
         "try:\n    main(['--help'])\nexcept SystemExit:\n    pass\n"
         "print([m for m in ('cv2', 'reportlab', 'scipy') if m in sys.modules], file=sys.stderr)"
     )
@@ -321,7 +322,7 @@ def test_dpi_reaches_the_pictures(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
 
 def test_nothing_imports_cad_before_it_is_needed(tmp_path: Path) -> None:
     code = (
-        "import sys\nfrom target.cli import main\n"
+        "import sys\nfrom boxcal.target.cli import main\n"
         f"main([{str(tmp_path / 'box')!r}, '--net', 'a2'])\n"
         f"main([{str(tmp_path / 'box')!r}, '--all', '--list'])\n"
         "print([m for m in ('cadquery', 'ezdxf', 'manifold3d', 'scipy') if m in sys.modules], file=sys.stderr)"

@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from target import cli as make_cli
-from target.box import Box, make_target
-from target.landmarks import load_target, save_target
-from target.ruler import cli
-from target.ruler.measure import SCALE_PRIOR, SIZE_PRIOR, Readings, lengths, measure
+from boxcal.target import cli as make_cli
+from boxcal.target.box import Box, make_target
+from boxcal.target.files.target_json import load_target, save_target
+from boxcal.target.measure import cli
+from boxcal.target.measure.ruler import SCALE_PRIOR, SIZE_PRIOR, Readings, lengths, measure
 
 BOX = Box()
 READ = ["--bar-x", "99.7", "--bar-y", "99.6", "--width", "250.4", "--depth", "249.8", "--height", "200.3"]

@@ -10,11 +10,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from target.box import Box, make_target
-from target.errors import TargetError
-from target.landmarks import load_target, save_target, target_bytes, target_sha256
-from target.measured import SIZES, Measured
-from target.sizes import scale_influence, size_jacobian
+from boxcal.target.box import Box, make_target
+from boxcal.target.errors import TargetError
+from boxcal.target.files.target_json import load_target, save_target, target_bytes, target_sha256
+from boxcal.target.measure.measured_size import SIZES, Measured
+from boxcal.target.measure.size_influence import scale_influence, size_jacobian
 
 BOX = Box(width=0.30, depth=0.26, height=0.21)
 DESIGNED = np.array([1.0, 1.0, BOX.width, BOX.depth, BOX.height])

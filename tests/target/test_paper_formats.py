@@ -16,18 +16,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from target.box import Box, Target, make_target
-from target.errors import TargetError
-from target.landmarks import load_target, save_target
-from target.net import Net, make_net
-from target.paper.net_pages import net_pages, net_pdf, tiled_net
-from target.paper.page import PRINTABLE_MARGIN
-from target.paper.papers import NET_PAPERS, PAPERS
-from target.paper.strips import Rect
-from target.paper.tiles import OVERLAP, tile_cuts, tiles
-from target.patterns import dictionary_names, tag_modules
-from target.presets import PRESETS
-from target.sheets import face_tiles, sheets_pdf, tiled_pdf
+from boxcal.target.box import Box, Target, make_target
+from boxcal.target.errors import TargetError
+from boxcal.target.files.target_json import load_target, save_target
+from boxcal.target.presets import PRESETS
+from boxcal.target.print.net import Net, make_net
+from boxcal.target.print.net_pages import net_pages, net_pdf, tiled_net
+from boxcal.target.print.page import PRINTABLE_MARGIN
+from boxcal.target.print.papers import NET_PAPERS, PAPERS
+from boxcal.target.print.sheets import face_tiles, sheets_pdf, tiled_pdf
+from boxcal.target.print.strips import Rect
+from boxcal.target.print.tiles import OVERLAP, tile_cuts, tiles
+from boxcal.target.tags.families import dictionary_names, tag_modules
 
 Grey = NDArray[np.uint8]
 Array = NDArray[np.float64]

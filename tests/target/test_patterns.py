@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
 from numpy.typing import NDArray
 
-from target.errors import TargetError
-from target.outline import Loop, black_outline
-from target.patterns import dictionary_names, family_size, modules_per_side, tag_modules
+from boxcal.target.errors import TargetError
+from boxcal.target.tags.families import dictionary_names, family_size, modules_per_side, tag_modules
+from boxcal.target.tags.outline import Loop, black_outline
 
 FAMILY = "DICT_APRILTAG_36h11"
 

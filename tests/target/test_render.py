@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from target.box import Array, Box, Target, make_target
-from target.errors import TargetError
-from target.patterns import modules_per_side, tag_modules
-from target.projection import Intrinsics, normalise, project
-from target.render import Look, encode_jpeg, render, visible_tags
+from boxcal.target.box import Array, Box, Target, make_target
+from boxcal.target.camera.pinhole import Intrinsics, normalise, project
+from boxcal.target.errors import TargetError
+from boxcal.target.render.renderer import Look, encode_jpeg, render, visible_tags
+from boxcal.target.tags.families import modules_per_side, tag_modules
 
 SIZE = (1280, 960)
 CAMERA = Intrinsics(fu=1200.0, fv=1212.0, cu=637.3, cv=483.8, kr=-0.15)

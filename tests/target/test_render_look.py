@@ -6,11 +6,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from target.box import make_target
-from target.errors import TargetError
-from target.look import Look, expose, motion_kernel, srgb_curve
-from target.projection import Intrinsics
-from target.render import render
+from boxcal.target.box import make_target
+from boxcal.target.camera.pinhole import Intrinsics
+from boxcal.target.errors import TargetError
+from boxcal.target.render.renderer import render
+from boxcal.target.render.sensor import Look, expose, motion_kernel, srgb_curve
 
 SIZE = (320, 240)
 CAMERA = Intrinsics(fu=300.0, fv=300.0, cu=159.5, cv=119.5, kr=0.0)

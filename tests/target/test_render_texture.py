@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from target.box import Box, make_target
-from target.texture import FaceTexture, face_texture
+from boxcal.target.box import Box, make_target
+from boxcal.target.render.texture import FaceTexture, face_texture
 
 BOXES = [Box(), Box(pitch=0.0353, columns=6), Box(columns=2, rows=2, tag_size=0.06, pitch=0.0893)]
 

@@ -17,15 +17,15 @@ from hypothesis import event, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from target.box import Box, Target, make_target
-from target.errors import TargetError
-from target.landmarks import load_target, save_target, target_sha256
-from target.paper.marks import notes_thickness
-from target.paper.page import PRINTABLE_MARGIN, Page, lay_out
-from target.paper.papers import PAPERS
-from target.paper.strips import Rect
-from target.patterns import modules_per_side, tag_modules
-from target.sheets import sheets_pdf
+from boxcal.target.box import Box, Target, make_target
+from boxcal.target.errors import TargetError
+from boxcal.target.files.target_json import load_target, save_target, target_sha256
+from boxcal.target.print.marks import notes_thickness
+from boxcal.target.print.page import PRINTABLE_MARGIN, Page, lay_out
+from boxcal.target.print.papers import PAPERS
+from boxcal.target.print.sheets import sheets_pdf
+from boxcal.target.print.strips import Rect
+from boxcal.target.tags.families import modules_per_side, tag_modules
 
 Grey = NDArray[np.uint8]
 Crop = tuple[int, int, int, int]

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from detect.corners import CornerSettings
-from detect.tags import TagSettings, find_tags
-from target.box import Array, Box, Target, make_target
-from target.projection import Intrinsics
-from target.render import Look, render
+from boxcal.detect.tags.detections import TagSettings, find_tags
+from boxcal.detect.tags.line_fit import CornerSettings
+from boxcal.target.box import Array, Box, Target, make_target
+from boxcal.target.camera.pinhole import Intrinsics
+from boxcal.target.render.renderer import Look, render
 
 os.environ.setdefault("MUJOCO_GL", "egl")  # read once, when mujoco is first imported
 

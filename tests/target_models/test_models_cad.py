@@ -15,16 +15,16 @@ pytest.importorskip("cadquery", reason="the extra 'cad' is not installed", exc_t
 ezdxf = pytest.importorskip("ezdxf", reason="the extra 'cad' is not installed")
 m3 = pytest.importorskip("manifold3d", reason="the extra 'cad' is not installed")
 
-from target.box import Array, Box, Target, make_target  # noqa: E402
-from target.cad.build import Build, build_for, margins, pin_places  # noqa: E402
-from target.cad.cut import net_dxf, panels_dxf  # noqa: E402
-from target.cad.inlay import box_3mf, panels_3mf, prints  # noqa: E402
-from target.cad.numbers import bars, face_number  # noqa: E402
-from target.cad.panels import panels, widened  # noqa: E402
-from target.cad.solid import box_step, box_stls, panels_step  # noqa: E402
-from target.cad.tags import tag_loops  # noqa: E402
-from target.errors import TargetError  # noqa: E402
-from target.patterns import modules_per_side, tag_modules  # noqa: E402
+from boxcal.target.box import Array, Box, Target, make_target  # noqa: E402
+from boxcal.target.cad.build import Build, build_for, margins, pin_places  # noqa: E402
+from boxcal.target.cad.cut import net_dxf, panels_dxf  # noqa: E402
+from boxcal.target.cad.inlay import box_3mf, panels_3mf, prints  # noqa: E402
+from boxcal.target.cad.numbers import bars, face_number  # noqa: E402
+from boxcal.target.cad.panels import panels, widened  # noqa: E402
+from boxcal.target.cad.solid import box_step, box_stls, panels_step  # noqa: E402
+from boxcal.target.cad.tags import tag_loops  # noqa: E402
+from boxcal.target.errors import TargetError  # noqa: E402
+from boxcal.target.tags.families import modules_per_side, tag_modules  # noqa: E402
 
 SMALL = Box(width=0.131, depth=0.152, height=0.0937, columns=3, rows=2, tag_size=0.0301, pitch=0.0367, first_id=40)
 LARGE = Box(width=0.5, depth=0.5, height=0.4, columns=7, rows=5, tag_size=0.056, pitch=0.07, first_id=140)

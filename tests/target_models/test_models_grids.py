@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 import yaml
 
-from target.box import Box, Target, make_target
-from target.errors import TargetError
-from target.scene.kalibr import face_grid_yaml, face_grids
+from boxcal.target.box import Box, Target, make_target
+from boxcal.target.errors import TargetError
+from boxcal.target.models.kalibr import face_grid_yaml, face_grids
 
 
 @pytest.mark.parametrize("scale", [1.0, 0.996])

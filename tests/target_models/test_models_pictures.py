@@ -4,9 +4,9 @@ import cv2
 import numpy as np
 import pytest
 
-from detect.tags import find_tags
-from target.box import Box, make_target
-from target.pictures import box_pictures
+from boxcal.detect.tags.detections import find_tags
+from boxcal.target.box import Box, make_target
+from boxcal.target.render.pictures import box_pictures
 
 BOX = Box(width=0.2, depth=0.16, height=0.15, columns=3, rows=3, tag_size=0.035, pitch=0.044, first_id=7)
 

@@ -6,11 +6,11 @@ import cv2
 import numpy as np
 import pytest
 
-from target.box import Box, Target, make_target
-from target.errors import TargetError
-from target.patterns import modules_per_side, tag_modules
-from target.scene.faces import draw, face_png, face_pngs
-from target.texture import face_texture
+from boxcal.target.box import Box, Target, make_target
+from boxcal.target.errors import TargetError
+from boxcal.target.models.faces import draw, face_png, face_pngs
+from boxcal.target.render.texture import face_texture
+from boxcal.target.tags.families import modules_per_side, tag_modules
 
 image_module = pytest.importorskip("PIL.Image")
 ODD = Box(width=0.131, depth=0.152, height=0.0937, columns=3, rows=2, tag_size=0.0301, pitch=0.0367, first_id=40)

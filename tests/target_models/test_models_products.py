@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from target import models
-from target.box import Box, make_target
-from target.models import EXTRAS, Product, missing_modules, products
+from boxcal.target.box import Box, make_target
+from boxcal.target.models import products as models
+from boxcal.target.models.products import EXTRAS, Product, missing_modules, products
 
 SMALL = Box(width=0.131, depth=0.152, height=0.0937, columns=3, rows=2, tag_size=0.0301, pitch=0.0367, first_id=40)
 HEAVY = {"numpy", "cv2", "cadquery", "OCP", "ezdxf", "manifold3d", "vtk"}
@@ -35,7 +35,7 @@ def test_products_keep_to_their_name_and_repeat_to_the_byte(product: Product) ->
 
 def test_naming_products_loads_nothing_heavy() -> None:
     code = (
-        "import sys\nfrom target.models import missing_modules, products\n"
+        "import sys\nfrom boxcal.target.models.products import missing_modules, products\n"
         "lines = [(p.name, p.what, missing_modules(p)) for p in products()]\n"
         f"assert len(lines) > 5 and not {HEAVY!r} & set(sys.modules), {HEAVY!r} & set(sys.modules)\n"
     )
@@ -46,7 +46,7 @@ def test_naming_products_loads_nothing_heavy() -> None:
 def test_products_without_the_extra_load_none_of_it() -> None:
     extra = {"cadquery", "OCP", "ezdxf", "manifold3d", "vtk"}
     code = (
-        "import sys\nfrom target.box import make_target\nfrom target.models import products\n"
+        "import sys\nfrom target.box import make_target\nfrom boxcal.target.models.products import products\n"
         "for p in products(dpi=30):\n    if not p.extra:\n        assert p.make(make_target())\n"
         f"assert not {extra!r} & set(sys.modules), {extra!r} & set(sys.modules)\n"
     )
@@ -70,7 +70,7 @@ def test_every_product_of_the_default_box_is_made_in_a_fresh_process() -> None:
     if any(find_spec(name) is None for name in EXTRAS["cad"]):
         pytest.skip("the extra 'cad' is not installed")
     code = (
-        "from target.box import make_target\nfrom target.models import products\n"
+        "from target.box import make_target\nfrom boxcal.target.models.products import products\n"
         "names = [n for p in products() for n in p.make(make_target())]\n"
         "assert {n.rsplit('.')[-1] for n in names} >= {'step', 'stl', 'dxf', 'glb', 'sdf', '3mf', 'png', 'xml'}\n"
     )

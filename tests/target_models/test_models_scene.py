@@ -10,12 +10,12 @@ from xml.etree import ElementTree as ET
 import numpy as np
 import pytest
 
-from target.box import Array, Box, Target, make_target
-from target.patterns import modules_per_side, tag_modules
-from target.scene.glb import box_glb
-from target.scene.mjcf import box_mjcf
-from target.scene.obj import box_obj
-from target.scene.sdf import box_sdf
+from boxcal.target.box import Array, Box, Target, make_target
+from boxcal.target.models.glb import box_glb
+from boxcal.target.models.mjcf import box_mjcf
+from boxcal.target.models.obj import box_obj
+from boxcal.target.models.sdf import box_sdf
+from boxcal.target.tags.families import modules_per_side, tag_modules
 
 SMALL = Box(width=0.131, depth=0.152, height=0.0937, columns=3, rows=2, tag_size=0.0301, pitch=0.0367, first_id=40)
 WIDTH, HEIGHT, FOCAL_PX = 1280, 960, 1100.0

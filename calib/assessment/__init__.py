@@ -1,0 +1,1 @@
+"""Whether a calibration can be used, and why: rules, limits and the verdict."""

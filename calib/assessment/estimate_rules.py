@@ -1,0 +1,178 @@
+"""Rules on what the likelihood tells: how sure the figures are, what happened on the way, how well all fits."""
+
+from collections.abc import Callable, Sequence
+from math import isfinite
+
+import numpy as np
+
+from boxcal.calib.assessment.limits import LIMITS, Level, Reason, angle, judge, length, sentence
+from boxcal.calib.likelihood.estimate import FlaggedLeg
+from boxcal.calib.results.calibration import Calibration
+from boxcal.calib.results.diagnostics import Detail
+
+
+def _open(_: Calibration, detail: Detail) -> list[Reason]:
+    reasons = []
+    for direction in detail.directions:
+        what, _semicolon, advice = direction.text.rpartition("; ")
+        level = Level.USABLE if isfinite(direction.sigma) else Level.REDO
+        reasons.append(Reason(rule="open", level=level, text=sentence(what), advice=sentence(advice)))
+    return reasons
+
+
+def _ground(_: Calibration, detail: Detail) -> list[Reason]:
+    g = detail.ground
+    heading, turn = np.degrees([g.straight_heading, g.turn_heading])
+    straight = "Add long straight legs (2 m and more) between stops, and stops: twice the stops, 0.7 times the error."
+    return [
+        *judge(
+            "straight",
+            g.straight_position,
+            f"After 10 m straight ahead the position is off by {length(g.straight_position)}, typically.",
+            straight,
+        ),
+        *judge(
+            "heading",
+            heading,
+            f"After 10 m straight ahead the heading is off by {angle(heading)}, typically.",
+            straight,
+        ),
+        *judge(
+            "turn",
+            turn,
+            f"After a whole turn on the spot the heading is off by {angle(turn)}, typically.",
+            "Add turns on the spot between stops, to the left and to the right.",
+        ),
+    ]
+
+
+def _camera(_: Calibration, detail: Detail) -> list[Reason]:
+    sigma = detail.covariance.sigma
+    turned = float(np.degrees(max(sigma[name] for name in ("rx", "ry", "rz"))))
+    place = max(sigma[name] for name in ("tx", "ty", "tz"))
+    return [
+        *judge(
+            "camera-angle",
+            turned,
+            f"The camera's direction is known to {angle(turned)}.",
+            "Add stops nearer to the box, on all its sides, with turns between them.",
+        ),
+        *judge(
+            "camera-place",
+            place,
+            f"The camera's place on the robot is known to {length(place)}.",
+            "Add turns of a quarter and more between stops that see the box well.",
+        ),
+    ]
+
+
+def _legs(_: Calibration, detail: Detail) -> list[Reason]:
+    count, flagged = len(detail.legs), detail.flagged_legs
+    if not flagged:
+        return judge("legs", 0.0, f"Wheels and images agree on all {count} legs: no slip, no pushed box.", "")
+    level = LIMITS["legs"].grade(len(flagged) / max(count, 1))
+    return [
+        Reason(rule="legs", level=level, text=_leg_text(leg, several=_drives(detail) > 1), advice=_leg_advice(leg))
+        for leg in flagged
+    ]
+
+
+def _drives(detail: Detail) -> int:
+    return len({leg.drive for leg in detail.legs})
+
+
+def _leg_text(leg: FlaggedLeg, *, several: bool) -> str:
+    of_drive = f" of drive {leg.drive + 1}" if several else ""
+    moved = float(np.hypot(*leg.box_moved_mm))
+    causes = (
+        "a wheel slipped, the robot was held or carried, or the box was pushed"
+        if leg.slip_explains
+        else f"the box was pushed by {moved:.0f} mm and {abs(leg.box_turned_deg):.1f}°, or the robot was "
+        "carried; no slip explains it"
+    )
+    return (
+        f"Between stops {leg.leg + 1} and {leg.next_stop + 1}{of_drive} wheels and images differ by "
+        f"{leg.size_mm:.0f} mm and {abs(leg.turn_deg):.1f}°; that leg was left out. Likely {causes}."
+    )
+
+
+def _leg_advice(leg: FlaggedLeg) -> str:
+    if leg.slip_explains:
+        return "Drive slower, with gentle starts, on a dry floor without sills or cables, and do not push the robot."
+    return "Fasten the box to the floor (tape will do), keep clear of it, and drive again."
+
+
+def _slip(_: Calibration, detail: Detail) -> list[Reason]:
+    slip = detail.noise.slip
+    text = f"The wheels hold the floor: they slip by {length(slip)} over a metre."
+    if slip > LIMITS["slip"].good:
+        text = f"The wheels slip all along: by {length(slip)} over a metre."
+    return judge("slip", slip, text, "Drive slower, with gentle starts, on a dry and even floor; clean the wheels.")
+
+
+def _sharpness(c: Calibration, detail: Detail) -> list[Reason]:
+    pixel = detail.noise.pixel_px
+    text = f"The pictures are sharp: corners are seen to {pixel:.2f} px."
+    if pixel * 640 / c.image_size[0] > LIMITS["sharpness"].good:
+        text = f"The pictures are blurred or noisy: corners are seen to {pixel:.2f} px only."
+    advice = "Stand still for two seconds at each stop, with more light; clean and focus the lens; then drive again."
+    return judge("sharpness", pixel * 640 / c.image_size[0], text, advice)
+
+
+def _fit(_: Calibration, detail: Detail) -> list[Reason]:
+    factor = detail.noise.pixel_factor
+    text = f"Box and lens fit what was seen: corners err {factor:.1f} times as much as they scatter."
+    if factor > LIMITS["fit"].good:
+        text = (
+            f"Corners lie {factor:.1f} times further off than they scatter: the box is not as its description says, or "
+            "the lens bends more than the model."
+        )
+    return judge(
+        "fit",
+        factor,
+        text,
+        "Measure the printed box (measure-target) and calibrate the same log again; if that does not help, try a "
+        "richer lens.",
+    )
+
+
+def _corners(c: Calibration, detail: Detail) -> list[Reason]:
+    share = len(detail.flagged_corners) / max(c.quality.landmarks, 1)
+    text = f"{len(detail.flagged_corners)} of {c.quality.landmarks} corners were left out as wrong."
+    return judge("corners", share, text, "Look for glare, dirt and damaged tags on the box; light it evenly.")
+
+
+def _held_out(_: Calibration, detail: Detail) -> list[Reason]:
+    ratio = held_out_ratio(detail)
+    if ratio is None:
+        return []
+    text = f"Stops that were left out are predicted as well as claimed ({ratio:.1f} sigma)."
+    if ratio > LIMITS["held-out"].good:
+        text = f"Stops that were left out are predicted worse than claimed ({ratio:.1f} sigma)."
+    return judge("held-out", ratio, text, "Look at the worst stop and leg in the report, and drive again without them.")
+
+
+def held_out_ratio(detail: Detail) -> float | None:
+    """Return the root mean square of the held-out errors, in the sigmas that were claimed (1 in the ideal).
+
+    Stops at the end of a leg that was left out are predicted through its fault, and do not count; None if none is left.
+    """
+    faulty = {(leg.drive, leg.next_stop) for leg in detail.flagged_legs}
+    fair = [stop for stop in detail.held_out if (stop.drive, stop.stop) not in faulty]
+    if not fair:
+        return None
+    errors, sigmas = np.array([stop.error for stop in fair]), np.array([stop.sigma for stop in fair])
+    return float(np.sqrt(np.mean((errors / sigmas) ** 2)))
+
+
+DETAIL_RULES: Sequence[Callable[[Calibration, Detail], list[Reason]]] = (
+    _open,
+    _ground,
+    _camera,
+    _legs,
+    _slip,
+    _sharpness,
+    _fit,
+    _corners,
+    _held_out,
+)

@@ -1,0 +1,111 @@
+"""Whether a calibration can be used, why, and what to drive next: rules in words that need no mathematics.
+
+Each rule judges one thing against two limits, derived in docs/report.md from what matters on the ground. The verdict is
+the worst that any rule says.
+"""
+
+from boxcal.calib.assessment.drive_rules import DRIVE_RULES
+from boxcal.calib.assessment.estimate_rules import DETAIL_RULES
+from boxcal.calib.assessment.limits import LIMITS, Level, Reason, Verdict, judge, percent
+from boxcal.calib.assessment.print_scale import PrintScale
+from boxcal.calib.results.calibration import Calibration
+from boxcal.calib.results.diagnostics import Detail
+
+_CAUSES_FIRST = (
+    "print",
+    "stops",
+    "around",
+    "turned",
+    "moves",
+    "sharpness",
+    "legs",
+    "slip",
+    "floor",
+    "wheels",
+    "corners",
+    "fit",
+    "uncertainty",
+    "open",
+    "straight",
+    "heading",
+    "turn",
+    "camera-angle",
+    "camera-place",
+    "held-out",
+)
+_NOT_OF_PRINT = ("print", "stops", "around", "turned", "moves")
+_SEVERITY = (Level.REDO, Level.USABLE, Level.GOOD)
+_HEADLINES = {
+    Level.GOOD: "Put it on the robot.",
+    Level.USABLE: "It works, but not as well as it could. Read the reasons before you rely on it.",
+    Level.REDO: "Do not put it on the robot.",
+}
+_KEEP = "Put it on the robot. Calibrate again after a new tyre, a knock on the camera or a change of its focus."
+
+
+def verdict(calibration: Calibration, print_scale: PrintScale | None = None) -> Verdict:
+    """Return whether a calibration can be used, why, and what to do next.
+
+    Parameters
+    ----------
+    calibration
+        Of one robot.
+    print_scale
+        What the corners say about the print (:func:`boxcal.calib.assessment.print_scale.find_print_scale`), where that
+        was asked.
+    """
+    reasons = [reason for rule in DRIVE_RULES for reason in rule(calibration)]
+    detail = calibration.detail
+    if detail is None:
+        reasons.append(_uncertainty(calibration))
+    else:
+        reasons += [reason for rule in DETAIL_RULES for reason in rule(calibration, detail)]
+    reasons += _print(detail, print_scale)
+    reasons.sort(key=lambda reason: (_SEVERITY.index(reason.level), _CAUSES_FIRST.index(reason.rule)))
+    level = reasons[0].level
+    # A wrong print upsets all that follows: what it causes is judged again once it is measured.
+    misprinted = any(r.rule == "print" and r.advice for r in reasons)
+    pressing = [r for r in reasons if r.advice and (not misprinted or r.rule in _NOT_OF_PRINT)]
+    steps = list(dict.fromkeys(r.advice for r in pressing))
+    return Verdict(
+        level=level,
+        headline=_HEADLINES[level],
+        reasons=tuple(reasons),
+        next_steps=tuple(steps) or (_KEEP,),
+    )
+
+
+def _uncertainty(c: Calibration) -> Reason:
+    text = (
+        "This is the closed form alone: nothing says how sure its figures are, "
+        f"and corners differ by {c.quality.reprojection_rms_px:.2f} px from where it expects them."
+    )
+    return Reason(
+        rule="uncertainty", level=Level.USABLE, text=text, advice="Calibrate the same log with maximum likelihood."
+    )
+
+
+def _print(detail: Detail | None, found: PrintScale | None) -> list[Reason]:
+    if detail is not None and {"scale_x", "scale_y"} <= detail.extra.keys():
+        x, y = detail.extra["scale_x"], detail.extra["scale_y"]
+        sigma_x, sigma_y = detail.extra_sigma["scale_x"], detail.extra_sigma["scale_y"]
+        estimated = True
+    elif found is not None:
+        x, y, sigma_x, sigma_y = found.x, found.y, found.sigma_x, found.sigma_y
+        estimated = False
+    else:
+        return []
+    sure = [abs(v) for v, s in ((x, sigma_x), (y, sigma_y)) if abs(v) > 5 * s]
+    worst = max(sure, default=0.0)
+    if worst <= LIMITS["print"].good:
+        return judge("print", worst, "The print has the size that it was designed with.", "")
+    text = f"The print is not of the size designed: {percent(x)} across and {percent(y)} up the sheet."
+    if estimated:
+        return [Reason(rule="print", level=Level.GOOD, text=f"{text} The calibration allows for it.")]
+    return judge(
+        "print",
+        worst,
+        text,
+        "Measure the print with a ruler (measure-target) and calibrate the same log again; no new drive is needed. "
+        "Next time print at 100 %.",
+    )

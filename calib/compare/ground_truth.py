@@ -1,0 +1,117 @@
+"""How far a calibration is from a simulated robot's true parameters."""
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from boxcal.calib.errors import CalibError
+from boxcal.calib.geometry.so3_se3 import Array, log_so3
+from boxcal.calib.results.calibration import Calibration, Wheels
+from boxcal.target.camera.pinhole import Intrinsics
+
+MAX_FILE_BYTES = 64 << 20
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Truth:
+    """True parameters of one robot.
+
+    Attributes
+    ----------
+    camera, wheels
+        Intrinsics; radii and wheelbase.
+    T_body_cam : (4, 4), m
+        The mounting, body origin on the floor.
+    """
+
+    camera: Intrinsics
+    wheels: Wheels
+    T_body_cam: Array
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Errors:
+    """A calibration less the truth.
+
+    Attributes
+    ----------
+    rR, rL, b, fu, fv
+        Relative.
+    cu, cv : px
+        Principal point.
+    kr
+        Radial distortion.
+    rotation : rad
+        Angle of the rotation between the mountings.
+    tx, ty, tz : m
+        Translation of the mounting.
+    """
+
+    rR: float
+    rL: float
+    b: float
+    fu: float
+    fv: float
+    cu: float
+    cv: float
+    kr: float
+    rotation: float
+    tx: float
+    ty: float
+    tz: float
+
+
+def truth_path(log: Path) -> Path:
+    """Return where a log's truth lies: ``<log stem>.truth.json`` beside it."""
+    return log.with_name(f"{log.stem}.truth.json")
+
+
+def load_truth(path: Path) -> Truth:
+    """Read a truth file.
+
+    Raises
+    ------
+    CalibError
+        If it is missing or no truth file.
+    """
+    try:
+        if path.stat().st_size > MAX_FILE_BYTES:
+            raise CalibError(f"{path.name}: larger than {MAX_FILE_BYTES} bytes; not a truth file")
+        document: dict[str, Any] = json.loads(path.read_bytes())
+        camera = {name: float(document["camera"][name]) for name in ("fu", "fv", "cu", "cv", "kr")}
+        T = np.array(document["T_vehicle_camera"], dtype=np.float64)
+        if T.shape != (4, 4):
+            raise ValueError("T_vehicle_camera is not 4x4")
+        return Truth(
+            camera=Intrinsics(**camera),
+            wheels=Wheels(rR=float(document["rR"]), rL=float(document["rL"]), b=float(document["b"])),
+            T_body_cam=T,
+        )
+    except OSError as error:
+        raise CalibError(f"{path.name}: cannot be read ({error.strerror or error}); leave out --truth") from error
+    except (ValueError, KeyError, TypeError, RecursionError) as error:
+        raise CalibError(f"{path.name}: not a truth file ({error!r}); leave out --truth") from error
+
+
+def compare(result: Calibration, truth: Truth) -> Errors:
+    """Return the errors of a calibration."""
+    c, c0, w, w0 = result.camera, truth.camera, result.wheels, truth.wheels
+    t = result.T_body_cam[:3, 3] - truth.T_body_cam[:3, 3]
+    R = truth.T_body_cam[:3, :3].T @ result.T_body_cam[:3, :3]
+    return Errors(
+        rR=w.rR / w0.rR - 1,
+        rL=w.rL / w0.rL - 1,
+        b=w.b / w0.b - 1,
+        fu=c.fu / c0.fu - 1,
+        fv=c.fv / c0.fv - 1,
+        cu=c.cu - c0.cu,
+        cv=c.cv - c0.cv,
+        kr=c.kr - c0.kr,
+        rotation=float(np.linalg.norm(log_so3(R))),
+        tx=float(t[0]),
+        ty=float(t[1]),
+        tz=float(t[2]),
+    )

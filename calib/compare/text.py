@@ -1,0 +1,81 @@
+"""How two calibrations differ, in words and a table."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from boxcal.calib.compare.difference import STRAIGHT, Difference
+from boxcal.calib.results.calibration import Calibration
+from boxcal.calib.results.diagnostics import ORDER
+from boxcal.calib.results.text_table import table, yaw_pitch_roll
+from boxcal.detect.log.safe_text import printable
+
+_LARGEST = 3
+_MM, _DEG = 1e3, float(np.degrees(1))
+_SHOWN = (
+    *(("px", 1.0, 2),) * 4,
+    ("", 1.0, 5),
+    *(("mm", _MM, 4),) * 3,
+    *(("deg", _DEG, 3),) * 3,
+    *(("mm", _MM, 2),) * 3,
+)
+"""Unit, factor and digits of each parameter in ``ORDER``."""
+
+
+def comparison(a: Calibration, b: Calibration, found: Difference) -> str:
+    """Return the difference of two calibrations as text, without the verdict."""
+    looks = [_listed(np.degrees(yaw_pitch_roll(c.T_body_cam[:3, :3])).tolist()) for c in (a, b)]
+    g = found.ground
+    lines = [
+        f"{printable(a.robot)}: A of {printable(a.provenance.created)}, B of {printable(b.provenance.created)}",
+        "",
+        _parameters(a, b, found),
+        "rx, ry, rz: turn of the camera about its own axes (right, down, along the view)",
+        f"camera looks (yaw to the left, pitch down, roll): A {looks[0]} deg, B {looks[1]} deg",
+        "",
+        f"{STRAIGHT:g} m straight ahead by A end {g.straight_position:.4f} m away by B, heading "
+        f"{g.straight_heading * _DEG:+.3f} deg",
+        f"one turn on the spot by A is {g.turn_heading * _DEG:+.3f} deg more by B",
+        f"a point {g.distance:g} m from the camera appears {g.projection_mean_px:.2f} px away in the mean over the "
+        f"image, {g.projection_worst_px:.2f} px at worst",
+    ]
+    return "\n".join(lines)
+
+
+def verdict(found: Difference, level: float) -> str:
+    """Return whether chance explains the difference at a level of the test."""
+    if found.p_value is None:
+        return f"{found.why_not}: chance cannot be judged"
+    differ = found.p_value < level
+    lines = [
+        f"chi-square {found.chi2:.1f} of {found.dof} parameters: chance alone differs as much with probability "
+        f"{found.p_value:.2g}",
+        f"{'the calibrations differ beyond chance' if differ else 'no difference beyond chance'} at the level of "
+        f"{level:g}, if they come from independent drives",
+    ]
+    if differ and found.sigma is not None:
+        z = np.abs(found.values / found.sigma)
+        lines.append("largest, in sigmas: " + ", ".join(f"{ORDER[i]} {z[i]:.1f}" for i in np.argsort(-z)[:_LARGEST]))
+    return "\n".join(lines)
+
+
+def _parameters(a: Calibration, b: Calibration, found: Difference) -> str:
+    header, rows = ["parameter", "A", "B", "B - A"], []
+    values = [[*_camera_and_wheels(c), *[None] * 3, *c.T_body_cam[:3, 3].tolist()] for c in (a, b)]
+    for i, (name, (unit, factor, digits)) in enumerate(zip(ORDER, _SHOWN, strict=True)):
+        own = ["" if v[i] is None else f"{v[i] * factor:.{digits}f}" for v in values]
+        rows.append([f"{name} {unit}".rstrip(), *own, f"{found.values[i] * factor:+.{digits}f}"])
+        if found.sigma is not None:
+            s = float(found.sigma[i])
+            known = np.isfinite(s) and s > 0
+            rows[-1] += [f"{s * factor:.{digits + 1}f}", f"{found.values[i] / s:+.1f}" if known else "not determined"]
+    return table([*header, "sigma", "in sigmas"] if found.sigma is not None else header, rows)
+
+
+def _camera_and_wheels(c: Calibration) -> list[float]:
+    k, w = c.camera, c.wheels
+    return [k.fu, k.fv, k.cu, k.cv, k.kr, w.rR, w.rL, w.b]
+
+
+def _listed(values: Sequence[float]) -> str:
+    return ", ".join(f"{v:.2f}" for v in values)

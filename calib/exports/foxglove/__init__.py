@@ -1,0 +1,1 @@
+"""Results as Foxglove messages in an MCAP file."""

@@ -1,0 +1,35 @@
+"""``camera_info.yaml``: the camera as ROS' camera_calibration writes it and camera_info_manager reads it."""
+
+from boxcal.calib.exports.lens_models import ros_distortion
+from boxcal.calib.exports.text import comment, heading, numbers, ros_name, sigma_line
+from boxcal.calib.results.calibration import Calibration
+
+
+def camera_info(calibration: Calibration) -> str:
+    """Return the file; the projection matrix is the camera matrix, for a monocular camera without rectification."""
+    c, lens = calibration.camera, ros_distortion(calibration)
+    K = [c.fu, 0.0, c.cu, 0.0, c.fv, c.cv, 0.0, 0.0, 1.0]
+    P = [c.fu, 0.0, c.cu, 0.0, 0.0, c.fv, c.cv, 0.0, 0.0, 0.0, 1.0, 0.0]
+    width, height = calibration.image_size
+    lines = [
+        heading(calibration, "camera intrinsics for ROS (camera_calibration_parsers)"),
+        "pixels; pixel (0, 0) is the centre of the top-left pixel, u to the right, v down",
+        "plumb_bob is k1, k2, p1, p2, k3 in OpenCV's order, of (x/z, y/z); k1 is kr",
+        sigma_line(calibration, ("fu", "fv", "cu", "cv", "kr")),
+    ]
+    parts = [
+        comment(lines),
+        f"image_width: {width}\n",
+        f"image_height: {height}\n",
+        f"camera_name: {ros_name(calibration.robot)}\n",
+        _matrix("camera_matrix", 3, 3, K),
+        f"distortion_model: {lens.model}\n",
+        _matrix("distortion_coefficients", 1, len(lens.coefficients), list(lens.coefficients)),
+        _matrix("rectification_matrix", 3, 3, [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]),
+        _matrix("projection_matrix", 3, 4, P),
+    ]
+    return "".join(parts)
+
+
+def _matrix(name: str, rows: int, cols: int, data: list[float]) -> str:
+    return f"{name}:\n  rows: {rows}\n  cols: {cols}\n  data: {numbers(data)}\n"

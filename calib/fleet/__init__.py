@@ -1,0 +1,1 @@
+"""Many robots, one target: every log calibrated and written, failures kept apart."""

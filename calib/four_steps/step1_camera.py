@@ -1,0 +1,237 @@
+"""Step 1: the camera's intrinsics and its pose at every stop (section 3.1).
+
+Two modes. *Joint*: one set of intrinsics for all stops. *Per stop* (the paper's): every stop calibrated alone and the
+intrinsics averaged; a stop that cannot be calibrated alone is left out and named.
+"""
+
+from dataclasses import dataclass
+from enum import StrEnum
+from itertools import pairwise
+
+import cv2
+import numpy as np
+
+from boxcal.calib.errors import CalibError
+from boxcal.calib.four_steps.reprojection import move_left, project_with_jacobians, transform
+from boxcal.calib.four_steps.zhang_init import camera_matrix_guesses, face_homographies, planar_groups
+from boxcal.calib.geometry.so3_se3 import Array, rigid
+from boxcal.detect.correspondences import StopView
+from boxcal.target.camera.pinhole import Intrinsics, project
+
+MIN_LANDMARKS = 6
+_ITERATIONS = 100
+_STOPS_FOR_GUESS = 6
+"""How many stops, spread over the drive, the first guess of the camera is taken from."""
+_NAMES = ("fu", "fv", "cu", "cv", "kr")
+
+
+class CameraMode(StrEnum):
+    """How the intrinsics are found."""
+
+    JOINT = "joint"
+    PER_STOP = "per-stop"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class CameraStep:
+    """What step 1 returns.
+
+    Attributes
+    ----------
+    camera
+        Intrinsics.
+    kept
+        Numbers of the stops that could be used, ascending.
+    T_cam_box : (len(kept), 4, 4), m
+        Maps points of the box to the camera, a pose for each kept stop.
+    rms_px
+        Root mean square of the reprojection errors (2-D, over all landmarks).
+    stop_rms_px : (len(kept),), px
+        The same for each stop.
+    notes
+        Stops left out, and why.
+    """
+
+    camera: Intrinsics
+    kept: tuple[int, ...]
+    T_cam_box: Array
+    rms_px: float
+    stop_rms_px: Array
+    notes: tuple[str, ...] = ()
+
+
+def calibrate_camera(
+    stops: tuple[StopView, ...], image_size: tuple[int, int], mode: CameraMode = CameraMode.JOINT
+) -> CameraStep:
+    """Return the camera and its poses.
+
+    Parameters
+    ----------
+    stops
+        What each stop saw.
+    image_size : px
+        Width and height.
+    mode
+        Joint or per stop.
+
+    Raises
+    ------
+    CalibError
+        If the views do not determine a camera (all faces seen straight on, or no stop can be used).
+    """
+    return _joint(stops, image_size) if mode is CameraMode.JOINT else _per_stop(stops, image_size)
+
+
+def _joint(stops: tuple[StopView, ...], image_size: tuple[int, int]) -> CameraStep:
+    kept = tuple(j for j, stop in enumerate(stops) if len(stop.landmark_ids) >= MIN_LANDMARKS)
+    notes = tuple(
+        f"stop {j + 1}: {len(stop.landmark_ids)} landmarks, {MIN_LANDMARKS} are needed; left out"
+        for j, stop in enumerate(stops)
+        if j not in kept
+    )
+    camera, poses = _solve([stops[j] for j in kept], image_size)
+    return _step(camera, kept, poses, stops, notes)
+
+
+def _per_stop(stops: tuple[StopView, ...], image_size: tuple[int, int]) -> CameraStep:
+    kept, cameras, poses, notes = [], [], [], []
+    for j, stop in enumerate(stops):
+        faces = sum(len(rows) >= MIN_LANDMARKS for rows in planar_groups(stop.landmark_ids, stop.p_box))
+        if faces < 2:
+            notes.append(f"stop {j + 1}: its landmarks lie in one plane, two faces are needed per stop; left out")
+            continue
+        try:
+            camera, (T,) = _solve([stop], image_size)
+        except CalibError as error:
+            notes.append(f"stop {j + 1}: {error}; left out")
+            continue
+        kept.append(j)
+        cameras.append((camera.fu, camera.fv, camera.cu, camera.cv, camera.kr))
+        poses.append(T)
+    if not kept:
+        raise CalibError(
+            f"none of {len(stops)} stops can be calibrated alone: a stop needs two faces of the box in view; "
+            "add such stops, or calibrate all stops jointly"
+        )
+    fu, fv, cu, cv, kr = (float(v) for v in np.mean(cameras, axis=0))
+    return _step(Intrinsics(fu=fu, fv=fv, cu=cu, cv=cv, kr=kr), tuple(kept), np.array(poses), stops, tuple(notes))
+
+
+def _step(
+    camera: Intrinsics, kept: tuple[int, ...], poses: Array, stops: tuple[StopView, ...], notes: tuple[str, ...]
+) -> CameraStep:
+    squares = [
+        np.sum((project(camera, transform(T, stops[j].p_box)) - stops[j].uv_px) ** 2, axis=1)
+        for j, T in zip(kept, poses, strict=True)
+    ]
+    return CameraStep(
+        camera=camera,
+        kept=kept,
+        T_cam_box=poses,
+        rms_px=float(np.sqrt(np.mean(np.concatenate(squares)))),
+        stop_rms_px=np.sqrt([np.mean(s) for s in squares]),
+        notes=notes,
+    )
+
+
+def _solve(stops: list[StopView], image_size: tuple[int, int]) -> tuple[Intrinsics, Array]:
+    """Return the camera and poses (P, 4, 4) that minimise the reprojection error, from scratch."""
+    rows = np.unique(np.linspace(0, len(stops) - 1, min(len(stops), _STOPS_FOR_GUESS)).round().astype(int))
+    some = [stops[j] for j in rows]
+    homographies = [H for stop in some for H in face_homographies(stop)]
+    if not homographies:
+        raise CalibError("no face of the box shows two tags at once: a larger or nearer view of the box is needed")
+    starts = []
+    for K in camera_matrix_guesses(homographies, image_size):
+        guess = Intrinsics(fu=K[0, 0], fv=K[1, 1], cu=K[0, 2], cv=K[1, 2], kr=0.0)
+        starts.append((_linearise(guess, np.array([locate(guess, stop) for stop in some]), some).cost, guess))
+    _, guess = min(starts, key=lambda start: start[0])
+    camera, poses, _ = minimise_reprojection(guess, np.array([locate(guess, stop) for stop in stops]), stops)
+    return camera, poses
+
+
+def locate(camera: Intrinsics, stop: StopView) -> Array:
+    """Return the camera's pose at one stop, ``T_cam_box`` (4, 4), for known intrinsics (OpenCV's PnP)."""
+    dist = np.array([camera.kr, 0.0, 0.0, 0.0])
+    flat = np.linalg.svd(stop.p_box - stop.p_box.mean(axis=0), compute_uv=False)[2] < 1e-6
+    method = cv2.SOLVEPNP_IPPE if flat else cv2.SOLVEPNP_SQPNP
+    count, rvecs, tvecs, errors = cv2.solvePnPGeneric(
+        np.ascontiguousarray(stop.p_box), np.ascontiguousarray(stop.uv_px), camera.K, dist, flags=method
+    )
+    if not count:
+        raise CalibError("no camera pose explains a stop's landmarks; are they the corners of this target?")
+    best = int(np.argmin(np.ravel(errors)))
+    R, _ = cv2.Rodrigues(rvecs[best])
+    return rigid(np.asarray(R, dtype=np.float64), np.ravel(tvecs[best]).astype(np.float64))
+
+
+def minimise_reprojection(camera: Intrinsics, poses: Array, stops: list[StopView]) -> tuple[Intrinsics, Array, float]:
+    """Return the intrinsics, poses (P, 4, 4) and sum of squares (px^2) of the least squares reprojection fit.
+
+    Levenberg-Marquardt with the poses eliminated (Schur complement), so that the cost is linear in the stops.
+    """
+    lam = 1e-4
+    system = _linearise(camera, poses, stops)
+    for _ in range(_ITERATIONS):
+        d_camera, d_poses = _damped_step(system, lam)
+        trial_camera = Intrinsics(**dict(zip(_NAMES, _values(camera) + d_camera, strict=True)))
+        trial_poses = np.array([move_left(T, xi) for T, xi in zip(poses, d_poses, strict=True)])
+        trial = _linearise(trial_camera, trial_poses, stops)
+        if trial.cost < system.cost:
+            gain = system.cost - trial.cost
+            camera, poses, system, lam = trial_camera, trial_poses, trial, max(lam / 10, 1e-12)
+            if gain < 1e-9 * system.cost:
+                break
+        else:
+            lam *= 10
+            if lam > 1e6:
+                break
+    return camera, poses, system.cost
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _System:
+    """Normal equations of the reprojection: intrinsics A, poses C, both B; right-hand sides a and c."""
+
+    A: Array  # (5, 5)
+    B: Array  # (P, 5, 6)
+    C: Array  # (P, 6, 6)
+    a: Array  # (5,)
+    c: Array  # (P, 6)
+    cost: float
+
+
+def _linearise(camera: Intrinsics, poses: Array, stops: list[StopView]) -> _System:
+    starts = np.concatenate([[0], np.cumsum([len(stop.landmark_ids) for stop in stops])[:-1]])
+    p_cam = np.concatenate([transform(T, stop.p_box) for T, stop in zip(poses, stops, strict=True)])
+    uv, d_camera, d_point = project_with_jacobians(camera, p_cam)
+    r = np.concatenate([stop.uv_px for stop in stops]) - uv
+    cost = float(np.sum(r * r)) if np.all(p_cam[:, 2] > 0) else np.inf
+    J = np.empty((len(r), 2, 12))
+    J[..., :5] = d_camera
+    (x, y, z), (du, dv, dw) = p_cam.T[:, :, None], np.moveaxis(d_point, 2, 0)
+    J[..., 5], J[..., 6], J[..., 7] = y * dw - z * dv, z * du - x * dw, x * dv - y * du  # d_point @ -hat(p_cam)
+    J[..., 8:11] = d_point
+    J[..., 11] = r
+    rows = J.reshape(-1, 12)
+    ends = 2 * np.append(starts, len(r))
+    N = np.array([rows[a:b].T @ rows[a:b] for a, b in pairwise(ends)])
+    H, g = N[:, :11, :11], N[:, :11, 11]
+    return _System(
+        A=H[:, :5, :5].sum(axis=0), B=H[:, :5, 5:], C=H[:, 5:, 5:], a=g[:, :5].sum(axis=0), c=g[:, 5:], cost=cost
+    )
+
+
+def _damped_step(system: _System, lam: float) -> tuple[Array, Array]:
+    """Return the changes of the intrinsics, (5,), and of the poses, (P, 6), at damping lam (Marquardt's scaling)."""
+    A = system.A + lam * np.diag(np.diag(system.A))
+    C = system.C + lam * np.einsum("pii,ij->pij", system.C, np.eye(6))
+    BCinv = np.swapaxes(np.linalg.solve(C, np.swapaxes(system.B, 1, 2)), 1, 2)
+    S = A - np.einsum("pij,pkj->ik", BCinv, system.B)
+    d_camera = np.linalg.solve(S, system.a - np.einsum("pij,pj->i", BCinv, system.c))
+    d_poses = np.linalg.solve(C, (system.c - np.einsum("pij,i->pj", system.B, d_camera))[:, :, None])[:, :, 0]
+    return d_camera, d_poses
+
+
+def _values(camera: Intrinsics) -> Array:
+    return np.array([getattr(camera, name) for name in _NAMES])

@@ -1,0 +1,195 @@
+"""Step 2: aR = rR / b and aL = -rL / b from turns and wheel angles (section 3.2, eqs. 15-23)."""
+
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+
+from boxcal.calib.errors import CalibError
+from boxcal.calib.geometry.so3_se3 import Array, wrap
+
+MAX_CONDITION = 3000.0
+"""Largest condition number of the regressor; beyond it the moves are proportional to each other for all purposes."""
+USUAL_RMS = float(np.radians(0.2))
+"""With turns as good as this, moves that still leave a large standard error are too much alike."""
+MAX_RELATIVE_SIGMA = 0.1
+"""Largest standard error of aR or aL, relative to its size."""
+_SHORTEST = 10
+_WINDINGS = np.array([(k, m) for k in (-1, 0, 1) for m in (-1, 0, 1)], dtype=np.float64)
+_CANDIDATES = 8
+_EQUAL_FIT = 1.5
+_ALIKE = 0.2
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class HeadingStep:
+    """What step 2 returns.
+
+    Attributes
+    ----------
+    aR, aL
+        ``rR / b`` and ``-rL / b``: heading change per wheel angle.
+    rms : rad
+        Root mean square difference between turns seen and turns rolled, over all pairs.
+    condition
+        Condition number of the regressor.
+    """
+
+    aR: float
+    aL: float
+    rms: float
+    condition: float
+
+
+def solve_heading(turn: Array, phi: Array, moves: int) -> HeadingStep:
+    """Return aR and aL by least squares over pairs of stops, ``dtheta = aR dphi_R + aL dphi_L`` (eqs. 17-23).
+
+    The images give turns modulo 2 pi only. Windings are resolved without nominal values: see :func:`unwrap_turns`.
+
+    Parameters
+    ----------
+    turn : (N,), rad
+        Turns seen, ``theta_j - theta_i``, modulo a full turn.
+    phi : (N, 2), rad
+        Wheel angles travelled, right and left.
+    moves
+        How many of the pairs are independent (stops less one): what the standard error counts.
+
+    Raises
+    ------
+    CalibError
+        If there are fewer than three stops, if the moves are proportional to each other (rank 1), or if the signs of
+        aR and aL say that wheels are swapped or reversed.
+    """
+    if moves < 2:
+        raise CalibError(f"{moves + 1} usable stops, at least 3 are needed; add stops")
+    turn = wrap(turn)
+    singular = np.linalg.svd(phi, compute_uv=False)
+    condition = float(singular[0] / singular[1]) if singular[1] > 0 else np.inf
+    if condition > MAX_CONDITION:
+        raise CalibError(_proportional(phi, condition))
+    dtheta = unwrap_turns(turn, phi)
+    (aR, aL), *_ = np.linalg.lstsq(phi, dtheta, rcond=None)
+    rms = float(np.sqrt(np.mean((dtheta - phi @ (aR, aL)) ** 2)))
+    unit = np.sqrt(len(phi) / moves) * np.sqrt(np.diag(np.linalg.inv(phi.T @ phi)))
+    limit = MAX_RELATIVE_SIGMA * max(abs(aR), abs(aL))
+    if np.any(rms * unit > limit):
+        if np.any(USUAL_RMS * unit > limit):
+            raise CalibError(_proportional(phi, condition))
+        raise CalibError(
+            f"turns seen and turns rolled differ by {np.degrees(rms):.2g} deg (rms), too much to tell the wheels apart "
+            f"with these moves (condition number {condition:.0f}): strong slip, or stamps of camera and wheels that do "
+            "not fit together; drive slower, and add moves with more turning, left and right"
+        )
+    _check_signs(float(aR), float(aL))
+    return HeadingStep(aR=float(aR), aL=float(aL), rms=rms, condition=condition)
+
+
+def unwrap_turns(turn: Array, phi: Array) -> Array:
+    """Return turns with their full turns added, (N,), rad, so that some (aR, aL) explains all of them.
+
+    Hypotheses come from couples among the pairs that moved least, each turn with -1, 0 or 1 full turns added. Every
+    hypothesis is scored by the wrapped residuals of all pairs; the best few are then grown from short moves to long
+    ones, unwrapping with what the shorter ones gave, and the one with the smallest residual is kept. Three stops
+    determine no winding (any fits exactly): among hypotheses that fit equally well and make the wheels alike, the one
+    that turns least wins.
+
+    Parameters
+    ----------
+    turn : (N,), rad
+        In [-pi, pi).
+    phi : (N, 2), rad
+        Wheel angles travelled, right and left.
+    """
+    order = np.argsort(np.abs(phi).sum(axis=1), kind="stable")
+    turn_by_size, phi_by_size = turn[order], phi[order]
+    hypotheses = _hypotheses(turn_by_size[:_SHORTEST], phi_by_size[:_SHORTEST])
+    residual = wrap(turn_by_size - hypotheses @ phi_by_size.T)
+    # Short moves count most at first: a slightly wrong hypothesis wraps on long ones.
+    weight = 1 / (1 + np.arange(len(turn)))
+    score = (1 - np.cos(residual)) @ weight + 1e-4 * _unlikeness(hypotheses)
+    found = []
+    for a in hypotheses[np.argsort(score, kind="stable")[:_CANDIDATES]]:
+        grown = _grow(a, turn_by_size, phi_by_size)
+        fit = np.asarray(np.linalg.lstsq(phi_by_size, grown, rcond=None)[0], dtype=np.float64)
+        rms = float(np.sqrt(np.mean((grown - phi_by_size @ fit) ** 2)))
+        unlike = float(_unlikeness(fit[None])[0])
+        found.append((rms, (unlike > _ALIKE, float(np.sum(np.abs(grown)))), grown))
+    equal = _EQUAL_FIT * min(rms for rms, _, _ in found) + 1e-9
+    _, _, grown = min((f for f in found if f[0] <= equal), key=lambda f: f[1])
+    unwrapped = np.empty_like(turn)
+    unwrapped[order] = grown
+    return unwrapped
+
+
+def _unlikeness(a: Array) -> Array:
+    """Return how unlike the two wheels of hypotheses (H, 2) are, (H,): log of their ratio, more if both turn alike."""
+    size = np.maximum(np.abs(a), 1e-12)
+    return np.asarray(np.abs(np.log(size[:, 0] / size[:, 1])) + (a[:, 0] * a[:, 1] > 0))
+
+
+def _hypotheses(turn: Array, phi: Array) -> Array:
+    """Return candidate (aR, aL), (H, 2), from couples of short moves that are not proportional."""
+    found = []
+    for k, m in combinations(range(len(turn)), 2):
+        A = phi[[k, m]]
+        if abs(np.linalg.det(A)) > 1 / MAX_CONDITION * np.linalg.norm(A[0]) * np.linalg.norm(A[1]):
+            found.append(np.linalg.solve(A, (turn[[k, m]] + 2 * np.pi * _WINDINGS).T).T)
+    if not found:  # all short moves are alike: take the least squares direction of all of them
+        fit, *_ = np.linalg.lstsq(phi, turn, rcond=None)
+        return np.asarray(fit[None, :])
+    return np.concatenate(found)
+
+
+def _grow(a: Array, turn: Array, phi: Array) -> Array:
+    """Return unwrapped turns, moves in order of size: each batch is unwrapped with the fit of all before it."""
+    n = len(turn)
+    size = min(n, 4)
+    tiny = 1e-12 * float(np.sum(phi[:size] ** 2)) * np.eye(2)  # the shortest moves may all be alike
+    while True:
+        expected = phi[:size] @ a
+        unwrapped = expected + wrap(turn[:size] - expected)
+        normal = phi[:size].T @ phi[:size] + tiny
+        a = np.asarray(np.linalg.solve(normal, phi[:size].T @ unwrapped), dtype=np.float64)
+        if size == n:
+            expected = phi @ a
+            return np.asarray(expected + wrap(turn - expected))
+        size = min(n, size + max(1, size // 2))
+
+
+def _proportional(phi: Array, condition: float) -> str:
+    """Return why moves that are all proportional do not determine aR and aL, and what to add."""
+    direction = np.linalg.svd(phi, full_matrices=False)[2][0]
+    straight = direction / np.abs(direction).max()
+    what = f"the moves are nearly proportional to each other (condition number {condition:.3g})"
+    if straight[0] * straight[1] < 0:
+        return (
+            f"{what}: the robot only turned on the spot, so the wheels' radii cannot be told apart and their size "
+            "is not determined; add legs that drive forward"
+        )
+    if abs(straight[0] - straight[1]) < 0.02:
+        return (
+            f"{what}: the robot only drove straight, so the wheelbase is not determined; add legs that turn, left and "
+            "right"
+        )
+    return (
+        f"{what}: all turns are alike (one curve over and over), so the wheels cannot be told apart; add legs of "
+        "another curvature: straight ones, turns on the spot, the other direction"
+    )
+
+
+def _check_signs(aR: float, aL: float) -> None:
+    """Refuse wheels that roll the wrong way: aR > 0 > aL must come out."""
+    if aR > 0 > aL:
+        return
+    found = f"aR = {aR:.4g} and aL = {aL:.4g} (aR > 0 > aL is needed)"
+    if aR < 0 < aL:
+        raise CalibError(
+            f"left and right wheel joints are swapped: {found}; exchange --left-joint and --right-joint (or, if both "
+            "wheels count backwards, reverse the sign of both)"
+        )
+    wheel = "left" if aR > 0 else "right"
+    raise CalibError(
+        f"the sign of the {wheel} wheel is reversed: {found}; wheel angles must grow when the wheel rolls forward, "
+        f"reverse the {wheel} wheel's encoder"
+    )

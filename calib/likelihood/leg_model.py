@@ -1,0 +1,219 @@
+"""What the wheels say about each leg, how it depends on the wheels' figures, and how noisy it is.
+
+A leg's displacement ``(dx, dy, dtheta)`` is the pose of its second stop in the body frame of its first. Two kinds of
+noise reach it, both propagated through the path that was really driven:
+
+- *slip*: while a wheel rolls a distance d, the distance travelled differs from it by a random walk of variance
+  ``slip^2 d``; slip in m/sqrt(m), independent for the two wheels.
+- *quantisation*: a reading differs from the wheel's angle by a uniform error of variance ``step^2 / 12``. The errors at
+  the two stops act on the whole leg, and neighbouring legs share them: they are unknowns of their own (see
+  ``State.readings``), so that nothing is counted twice. The errors of readings on the way act on the path's shape only;
+  they are added to the leg's covariance.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from boxcal.calib.geometry.diff_drive import Legs
+from boxcal.calib.geometry.so3_se3 import Array
+from boxcal.detect.log.wheel_samples import Ids
+
+_PAIRS = np.array([(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)])
+_UNPACK = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class WheelPath:
+    """Wheel travel of all legs, one behind the other.
+
+    Attributes
+    ----------
+    dphi : (S, 2), rad
+        Angle travelled in each sample, right and left.
+    starts : (N,)
+        First sample of each leg.
+    leg : (S,)
+        The leg that each sample belongs to.
+    moving : ((Q,), (Q',))
+        Samples in which the right and the left wheel turned.
+    """
+
+    dphi: Array
+    starts: Ids
+    leg: Ids
+    moving: tuple[Ids, Ids]
+
+    @property
+    def legs(self) -> int:
+        """How many legs there are."""
+        return len(self.starts)
+
+
+def wheel_path(drives: list[Legs]) -> WheelPath:
+    """Return the wheel travel of several drives as one."""
+    dphi = np.concatenate([np.zeros((0, 2)), *(np.stack([d.dphi_R, d.dphi_L], axis=1) for d in drives)])
+    counts = np.concatenate([np.zeros(0, dtype=np.int64), *(np.diff(d.ends) for d in drives)]).astype(np.int64)
+    return WheelPath(
+        dphi=dphi,
+        starts=np.cumsum(counts) - counts,
+        leg=np.repeat(np.arange(len(counts), dtype=np.int64), counts),
+        moving=(np.flatnonzero(dphi[:, 0]), np.flatnonzero(dphi[:, 1])),
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class LegModel:
+    """Displacements of N legs, their derivatives and their covariances for unit noise.
+
+    Attributes
+    ----------
+    displacement : (N, 3), m and rad
+        ``(dx, dy, dtheta)`` in the body frame of the first stop; dtheta counts full turns.
+    d_wheels : (N, 3, 3)
+        By (rR, rL, b).
+    d_start, d_end : (N, 3, 2), m/rad and rad/rad
+        By the angles of the right and left wheel at the first and the last stop.
+    slip : (N, 3, 3)
+        Covariance for slip of 1 m/sqrt(m).
+    shape : (N, 3, 3)
+        Covariance from readings on the way, for an encoder step of 1 rad.
+    rolled : (N, 2), m
+        Distance that each wheel rolled.
+    by_travel : (2, 3, S)
+        The leg's displacement by the distance that the right and the left wheel rolled in each sample.
+    """
+
+    displacement: Array
+    d_wheels: Array
+    d_start: Array
+    d_end: Array
+    slip: Array
+    shape: Array
+    rolled: Array
+    by_travel: Array
+
+
+def leg_model(path: WheelPath, wheels: Array, at_start: Array, at_end: Array) -> LegModel:
+    """Return what the wheels say about each leg.
+
+    Wheel speeds are taken as constant within a sample, so that a sample's path is an arc: its chord is
+    ``ds sin(h)/h`` long and points h = dtheta/2 off the heading at its start.
+
+    Parameters
+    ----------
+    path
+        Wheel travel.
+    wheels : (3,), m
+        rR, rL, b.
+    at_start, at_end : (N, 2), rad
+        True angles of the right and the left wheel less their readings, at both ends of the legs.
+    """
+    if path.legs == 0:
+        none = np.zeros((0, 3, 3))
+        two = np.zeros((0, 3, 2))
+        return LegModel(
+            displacement=np.zeros((0, 3)),
+            d_wheels=none,
+            d_start=two,
+            d_end=two,
+            slip=none,
+            shape=none,
+            rolled=np.zeros((0, 2)),
+            by_travel=np.zeros((2, 3, 0)),
+        )
+    radius, b = wheels[:2], wheels[2]
+    dphi = _corrected(path, at_start, at_end)
+    u = dphi * radius
+    ds, dth = (u[:, 0] + u[:, 1]) / 2, (u[:, 0] - u[:, 1]) / b
+    end_th = np.cumsum(dth)
+    th = end_th - dth
+    th = th - th[path.starts][path.leg]
+    h = dth / 2
+    sinc = np.sinc(h / np.pi)
+    small = np.abs(h) < 1e-3
+    dsinc = np.where(small, -h / 3 + h**3 / 30, (np.cos(h) - sinc) / np.where(small, 1.0, h))
+    cos, sin = np.cos(th + h), np.sin(th + h)
+    length = ds * sinc
+    end_x, end_y = np.cumsum(length * cos), np.cumsum(length * sin)
+    last = np.append(path.starts[1:], len(ds)) - 1
+    to_go_x, to_go_y = end_x[last][path.leg] - end_x, end_y[last][path.leg] - end_y
+    # End pose by the sample's own ds and dth: the rest of the leg turns with dth.
+    by_ds = np.stack([sinc * cos, sinc * sin, np.zeros_like(ds)])
+    by_dth = np.stack(
+        [
+            0.5 * ds * (dsinc * cos - sinc * sin) - to_go_y,
+            0.5 * ds * (dsinc * sin + sinc * cos) + to_go_x,
+            np.ones_like(ds),
+        ]
+    )
+    by_u = np.stack([by_ds / 2 + by_dth / b, by_ds / 2 - by_dth / b])  # (2, 3, S)
+    first = path.starts
+    rolled = np.abs(u)
+    products = by_u[:, _PAIRS[:, 0]] * by_u[:, _PAIRS[:, 1]]  # (2, 6, S)
+    slip = np.add.reduceat(np.einsum("wks,sw->ks", products, rolled), first, axis=1)
+    d_radius = np.add.reduceat(by_u * dphi.T[:, None, :], first, axis=2)  # (2, 3, N)
+    d_b = np.add.reduceat(by_dth * (-dth / b), first, axis=1)
+    displacement = np.stack(
+        [
+            np.add.reduceat(length * cos, first),
+            np.add.reduceat(length * sin, first),
+            np.add.reduceat(dth, first),
+        ],
+        axis=1,
+    )
+    d_start, d_end, shape = _readings(path, by_u, radius)
+    return LegModel(
+        displacement=displacement,
+        d_wheels=np.stack([d_radius[0], d_radius[1], d_b]).transpose(2, 1, 0),
+        d_start=d_start,
+        d_end=d_end,
+        slip=slip.T[:, _UNPACK],
+        shape=shape,
+        rolled=np.add.reduceat(rolled, first, axis=0),
+        by_travel=by_u,
+    )
+
+
+def _corrected(path: WheelPath, at_start: Array, at_end: Array) -> Array:
+    """Return the travel in each sample, (S, 2) rad, with the readings at the legs' ends corrected.
+
+    A wheel that never turned on a leg is left alone.
+    """
+    dphi = path.dphi.copy()
+    for wheel, moved in enumerate(path.moving):
+        if len(moved):
+            leg = path.leg[moved]
+            change = np.flatnonzero(np.diff(leg)) + 1
+            first, last = np.concatenate([[0], change]), np.concatenate([change, [len(leg)]]) - 1
+            dphi[moved[first], wheel] -= at_start[leg[first], wheel]
+            dphi[moved[last], wheel] += at_end[leg[last], wheel]
+    return dphi
+
+
+def _readings(path: WheelPath, by_u: Array, radius: Array) -> tuple[Array, Array, Array]:
+    """Return the derivatives by the readings at both ends, (N, 3, 2) each, and the covariance of those between.
+
+    A reading's error is shared by all samples until the reading changes: only samples in which the wheel moved count,
+    and each reading between two of them moves path length from one to the other.
+    """
+    n = path.legs
+    d_start, d_end, shape = np.zeros((n, 3, 2)), np.zeros((n, 3, 2)), np.zeros((6, n))
+    for wheel, moved in enumerate(path.moving):
+        if not len(moved):
+            continue
+        g = radius[wheel] * by_u[wheel][:, moved]
+        leg = path.leg[moved]
+        change = np.flatnonzero(np.diff(leg)) + 1
+        first, last = np.concatenate([[0], change]), np.concatenate([change, [len(leg)]]) - 1
+        d_start[leg[first], :, wheel] = -g[:, first].T
+        d_end[leg[last], :, wheel] = g[:, last].T
+        between = g[:, :-1] - g[:, 1:]
+        between[:, change - 1] = 0.0
+        if between.shape[1]:
+            squares = between[_PAIRS[:, 0]] * between[_PAIRS[:, 1]] / 12
+            bounds = np.minimum(first, between.shape[1] - 1)
+            sums = np.add.reduceat(squares, bounds, axis=1)
+            sums[:, first >= between.shape[1]] = 0.0
+            shape[:, leg[first]] += sums
+    return d_start, d_end, shape.T[:, _UNPACK]

@@ -1,0 +1,164 @@
+"""From the solver's terms to what is reported."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from boxcal.calib.geometry.so3_se3 import Array, Mask, exp_so3, planar, rigid
+from boxcal.calib.likelihood.estimate import DriveEstimate, Estimate, FlaggedCorner, FlaggedLeg, NoiseLevels
+from boxcal.calib.likelihood.fit import Fit
+from boxcal.calib.likelihood.leg_outliers import flagged_legs
+from boxcal.calib.likelihood.problem import MOUNTING, Problem, State
+from boxcal.calib.likelihood.residuals import leg_covariance
+from boxcal.calib.likelihood.target_deformation import SIZE_NAMES
+from boxcal.calib.uncertainty.observability import open_directions
+from boxcal.detect.correspondences import Correspondences
+from boxcal.target.camera.camera_model import extra_names
+from boxcal.target.camera.pinhole import Intrinsics
+
+_PRIOR_ONLY = 0.9
+
+
+def summarise(fit: Fit, drives: Sequence[Correspondences]) -> Estimate:
+    """Return the estimate that a solution amounts to."""
+    problem, state = fit.problem, fit.state
+    best = int(np.argmax(fit.profile.weight))
+    directions, unknown = open_directions(problem, state, fit.profile.solution.information[best])
+    cov = reported_cov(fit.cov, state, unknown)
+    used = fit.weights.legs > 0
+    legs = flagged_legs(problem, state, fit.tests, used, list(drives))
+    k = state.lens
+    extra = extra_names(problem.lens)
+    return Estimate(
+        camera=Intrinsics(fu=float(k[0]), fv=float(k[1]), cu=float(k[2]), cv=float(k[3]), kr=float(k[4])),
+        lens=problem.lens,
+        lens_extra=dict(zip(extra, k[5:].tolist(), strict=True)),
+        rR=float(state.wheels[0]),
+        rL=float(state.wheels[1]),
+        b=float(state.wheels[2]),
+        T_body_cam=state.T_body_cam,
+        drives=tuple(_drive(fit, d, drive.robot, cov) for d, drive in enumerate(drives)),
+        noise=NoiseLevels(
+            pixel_factor=fit.levels.pixel_factor,
+            pixel_factor_sigma=fit.factor_sigma,
+            pixel_px=fit.levels.pixel_factor * _mean_sigma_px(problem),
+            slip=fit.profile.mean,
+            slip_sigma=fit.profile.sigma,
+            encoder_step=problem.step,
+        ),
+        cov=cov[:14, :14],
+        names=problem.names,
+        values=_values(problem, state),
+        cov_all=cov,
+        flagged_legs=legs,
+        flagged_corners=_flagged_corners(fit, drives),
+        directions=directions,
+        notes=_notes(fit, legs, cov),
+        iterations=fit.iterations,
+        cost=fit.cost,
+        log_likelihood=_log_likelihood(fit),
+    )
+
+
+def reported_cov(cov: Array, state: State, unknown: Mask) -> Array:
+    """Return the covariance with the mounting's translation along the body's axes; the unknown is infinite."""
+    M = np.eye(len(cov))
+    t = slice(MOUNTING.start + 3, MOUNTING.stop)
+    M[t, t] = state.T_body_cam[:3, :3]
+    out = M @ cov @ M.T
+    if np.any(unknown):
+        unknown = unknown.copy()
+        unknown[t] = np.any(unknown[t])
+        out[unknown, :] = np.nan
+        out[:, unknown] = np.nan
+        out[unknown, unknown] = np.inf
+    return np.asarray(out)
+
+
+def _values(problem: Problem, state: State) -> Array:
+    tilt = state.tilt.ravel() if problem.tilt_count else np.zeros(0)
+    return np.concatenate([state.lens[:5], state.wheels, np.zeros(6), tilt, state.lens[5:], state.shape])
+
+
+def _mean_sigma_px(problem: Problem) -> float:
+    cov = np.linalg.inv(np.swapaxes(problem.whiten, 1, 2) @ problem.whiten)
+    return float(np.sqrt(np.mean(np.trace(cov, axis1=1, axis2=2)) / 2))
+
+
+def errors_px(fit: Fit) -> Array:
+    """Return the corners' errors, (L, 2) px, seen less predicted."""
+    return np.asarray(np.linalg.solve(fit.problem.whiten, fit.at.residual_px[:, :, None])[:, :, 0])
+
+
+def _drive(fit: Fit, d: int, robot: str, cov: Array) -> DriveEstimate:
+    problem, state = fit.problem, fit.state
+    rows = np.flatnonzero(problem.drive == d)
+    legs = np.flatnonzero(problem.drive[problem.leg_stop] == d)
+    own, _ = fit.profile.solution.stop_blocks()
+    pose_cov = np.tensordot(fit.profile.weight, own[:, rows, :3, :3], 1)
+    floor = rigid(exp_so3(np.array([*state.tilt[d], 0.0])), np.zeros(3))
+    square = np.sum(errors_px(fit) ** 2, axis=1) * fit.weights.corners
+    stop, P = problem.corner_stop, len(problem.drive)
+    count = np.maximum(np.bincount(stop, weights=fit.weights.corners, minlength=P), 1)
+    rms = np.sqrt(np.bincount(stop, weights=square, minlength=P) / count)
+    tilts = problem.tilts.start + 2 * d + np.arange(2)
+    return DriveEstimate(
+        robot=robot,
+        stops=tuple(int(j) for j in problem.stop[rows]),
+        T_box_body=np.array([floor @ planar(*pose) for pose in state.poses[rows]]).reshape(-1, 4, 4),
+        pose_cov=pose_cov,
+        tilt=state.tilt[d],
+        tilt_sigma=np.sqrt(np.diag(cov)[tilts]) if problem.tilt_count else np.zeros(2),
+        stop_rms_px=rms[rows],
+        leg_residuals=fit.tests.whitened[legs],
+        leg_p_values=fit.tests.p_value[legs],
+        leg_used=fit.weights.legs[legs] > 0,
+    )
+
+
+def _flagged_corners(fit: Fit, drives: Sequence[Correspondences]) -> tuple[FlaggedCorner, ...]:
+    problem = fit.problem
+    stop, error = problem.corner_stop, errors_px(fit)
+    found = []
+    for row in np.flatnonzero(fit.weights.corners == 0):
+        j = int(stop[row])
+        d, number = int(problem.drive[j]), int(problem.stop[j])
+        within = int(row - problem.corner_starts[j])
+        found.append(
+            FlaggedCorner(
+                drive=d,
+                stop=number,
+                landmark_id=int(drives[d].stops[number].landmark_ids[within]),
+                error_px=(float(error[row, 0]), float(error[row, 1])),
+            )
+        )
+    return tuple(found)
+
+
+def _notes(fit: Fit, legs: tuple[FlaggedLeg, ...], cov: Array) -> tuple[str, ...]:
+    problem = fit.problem
+    notes = [leg.text for leg in legs]
+    out = int(np.sum(fit.weights.corners == 0))
+    if out:
+        notes.append(f"{out} of {len(problem.uv_px)} corners lie further off than noise explains and were left out")
+    notes.extend(
+        f"stop {int(problem.stop[j]) + 1}: more than half of its corners do not fit the rest of the drive; none was "
+        "left out, look at its picture"
+        for j in fit.hopeless
+    )
+    for k in range(14, len(problem.names)):
+        sigma = float(np.sqrt(cov[k, k]))
+        if sigma > _PRIOR_ONLY * problem.prior[k] and problem.names[k] not in SIZE_NAMES:
+            notes.append(f"{problem.names[k]} is hardly determined by the drive: its prior decides")
+    if not fit.converged:
+        notes.append("the noise levels had not settled when the rounds ended; take the sigmas with care")
+    return tuple(notes)
+
+
+def _log_likelihood(fit: Fit) -> float:
+    """Return the log likelihood of corners and legs, their noise levels in it, without constants of the data."""
+    problem, used = fit.problem, fit.weights.legs > 0
+    corners = 2 * float(np.count_nonzero(fit.weights.corners)) * np.log(fit.levels.pixel_factor)
+    C = leg_covariance(problem, fit.at.legs.model, np.array(fit.levels.slip))
+    legs = 0.5 * float(np.sum(np.linalg.slogdet(C)[1][used])) if np.any(used) else 0.0
+    return float(-0.5 * fit.cost - corners - legs)

@@ -1,0 +1,179 @@
+"""What a calibration says beyond its numbers: how sure they are, what happened on each leg, what cannot be seen."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from boxcal.calib.geometry.so3_se3 import Array
+from boxcal.calib.likelihood.estimate import Direction, FlaggedCorner, FlaggedLeg, NoiseLevels
+
+ORDER = ("fu", "fv", "cu", "cv", "kr", "rR", "rL", "b", "rx", "ry", "rz", "tx", "ty", "tz")
+"""Order of the covariance (px, px, px, px, 1, m, m, m, rad, rad, rad, m, m, m)."""
+SIDE = (
+    "rx, ry, rz: right perturbation of the mounting, R_body_cam exp(rx, ry, rz), about the camera's own axes; "
+    "tx, ty, tz: of t_body_cam itself, along the body's axes"
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Covariance:
+    """How sure the reported parameters are.
+
+    Attributes
+    ----------
+    matrix : (14, 14)
+        In the order of ``ORDER``, with the side of ``SIDE``; infinite on the diagonal (and NaN beside it) where the
+        drive does not determine a parameter.
+    """
+
+    matrix: Array
+
+    @property
+    def sigma(self) -> dict[str, float]:
+        """Standard deviation of each parameter by name; infinite where it is not determined."""
+        return dict(zip(ORDER, np.sqrt(np.diag(self.matrix)).tolist(), strict=True))
+
+    def correlation(self, a: str, b: str) -> float:
+        """Return the correlation of two parameters."""
+        i, j = ORDER.index(a), ORDER.index(b)
+        return float(self.matrix[i, j] / np.sqrt(self.matrix[i, i] * self.matrix[j, j]))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Leg:
+    """One leg of the drive, between two stops that were used.
+
+    Attributes
+    ----------
+    drive
+        Number of the drive, from 0.
+    start, end
+        Numbers of the stops in the drive, from 0.
+    t_start_ns, t_end_ns : ns
+        When it was driven.
+    rolled : m
+        Mean distance that the wheels rolled.
+    turned : rad
+        Heading change by the wheels.
+    residual : (3,)
+        Wheels less images, whitened: forward, sideways, turn.
+    p_value
+        Chance of a leg that differs as much from what all other data predict.
+    used
+        Whether it counted.
+    """
+
+    drive: int
+    start: int
+    end: int
+    t_start_ns: int
+    t_end_ns: int
+    rolled: float
+    turned: float
+    residual: tuple[float, float, float]
+    p_value: float
+    used: bool
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Ground:
+    """What the uncertainty means on the ground (standard deviations).
+
+    Attributes
+    ----------
+    straight_heading, straight_position : rad, m
+        Heading and position error after 10 m straight ahead, from the calibration's uncertainty alone.
+    turn_heading : rad
+        Heading error after one whole turn on the spot.
+    distance : m
+        Distance that the projection is meant for.
+    projection_mean_px, projection_worst_px : px
+        Uncertainty of where a point at that distance, known in the body's frame, appears in the image.
+    """
+
+    straight_heading: float
+    straight_position: float
+    turn_heading: float
+    distance: float
+    projection_mean_px: float
+    projection_worst_px: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HeldOut:
+    """One stop that was left out and predicted from the others, odometry and calibration.
+
+    Attributes
+    ----------
+    drive, stop
+        Numbers from 0, as in the drive.
+    error : (3,), m and rad
+        Predicted less seen: forward, to the left, heading.
+    sigma : (3,), m and rad
+        Standard deviations that the prediction claims.
+    """
+
+    drive: int
+    stop: int
+    error: tuple[float, float, float]
+    sigma: tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Growth:
+    """The estimate from the first stops only (the paper's figures 8 and 9).
+
+    Attributes
+    ----------
+    stops
+        How many were used.
+    values, sigma : (14,)
+        In the order of ``ORDER``; for rx, ry, rz the difference from the final mounting.
+    """
+
+    stops: int
+    values: tuple[float, ...]
+    sigma: tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Detail:
+    """All that the likelihood adds to a calibration.
+
+    Attributes
+    ----------
+    covariance
+        Of the reported parameters.
+    noise
+        Noise levels found in the data.
+    lens, lens_extra
+        Lens model and its further coefficients (OpenCV's order); the paper's has none.
+    extra, extra_sigma
+        Further unknowns (tilt of the floor, print scale, face poses, ink) by name, and their sigmas.
+    legs
+        Every leg used or left out.
+    flagged_legs, flagged_corners
+        Faults found.
+    directions
+        What the drive determines badly or not at all, in words.
+    ground
+        What the uncertainty means on the ground.
+    held_out
+        Stops predicted from the others, where asked for.
+    growth
+        Estimates over the number of stops, where asked for.
+    """
+
+    covariance: Covariance
+    noise: NoiseLevels
+    lens: str
+    lens_extra: dict[str, float]
+    extra: dict[str, float]
+    extra_sigma: dict[str, float]
+    legs: tuple[Leg, ...]
+    flagged_legs: tuple[FlaggedLeg, ...]
+    flagged_corners: tuple[FlaggedCorner, ...]
+    directions: tuple[Direction, ...]
+    ground: Ground
+    held_out: tuple[HeldOut, ...] = ()
+    growth: tuple[Growth, ...] = ()

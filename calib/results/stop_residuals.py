@@ -1,0 +1,113 @@
+"""What was seen against what the calibration expects, corner by corner."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from boxcal.calib.four_steps.reprojection import transform
+from boxcal.calib.geometry.so3_se3 import Array, inverse
+from boxcal.calib.likelihood.options import EstimateOptions
+from boxcal.calib.likelihood.target_deformation import box_shape
+from boxcal.calib.results.calibration import Calibration, StopResult
+from boxcal.detect.correspondences import Correspondences, StopView
+from boxcal.detect.log.wheel_samples import Ids
+from boxcal.target.box import CORNERS, Target
+from boxcal.target.camera.camera_model import Lens, project_lens
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SeenStop:
+    """One stop: its corners, and how far they lie from where the calibration expects them.
+
+    Attributes
+    ----------
+    drive, number
+        Of the drive, and of the stop in it, from 0.
+    label
+        How people call the stop: its number from 1, with the drive's before it where there are several.
+    result, view
+        What the calibration found, what the camera saw.
+    p_box : (L, 3), m
+        The corners, with what was estimated of the box' shape.
+    p_cam : (L, 3), m
+        The same in frame ``cam``.
+    face : (L,)
+        Which face carries each.
+    error_px : (L, 2)
+        Seen less expected.
+    used : (L,) bool
+        Whether the corner counted.
+    """
+
+    drive: int
+    number: int
+    label: str
+    result: StopResult
+    view: StopView
+    p_box: Array
+    p_cam: Array
+    face: Ids
+    error_px: Array
+    used: np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
+
+
+def lens_values(calibration: Calibration) -> tuple[Lens, Array]:
+    """Return the lens model and its coefficients (fu, fv, cu, cv, kr, further ones)."""
+    k, detail = calibration.camera, calibration.detail
+    extra = list(detail.lens_extra.values()) if detail else []
+    return Lens(detail.lens) if detail else Lens.RADIAL, np.array([k.fu, k.fv, k.cu, k.cv, k.kr, *extra])
+
+
+def stop_label(drive: int, number: int, *, several: bool) -> str:
+    """Return how people call a stop: ``4``, or ``2.4`` where there are several drives."""
+    return f"{drive + 1}.{number + 1}" if several else str(number + 1)
+
+
+def stops_seen(calibration: Calibration, drives: Sequence[Correspondences], target: Target) -> tuple[SeenStop, ...]:
+    """Return the stops of the drives that the calibration used, in order."""
+    lens, values = lens_values(calibration)
+    results = {(stop.drive, stop.t_start_ns): stop for stop in calibration.stops}
+    flagged = calibration.detail.flagged_corners if calibration.detail else ()
+    wrong = {(c.drive, c.stop, c.landmark_id) for c in flagged}
+    seen = []
+    for d, number, view in ((d, j, view) for d, drive in enumerate(drives) for j, view in enumerate(drive.stops)):
+        result = results.get((d, view.t_start_ns))
+        if result is None or not len(view.landmark_ids):
+            continue
+        p_box = _landmarks(calibration, target, view)
+        p_cam = transform(inverse(result.T_box_cam), p_box)
+        error = np.full((len(p_cam), 2), np.nan)
+        ahead = p_cam[:, 2] > 0
+        error[ahead] = view.uv_px[ahead] - project_lens(lens, values, p_cam[ahead])[0]
+        rows = [target.row_of(int(i) // CORNERS) for i in view.landmark_ids]
+        seen.append(
+            SeenStop(
+                drive=d,
+                number=number,
+                label=stop_label(d, number, several=len(drives) > 1),
+                result=result,
+                view=view,
+                p_box=p_box,
+                p_cam=p_cam,
+                face=target.tag_faces[rows],
+                error_px=error,
+                used=ahead & np.array([(d, number, int(i)) not in wrong for i in view.landmark_ids]),
+            )
+        )
+    return tuple(seen)
+
+
+def _landmarks(calibration: Calibration, target: Target, view: StopView) -> Array:
+    """Return a stop's landmarks (L, 3), m, moved by what was estimated of the box' shape."""
+    extra = calibration.detail.extra if calibration.detail else {}
+    options = EstimateOptions(
+        scale_sigma=float("scale_x" in extra),
+        size_sigma=float("width" in extra),
+        measured_sizes=False,
+        ink_sigma=float("ink" in extra),
+        face_sigma=(1.0, 1.0) if "face1_tx" in extra else (0.0, 0.0),
+        target=target,
+    )
+    shape = box_shape(options, view.landmark_ids, view.p_box)
+    return shape.landmarks(np.array([extra.get(name, 0.0) for name in shape.names]))[0]

@@ -1,0 +1,155 @@
+"""What is asked for: one robot, its logs, and what a user may choose."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from math import radians
+from pathlib import Path
+
+from boxcal.calib.assessment.limits import Verdict
+from boxcal.calib.errors import CalibError
+from boxcal.calib.exports.nominal import Nominal
+from boxcal.calib.four_steps.step1_camera import CameraMode
+from boxcal.calib.likelihood import Lens
+from boxcal.calib.results.calibration import Calibration
+from boxcal.detect.log.topics import Topics
+from boxcal.target.box import Target
+
+CORRESPONDENCES = ".npz"
+"""Suffix of a correspondence file, which stands for a log that was read before."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Settings:
+    """What a user may choose.
+
+    Attributes
+    ----------
+    topics
+        Topics and joints, where their names do not tell.
+    bits
+        Used bits of frames stored in 16; told from the frames if None.
+    camera_mode
+        One camera for all stops, or every stop alone.
+    closed_form
+        The four steps alone, without the likelihood.
+    validate
+        Hold every stop out in turn and predict it.
+    lens
+        Lens model; None lets an information criterion choose, and says how all models did.
+    tilt_prior : rad
+        Standard deviation of the floor's tilt against the box.
+    ink_prior : m
+        Of the ink's spread: how far all edges of the tags' black lie outwards. A camera's tone curve looks the same.
+    scale_prior
+        Of the print's scale in x and y, relative; 0 takes the target's figures as exact.
+    size_prior : m
+        Of the box' width and depth; 0 takes the target's figures as exact.
+    face_prior : (rad, m)
+        Of the poses of faces 1 to 3 against face 0; zeros take the target's figures as exact.
+    encoder_step : rad, optional
+        Found from the samples if None.
+    slip : m/sqrt(m), optional
+        Estimated if None.
+    report
+        Write ``report.html`` for every robot (and let the caller write the fleet's).
+    draw
+        Write each stop's picture with detected and reprojected corners.
+    nominal
+        What a data sheet says of the wheels, for diff_drive_controller's multipliers.
+    rerun, results_mcap
+        Files for the Rerun viewer and for Foxglove.
+    """
+
+    topics: Topics = field(default_factory=Topics)
+    bits: int | None = None
+    camera_mode: CameraMode = CameraMode.JOINT
+    closed_form: bool = False
+    validate: bool = False
+    lens: Lens | None = Lens.RADIAL
+    tilt_prior: float = radians(1.0)
+    ink_prior: float = 1e-4
+    scale_prior: float = 0.0
+    size_prior: float = 0.0
+    face_prior: tuple[float, float] = (0.0, 0.0)
+    encoder_step: float | None = None
+    slip: float | None = None
+    report: bool = True
+    draw: bool = False
+    nominal: Nominal | None = None
+    rerun: Path | None = None
+    results_mcap: Path | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Job:
+    """One robot to calibrate.
+
+    Attributes
+    ----------
+    robot
+        Its name: the folder that its results go to.
+    logs
+        Its recordings (MCAP), or correspondences saved before (``.npz``); several drives are solved together.
+    target
+        The landmark table.
+    settings
+        What the user chose.
+    out
+        Folder that gets ``<robot>/calibration.json`` and what is made from it; None writes nothing.
+    command
+        The command line, for the provenance.
+    """
+
+    robot: str
+    logs: tuple[Path, ...]
+    target: Target
+    settings: Settings
+    out: Path | None
+    command: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Outcome:
+    """What became of one robot: a calibration, or why there is none.
+
+    Attributes
+    ----------
+    job
+        What was to be done.
+    calibration
+        The result, None if it failed.
+    verdict
+        Whether it can be used and why, None if it failed.
+    error
+        One line for the user, empty if all went well.
+    details
+        Traceback of an error that is ours, not the input's; else empty.
+    seconds
+        Time taken.
+    """
+
+    job: Job
+    calibration: Calibration | None
+    verdict: Verdict | None = None
+    error: str = ""
+    details: str = ""
+    seconds: float = 0.0
+
+
+def robot_name(log: Path) -> str:
+    """Return the robot that a log belongs to: the log's stem.
+
+    Raises
+    ------
+    CalibError
+        If the stem cannot name a folder.
+    """
+    name = log.parent.name if log.name == f"correspondences{CORRESPONDENCES}" else log.stem
+    if name in {"", ".", ".."} or not name.isprintable():
+        raise CalibError(f"{log.name!r}: no name for a robot can be made of it; rename the file")
+    return name
+
+
+def listed(logs: Sequence[Path]) -> str:
+    """Return the names of logs in one line."""
+    return ", ".join(log.name for log in logs)

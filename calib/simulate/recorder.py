@@ -1,0 +1,153 @@
+"""One drive as a log: which pictures are taken when, and all messages in the order in which a recorder gets them."""
+
+from dataclasses import dataclass, field, replace
+from math import atan2, hypot
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from boxcal.calib.errors import CalibError
+from boxcal.calib.geometry.so3_se3 import Array, inverse, planar
+from boxcal.calib.simulate.drive import Drive
+from boxcal.calib.simulate.mcap_writer import LogWriter
+from boxcal.calib.simulate.robot import Robot
+from boxcal.detect.log.wheel_samples import Ids
+from boxcal.target.box import Target
+from boxcal.target.camera.pinhole import project
+from boxcal.target.render.renderer import encode_jpeg, render
+from boxcal.target.render.sensor import MAX_BLUR_PX, Look
+
+IMAGES = ("jpeg", "png", "raw")
+CAMERA_TOPIC = "/camera/image_raw"
+JOINT_TOPIC = "/joint_states"
+LEFT_JOINT, RIGHT_JOINT = "left_wheel_joint", "right_wheel_joint"
+
+_JOINTS_LATE_NS = 2e6
+_CAMERA_LATE_NS = 30e6
+_BEFORE_CAMERA = np.array([0.0, 0.0, 0.6])
+_NEARBY_NS = 1_000_000
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RecordOptions:
+    """What goes into a log.
+
+    Attributes
+    ----------
+    frames
+        Pictures at each stop.
+    moving_frames
+        Pictures between two stops.
+    image
+        ``jpeg``, ``png`` (both ``CompressedImage``) or ``raw`` (``Image``, mono8).
+    quality
+        Of JPEG, 1 to 100.
+    compression
+        Of the file's chunks: ``none``, ``lz4`` or ``zstd``.
+    exposure_s : s
+        How long the shutter is open; pictures taken on the move are blurred by it.
+    look
+        Lens and sensor.
+    """
+
+    frames: int = 3
+    moving_frames: int = 2
+    image: str = "jpeg"
+    quality: int = 90
+    compression: str = "zstd"
+    exposure_s: float = 0.008
+    look: Look = field(default_factory=lambda: Look(noise=1.5, blur_px=0.6, vignetting=0.2, srgb=True))
+
+    def __post_init__(self) -> None:
+        if self.image not in IMAGES:
+            raise CalibError(f"image {self.image!r}: one of {', '.join(IMAGES)} is needed; choose one")
+
+    @property
+    def camera_topic(self) -> str:
+        """The topic of the pictures."""
+        return CAMERA_TOPIC if self.image == "raw" else f"{CAMERA_TOPIC}/compressed"
+
+
+def frame_times(drive: Drive, options: RecordOptions, rng: np.random.Generator) -> Ids:
+    """Return the stamps of all pictures, (F,) int64 ns, ascending.
+
+    Those of a stop are spread evenly over it, off its ends; those of a leg are drawn from its middle nine tenths.
+    """
+    share = np.arange(1, options.frames + 1) / (options.frames + 1)
+    begun, ended = drive.stop_t_ns[:, :1], drive.stop_t_ns[:, 1:]
+    still = begun + share * (ended - begun)
+    moving = ended[:-1] + rng.uniform(0.05, 0.95, (len(begun) - 1, options.moving_frames)) * (begun[1:] - ended[:-1])
+    return np.asarray(np.sort(np.rint(np.concatenate([still.ravel(), moving.ravel()])).astype(np.int64)))
+
+
+def write_log(
+    path: Path, robot: Robot, target: Target, drive: Drive, options: RecordOptions, *, rng: np.random.Generator
+) -> tuple[tuple[str, str], int]:
+    """Write a drive's log; return the joints' names in the order of the messages, and the number of pictures.
+
+    Header stamps are the true times. Log times are later, by some 2 ms for joints and 30 ms for pictures.
+
+    Raises
+    ------
+    CalibError
+        If the compression is none that logs have.
+    OSError
+        As the file system does.
+    """
+    left_first = bool(rng.random() < 0.5)
+    names = (LEFT_JOINT, RIGHT_JOINT) if left_first else (RIGHT_JOINT, LEFT_JOINT)
+    phi = np.stack([drive.phi_L, drive.phi_R] if left_first else [drive.phi_R, drive.phi_L], axis=1)
+    velocity = np.diff(phi, axis=0, prepend=phi[:1]) / np.diff(drive.t_ns, prepend=drive.t_ns[0] - 1)[:, None] * 1e9
+    frames = frame_times(drive, options, rng)
+    late = (
+        _JOINTS_LATE_NS + rng.exponential(0.2e6, len(drive.t_ns)),
+        _CAMERA_LATE_NS + rng.exponential(2e6, len(frames)),
+    )
+    joints_log, frames_log = drive.t_ns + late[0].astype(np.int64), frames + late[1].astype(np.int64)
+    order = np.argsort(np.concatenate([joints_log, frames_log]), kind="stable")
+    with LogWriter(path, compression=options.compression) as log:
+        for row in order.tolist():
+            if row < len(joints_log):
+                stamp, log_ns = int(drive.t_ns[row]), int(joints_log[row])
+                log.joint_state(JOINT_TOPIC, stamp, log_ns, names, phi[row], velocity[row])
+            else:
+                k = row - len(joints_log)
+                picture = take_picture(robot, target, drive, int(frames[k]), options=options, rng=rng)
+                _write_picture(log, picture, int(frames[k]), int(frames_log[k]), options)
+    return names, len(frames)
+
+
+def take_picture(
+    robot: Robot, target: Target, drive: Drive, t_ns: int, *, options: RecordOptions, rng: np.random.Generator
+) -> NDArray[np.uint8]:
+    """Return the picture (H, W) that the robot takes at a time, with the blur of its motion."""
+    around = drive.pose_at(np.array([t_ns - _NEARBY_NS, t_ns, t_ns + _NEARBY_NS]))
+    T_box_cam = [planar(*pose) @ robot.T_body_cam for pose in around]
+    streak = _motion_px(robot, T_box_cam) * (options.exposure_s * 1e9 / (2 * _NEARBY_NS))
+    look = replace(
+        options.look, motion_blur_px=min(hypot(*streak), MAX_BLUR_PX), motion_angle=atan2(streak[1], streak[0])
+    )
+    return render(target, robot.camera, inverse(T_box_cam[1]), robot.image_size, look, rng)
+
+
+def _motion_px(robot: Robot, T_box_cam: list[Array]) -> Array:
+    """Return how far a point before the camera moves in the picture from the first of three poses to the last, px."""
+    p_box = T_box_cam[1][:3, :3] @ _BEFORE_CAMERA + T_box_cam[1][:3, 3]
+    ends = [inverse(T) for T in (T_box_cam[0], T_box_cam[2])]
+    before, after = (project(robot.camera, T[:3, :3] @ p_box + T[:3, 3]) for T in ends)
+    return np.asarray(after - before)
+
+
+def _write_picture(
+    log: LogWriter, picture: NDArray[np.uint8], stamp_ns: int, log_ns: int, options: RecordOptions
+) -> None:
+    if options.image == "raw":
+        log.image(options.camera_topic, stamp_ns, log_ns, picture, "mono8")
+        return
+    if options.image == "jpeg":
+        data = encode_jpeg(picture, options.quality)
+    else:
+        data = cv2.imencode(".png", picture)[1].tobytes()
+    log.compressed_image(options.camera_topic, stamp_ns, log_ns, data, f"mono8; {options.image} compressed mono8")

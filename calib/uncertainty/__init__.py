@@ -1,0 +1,1 @@
+"""How sure a calibration is: propagation, observability, cross-validation, the Cramer-Rao bound."""

@@ -1,0 +1,67 @@
+"""How the estimate grew with the drive: estimates from its first stops only (the paper's figures 8 and 9)."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from boxcal.calib.errors import CalibError
+from boxcal.calib.four_steps.procedure import FourSteps
+from boxcal.calib.geometry.so3_se3 import Array, log_so3
+from boxcal.calib.likelihood import Estimate, EstimateOptions, estimate
+from boxcal.calib.results.diagnostics import ORDER, Growth
+from boxcal.detect.correspondences import Correspondences, StopView
+
+STEPS = 6
+"""How many numbers of stops are tried: estimates of all would cost more than the calibration itself."""
+
+
+def grow(drive: Correspondences, steps: FourSteps, final: Estimate, options: EstimateOptions) -> tuple[Growth, ...]:
+    """Return estimates from the first 3, ... and all stops of a drive, in growing steps.
+
+    Numbers of stops that do not determine the calibration are left out.
+
+    Parameters
+    ----------
+    drive, steps
+        The drive, and what the four steps found in it (their camera poses are the start).
+    final
+        The estimate from all stops.
+    options
+        As it was made with.
+    """
+    kept = steps.camera.kept
+    quick = replace(options, find_faults=False)
+    out = []
+    for count in _counts(len(kept)):
+        try:
+            found = estimate([replace(drive, stops=_first(drive, kept, count))], _start(steps, count), quick)
+        except CalibError:  # too few stops to say anything: the chart begins later
+            continue
+        out.append(_point(count, found, final))
+    return (*out, _point(len(kept), final, final))
+
+
+def _counts(stops: int) -> Sequence[int]:
+    counts = np.unique(np.round(np.geomspace(3, max(stops, 3), STEPS)).astype(int))
+    return [int(c) for c in counts if c < stops]
+
+
+def _first(drive: Correspondences, kept: tuple[int, ...], count: int) -> tuple[StopView, ...]:
+    return tuple(drive.stops[j] for j in kept[:count])
+
+
+def _start(steps: FourSteps, count: int) -> FourSteps:
+    camera = steps.camera
+    few = replace(
+        camera, kept=tuple(range(count)), T_cam_box=camera.T_cam_box[:count], stop_rms_px=camera.stop_rms_px[:count]
+    )
+    return replace(steps, camera=few)
+
+
+def _point(count: int, found: Estimate, final: Estimate) -> Growth:
+    turn = log_so3(final.T_body_cam[:3, :3].T @ found.T_body_cam[:3, :3])
+    c, t = found.camera, found.T_body_cam[:3, 3]
+    values: Array = np.array([c.fu, c.fv, c.cu, c.cv, c.kr, found.rR, found.rL, found.b, *turn, *t])
+    sigma = found.sigma
+    return Growth(stops=count, values=tuple(values.tolist()), sigma=tuple(sigma[name] for name in ORDER))

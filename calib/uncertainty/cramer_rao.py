@@ -1,0 +1,95 @@
+"""How well a drive can be calibrated at best: the Cramer-Rao bound at the truth, and errors against the truth."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from boxcal.calib.geometry.so3_se3 import Array, log_so3
+from boxcal.calib.likelihood.estimate import Estimate
+from boxcal.calib.likelihood.levenberg_marquardt import Weights, equations, leg_information, linearise
+from boxcal.calib.likelihood.normal_equations import solve
+from boxcal.calib.likelihood.options import EstimateOptions
+from boxcal.calib.likelihood.problem import Problem, State, build_problem
+from boxcal.calib.likelihood.summary import reported_cov
+from boxcal.calib.likelihood.variance_components import least_slip
+from boxcal.detect.correspondences import Correspondences
+from boxcal.target.camera.camera_model import first_values
+from boxcal.target.camera.pinhole import Intrinsics
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Truth:
+    """What a simulated robot and its drives truly are.
+
+    Attributes
+    ----------
+    camera
+        Intrinsics.
+    rR, rL, b : m
+        Wheels.
+    T_body_cam : (4, 4), m
+        Mounting.
+    stop_poses
+        For each drive (P, 3), x, y (m) and heading (rad) at its stops, on a floor that is not tilted.
+    slip : m/sqrt(m)
+        Of each wheel.
+    encoder_step : rad
+        0 for encoders without steps.
+    pixel_factor
+        What the corners' true standard deviations are of those in their covariances.
+    """
+
+    camera: Intrinsics
+    rR: float
+    rL: float
+    b: float
+    T_body_cam: Array
+    stop_poses: tuple[Array, ...]
+    slip: float
+    encoder_step: float
+    pixel_factor: float = 1.0
+
+
+def cramer_rao(drives: Sequence[Correspondences], truth: Truth, options: EstimateOptions | None = None) -> Array:
+    """Return the smallest covariance that an unbiased estimator can have, (14, 14), all stops used, levels known.
+
+    Order and conventions are those of ``Estimate.cov``. Priors of the options count as measurements.
+    """
+    options = options or EstimateOptions()
+    kept = [tuple(range(len(d.stops))) for d in drives]
+    problem = build_problem(drives, kept, options, truth.encoder_step)
+    weights = Weights(corners=np.ones(len(problem.uv_px)), legs=np.ones(len(problem.leg_stop)))
+    at = linearise(problem, _state(problem, truth), weights)
+    information = leg_information(problem, at.legs, weights, np.array(max(truth.slip, least_slip(problem, at))))
+    normal, _ = equations(problem, at, truth.pixel_factor, information)
+    nothing = np.zeros(len(problem.names), dtype=np.bool_)
+    return reported_cov(solve(normal).cov, at.state, nothing)[:14, :14]
+
+
+def errors(estimate: Estimate, truth: Truth) -> Array:
+    """Return estimate less truth, (14,), in the order and conventions of ``Estimate.cov``."""
+    k, e = truth.camera, estimate.camera
+    R = truth.T_body_cam[:3, :3]
+    return np.concatenate(
+        [
+            [e.fu - k.fu, e.fv - k.fv, e.cu - k.cu, e.cv - k.cv, e.kr - k.kr],
+            [estimate.rR - truth.rR, estimate.rL - truth.rL, estimate.b - truth.b],
+            log_so3(R.T @ estimate.T_body_cam[:3, :3]),
+            estimate.T_body_cam[:3, 3] - truth.T_body_cam[:3, 3],
+        ]
+    )
+
+
+def _state(problem: Problem, truth: Truth) -> State:
+    k = truth.camera
+    poses = np.concatenate(truth.stop_poses)
+    return State(
+        lens=first_values(problem.lens, np.array([k.fu, k.fv, k.cu, k.cv, k.kr])),
+        wheels=np.array([truth.rR, truth.rL, truth.b]),
+        T_body_cam=truth.T_body_cam,
+        tilt=np.zeros((problem.drives, 2)),
+        shape=np.zeros(len(problem.box.names)),
+        poses=poses,
+        readings=np.zeros((len(poses), 2)),
+    )

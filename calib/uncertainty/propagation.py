@@ -1,0 +1,175 @@
+"""What the calibration's uncertainty means on the ground: where the robot thinks it is, and what its camera sees."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from boxcal.calib.geometry.so3_se3 import Array, hat
+from boxcal.calib.likelihood.estimate import Estimate
+from boxcal.calib.likelihood.leg_model import LegModel, WheelPath, leg_model
+from boxcal.calib.likelihood.problem import REPORTED
+from boxcal.target.camera.camera_model import Lens, project_lens
+from boxcal.target.camera.pinhole import normalise
+
+STRAIGHT_M = 10.0
+_SAMPLES = 500
+_WHEELS = slice(5, 8)
+_GRID = (16, 12)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MoveUncertainty:
+    """Standard deviations of dead reckoning after one move.
+
+    Attributes
+    ----------
+    heading, along, across
+        Heading (rad) and position (m, along and across the heading at the start) through the calibration alone: the
+        same error on every repetition.
+    heading_slip, along_slip, across_slip
+        The same through slip and encoder alone: different on every repetition.
+    """
+
+    heading: float
+    along: float
+    across: float
+    heading_slip: float
+    along_slip: float
+    across_slip: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ProjectionUncertainty:
+    """How well a point that stands still relative to the robot is predicted in the image.
+
+    Attributes
+    ----------
+    distance_m : m
+        Of the points from the camera.
+    mean_px, worst_px : px
+        Standard deviation (root of the sum of both coordinates' variances): root mean square over the image, and worst.
+    worst_at_px
+        Where it is worst.
+    """
+
+    distance_m: float
+    mean_px: float
+    worst_px: float
+    worst_at_px: tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GroundUncertainty:
+    """What the uncertainty of a calibration means for its user.
+
+    Attributes
+    ----------
+    straight
+        After 10 m straight ahead.
+    turn
+        After one full turn on the spot.
+    projection
+        Over the image, for points fixed to the robot: camera and mounting together.
+    """
+
+    straight: MoveUncertainty
+    turn: MoveUncertainty
+    projection: ProjectionUncertainty
+
+
+def ground_uncertainty(
+    estimate: Estimate, image_size: tuple[int, int] = (640, 480), distance_m: float = 1.0
+) -> GroundUncertainty:
+    """Return the predicted errors of dead reckoning and of projection.
+
+    Parameters
+    ----------
+    estimate
+        The calibration.
+    image_size : px
+        Width and height.
+    distance_m : m
+        Of the points that are projected.
+    """
+    wheels = np.array([estimate.rR, estimate.rL, estimate.b])
+    forward = STRAIGHT_M / wheels[:2]
+    around = np.pi * wheels[2] / wheels[:2] * (1, -1)
+    return GroundUncertainty(
+        straight=_move(estimate, wheels, forward),
+        turn=_move(estimate, wheels, around),
+        projection=_projection(estimate, image_size, distance_m),
+    )
+
+
+def _move(estimate: Estimate, wheels: Array, phi: Array) -> MoveUncertainty:
+    model = _model(wheels, phi)
+    J = model.d_wheels[0]
+    systematic = np.sqrt(np.diag(J @ estimate.cov[_WHEELS, _WHEELS] @ J.T))
+    step = estimate.noise.encoder_step
+    ends = model.d_start[0] @ model.d_start[0].T + model.d_end[0] @ model.d_end[0].T
+    random = np.sqrt(np.diag(estimate.noise.slip**2 * model.slip[0] + step**2 / 12 * ends))
+    return MoveUncertainty(
+        heading=float(systematic[2]),
+        along=float(systematic[0]),
+        across=float(systematic[1]),
+        heading_slip=float(random[2]),
+        along_slip=float(random[0]),
+        across_slip=float(random[1]),
+    )
+
+
+def _model(wheels: Array, phi: Array) -> LegModel:
+    n = np.arange(_SAMPLES)
+    path = WheelPath(
+        dphi=np.tile(phi / _SAMPLES, (_SAMPLES, 1)),
+        starts=np.zeros(1, dtype=np.int64),
+        leg=np.zeros(_SAMPLES, dtype=np.int64),
+        moving=(n, n),
+    )
+    none = np.zeros((1, 2))
+    return leg_model(path, wheels, none, none)
+
+
+def _projection(estimate: Estimate, image_size: tuple[int, int], distance_m: float) -> ProjectionUncertainty:
+    u, v = np.meshgrid(np.linspace(0, image_size[0] - 1, _GRID[0]), np.linspace(0, image_size[1] - 1, _GRID[1]))
+    uv = np.stack([u.ravel(), v.ravel()], axis=1)
+    xy = normalise(estimate.camera, uv)
+    if estimate.lens is not Lens.RADIAL:
+        xy = _rays(estimate, uv, np.nan_to_num(xy))
+    seen = np.all(np.isfinite(xy), axis=1)
+    uv, xy = uv[seen], xy[seen]
+    rays = np.concatenate([xy, np.ones((len(xy), 1))], axis=1)
+    p_cam = distance_m * rays / np.linalg.norm(rays, axis=1)[:, None]
+    lens = [k for k, name in enumerate(estimate.names) if name in REPORTED[:5] or name in estimate.lens_extra]
+    columns = [*lens, *range(8, 14)]
+    _, by_lens, by_point = project_lens(estimate.lens, _lens_values(estimate), p_cam)
+    # A point fixed to the body moves in the camera by p x w - R^T dt, dt along the body's axes.
+    R = estimate.T_body_cam[:3, :3]
+    J = np.concatenate([by_lens, by_point @ hat(p_cam), by_point @ -R.T], axis=2)
+    variance = np.einsum("lak,km,lam->l", J, estimate.cov_all[np.ix_(columns, columns)], J)
+    worst = int(np.argmax(variance))
+    return ProjectionUncertainty(
+        distance_m=distance_m,
+        mean_px=float(np.sqrt(np.mean(variance))),
+        worst_px=float(np.sqrt(variance[worst])),
+        worst_at_px=(float(uv[worst, 0]), float(uv[worst, 1])),
+    )
+
+
+def _lens_values(estimate: Estimate) -> Array:
+    k = estimate.camera
+    return np.array([k.fu, k.fv, k.cu, k.cv, k.kr, *estimate.lens_extra.values()])
+
+
+def _rays(estimate: Estimate, uv: Array, first: Array) -> Array:
+    """Return the normalised coordinates of pixels for a richer lens (Newton's method); NaN where it fails."""
+    xy = np.clip(first, -3, 3)
+    values = _lens_values(estimate)
+    for _ in range(50):
+        p = np.concatenate([xy, np.ones((len(xy), 1))], axis=1)
+        found, _, by_point = project_lens(estimate.lens, values, p)
+        step = np.linalg.solve(by_point[:, :, :2] + 1e-9 * np.eye(2), (uv - found)[:, :, None])[:, :, 0]
+        xy = xy + np.clip(step, -0.3, 0.3)
+    p = np.concatenate([xy, np.ones((len(xy), 1))], axis=1)
+    found, _, _ = project_lens(estimate.lens, values, p)
+    return np.where(np.linalg.norm(found - uv, axis=1)[:, None] < 1e-6, xy, np.nan)

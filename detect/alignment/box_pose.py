@@ -1,0 +1,250 @@
+"""One rigid box before a camera of unknown calibration: where its tags must be, and how surely.
+
+The camera here is a means to predict tags, never a result: focal length, principal point, three coefficients of the
+lens and pose, each held by a weak prior, fitted robustly to the corners of one image. What the corners do not determine
+(the focal length, from one face seen head-on) the covariance says, and so does that of every predicted corner.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import cache, partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from boxcal.detect.alignment.box_refinement import (
+    CAMERA,
+    FITTED,
+    ITERATIONS,
+    MORE_ITERATIONS,
+    RANGE,
+    State,
+    Tangent,
+    levenberg_marquardt,
+)
+from boxcal.detect.alignment.homography import least_squares_homography
+from boxcal.detect.alignment.radial_camera import chart, depth, fisheye_lens, straight_lens, straighten, to_pixels
+from boxcal.detect.alignment.tag_patterns import Array, Index
+from boxcal.target.box import Target
+
+GOOD, FAIR = 2.2, 5.0
+"""Median deviations, in sigmas: of a first fit, to end the competition; of a later one, to need no more iterations."""
+PLAIN = 0.05
+"""Where a1 is larger, all cameras compete, and again if a later fit is not good."""
+FOCAL_LENGTHS = (1.1, 0.6, 2.2)
+"""Where fits start, image widths."""
+FISHEYES = (0.32, 0.45)
+"""Focal lengths of the fisheyes that are tried where no ordinary camera explains the tags, image widths."""
+LEAST_SIGMA_PX = 0.05
+LEAST_DEPTH = 0.02
+_PRIORS = np.array([0.7, 0.05, 0.05, 0.15, 0.05, 0.02])
+"""Deviations of log f, centre (image widths), a1, a2 and a3."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class BoxFit:
+    """A box before a roughly known camera.
+
+    Attributes
+    ----------
+    focal_px : px
+    lens : (6,)
+        See :mod:`boxcal.detect.alignment.radial_camera`.
+    T_cam_box : (4, 4), m
+    expected : (6,)
+        Log f, centre px, a1, a2 and a3 before any tag was seen.
+    information : (12, 12)
+        Of those six and the pose (left perturbation, rotation then translation), by px of residual.
+    sigma_px : px
+        Robust deviation of the corners from the fit.
+    off_px : (N,)
+        Largest deviation of each tag's corners.
+    """
+
+    focal_px: float
+    lens: Array
+    T_cam_box: Array
+    expected: Array
+    information: Array
+    sigma_px: float
+    off_px: Array
+
+    def predict(self, p_box: Array) -> tuple[Array, Array]:
+        """Return where points (P, 3) are seen, (P, 2) px, and how uncertain that is, (P,) px; NaN where out of view."""
+        uv, spread = _prediction()(p_box, self.focal_px, self.lens, self.T_cam_box, self.information)
+        return uv, self.sigma_px * spread
+
+    def faces_camera(self, corners_box: Array) -> NDArray[np.bool_]:
+        """Return which tags (T, 4, 3) turn their printed side to the camera."""
+        centre = -self.T_cam_box[:3, :3].T @ self.T_cam_box[:3, 3]
+        down, right = corners_box[:, 3] - corners_box[:, 0], corners_box[:, 1] - corners_box[:, 0]
+        outward = np.cross(down, right)
+        return np.asarray(np.einsum("ti,ti->t", outward, centre - corners_box.mean(axis=1)) > 0)
+
+
+def fit_box(
+    target: Target,
+    rows: Index,
+    corners_px: Array,
+    *,
+    image_size: tuple[int, int],
+    sigma_px: float,
+    start: BoxFit | None = None,
+) -> BoxFit:
+    """Fit box and camera to tags' corners.
+
+    Parameters
+    ----------
+    target, rows
+        Which tags (N,), by their row in the target's table; N >= 1.
+    corners_px : (N, 4, 2), px
+    image_size
+        (width, height), px.
+    sigma_px
+        How well the corners are known; a tag that is off by much more loses its weight (Cauchy).
+    start
+        A fit to much the same tags.
+    """
+    refine = partial(_refine, target, rows, corners_px, width=max(image_size), sigma_px=sigma_px)
+    if start is not None:
+        fit = refine(start.focal_px, start.lens, start.T_cam_box, expected=start.expected, fair=FAIR * sigma_px)
+        if np.median(fit.off_px) < FAIR * sigma_px or abs(fit.lens[2]) < PLAIN:
+            return fit
+    faces, counts = np.unique(target.tag_faces[rows], return_counts=True)
+    main = target.tag_faces[rows] == faces[counts.argmax()]
+    fits = [] if start is None else [fit]
+    # seen from one side a box fits several focal lengths: they compete, those of ordinary cameras first
+    for focal, lens, expected in _cameras(image_size):
+        T = _start(target, rows[main], corners_px[main], lens, focal)
+        fits.append(refine(focal, lens, T, expected=expected))
+        if np.median(fits[-1].off_px) < GOOD * sigma_px and abs(fits[-1].lens[2]) < PLAIN:
+            break
+    return min(fits, key=lambda fit: float(np.median(fit.off_px)))
+
+
+def _cameras(image_size: tuple[int, int]) -> Iterator[tuple[float, Array, Array]]:
+    """Yield focal length, lens and expected figures of the cameras that may have taken a picture."""
+    width, straight = max(image_size), straight_lens(image_size)
+    usual = np.array([np.log(1.1 * width), *straight[FITTED]])
+    for focal in FOCAL_LENGTHS:
+        yield focal * width, straight, usual
+    for focal in FISHEYES:
+        lens = fisheye_lens(image_size, focal * width)
+        yield focal * width, lens, np.array([np.log(focal * width), *lens[FITTED]])
+
+
+def _start(target: Target, rows: Index, corners_px: Array, lens: Array, focal: float) -> Array:
+    """Return the pose (4, 4) that tags of one face have before a camera."""
+    face = int(target.tag_faces[rows[0]])
+    T_box_face = target.T_box_face(face)
+    p_face = (target.tag_corners[rows].reshape(-1, 3) - T_box_face[:3, 3]) @ T_box_face[:3, :3]
+    uv = corners_px.reshape(-1, 2)
+    # on the chart about their middle they are a homography; from there to rays is linear
+    place = np.array([[*uv.mean(axis=0), 1.0]])
+    b, D = chart(lens, place[0, :2])
+    places = straighten(lens, place, uv[None])[0] + place[0, :2] - lens[:2]
+    rays = np.array([[1 / focal, 0, 0], [0, 1 / focal, 0], [*b, D]])
+    H = rays @ least_squares_homography(p_face[:, :2], places)
+    H = H / np.linalg.norm(H[:, :2], axis=0).mean()
+    middle = np.array([*(place[0, :2] - lens[:2]), focal * float(b @ (place[0, :2] - lens[:2]) + D)])
+    if H @ [*p_face[:, :2].mean(axis=0), 1] @ middle < 0:
+        H = -H
+    u, _, vt = np.linalg.svd(np.column_stack([H[:, 0], H[:, 1], np.cross(H[:, 0], H[:, 1])]))
+    R = u @ np.diag([1, 1, np.linalg.det(u @ vt)]) @ vt
+    T_cam_face = np.eye(4)
+    T_cam_face[:3, :3], T_cam_face[:3, 3] = R, H[:, 2]
+    return np.asarray(T_cam_face @ np.linalg.inv(T_box_face))
+
+
+def _refine(  # noqa: PLR0917 - the state by position
+    target: Target,
+    rows: Index,
+    corners_px: Array,
+    focal: float,
+    lens: Array,
+    T_cam_box: Array,
+    *,
+    width: int,
+    sigma_px: float,
+    expected: Array,
+    fair: float = np.inf,
+) -> BoxFit:
+    """Return the fit from a start; longer where the median deviation stays above ``fair``, px."""
+    lens, T = lens.copy(), T_cam_box.copy()
+    p_box, uv = target.tag_corners[rows].reshape(-1, 3), corners_px.reshape(-1, 2)
+    _bring_forward(focal, lens, T, p_box, uv)
+    prior = (sigma_px / (_PRIORS * (1, width, width, 1, 1, 1))) ** 2
+    focal, lens, T, information, off = _steps()(p_box, uv, (focal, lens, T), prior, expected, sigma_px, fair)
+    return BoxFit(
+        focal_px=focal,
+        lens=lens,
+        T_cam_box=T,
+        expected=expected,
+        information=information + 1e-12 * np.diag(np.diag(information)),
+        sigma_px=max(LEAST_SIGMA_PX, sigma_px, 1.2 * float(np.median(off))),
+        off_px=off.reshape(-1, 4).max(axis=1),
+    )
+
+
+def predict(p_box: Array, focal: float, lens: Array, T_cam_box: Array, information: Array) -> tuple[Array, Array]:
+    """Return where points (P, 3) are seen, (P, 2) px, and their deviations (P,) where the fit's is 1 px."""
+    p_cam = p_box @ T_cam_box[:3, :3].T + T_cam_box[:3, 3]
+    uv = to_pixels(lens, p_cam * (1, 1, 1 / focal))
+    before = np.isfinite(uv[:, 0])
+    p_cam[~before], uv[~before] = (0, 0, 1), lens[:2]
+    J = Tangent(focal, lens, p_cam, uv).jacobian()
+    half = np.linalg.solve(np.linalg.cholesky(information), J.reshape(len(J), -1))
+    spread = np.sqrt((half**2).sum(axis=0).reshape(2, -1).sum(axis=0))
+    uv[~before] = np.nan
+    return uv, np.where(before, spread, np.inf)
+
+
+@cache
+def _prediction() -> Callable[..., tuple[Array, Array]]:
+    """Return the compiled prediction where numba is installed, else that in numpy."""
+    try:
+        from boxcal.detect.alignment.numba import box_pose as compiled  # noqa: PLC0415 - optional and slow to import
+    except ImportError:
+        return predict
+
+    def run(p_box: Array, focal: float, lens: Array, T_cam_box: Array, information: Array) -> tuple[Array, Array]:
+        uv, spread = np.empty((len(p_box), 2)), np.empty(len(p_box))
+        compiled.predict(p_box, focal, lens, T_cam_box, information, uv, spread)
+        return uv, spread
+
+    return run
+
+
+@cache
+def _steps() -> Callable[..., tuple[float, Array, Array, Array, Array]]:
+    """Return the compiled iterations where numba is installed, else those in numpy."""
+    try:
+        from boxcal.detect.alignment.numba import box_pose as compiled  # noqa: PLC0415 - optional and slow to import
+    except ImportError:
+        return levenberg_marquardt
+
+    iterations, limits = np.array([ITERATIONS, MORE_ITERATIONS]), np.array(RANGE)
+
+    def run(  # noqa: PLR0917
+        p_box: Array, uv: Array, start: State, prior: Array, expected: Array, sigma_px: float, fair: float
+    ) -> tuple[float, Array, Array, Array, Array]:
+        lens, T = start[1].copy(), start[2].copy()
+        information, off = np.empty((CAMERA + 6, CAMERA + 6)), np.empty(len(uv))
+        focal = compiled.refine(
+            p_box, uv, float(start[0]), lens, T, prior, expected, float(sigma_px), float(fair), iterations, limits,
+            information, off,
+        )  # fmt: skip
+        return focal, lens, T, information, off
+
+    return run
+
+
+def _bring_forward(focal: float, lens: Array, T_cam_box: Array, p_box: Array, uv: Array) -> None:
+    """Move a box, whose tags may not be on one plane as its start took them, until all are before the camera."""
+    d = uv - lens[:2]
+    g, slope, D = depth(lens, np.sum(d * d, axis=1) * lens[4] ** 2)
+    rays = np.column_stack([d, focal * g])
+    away = np.mean(rays / np.linalg.norm(rays, axis=1, keepdims=True), axis=0)
+    across = np.column_stack([-focal * slope[:, None] * d, np.ones(len(d))]) / D[:, None]
+    short = LEAST_DEPTH - np.sum(across * (p_box @ T_cam_box[:3, :3].T + T_cam_box[:3, 3]), axis=1)
+    T_cam_box[:3, 3] += away * max(0.0, float((short / np.maximum(across @ away, 1e-3)).max()))

@@ -1,0 +1,233 @@
+"""From a few tags to all of them: predict where the box's other tags must be, align, accept what is really there."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from boxcal.detect.alignment.box_pose import FISHEYES, GOOD, BoxFit, fit_box
+from boxcal.detect.alignment.candidates import Seeds
+from boxcal.detect.alignment.homography import least_squares_homography, map_points
+from boxcal.detect.alignment.pyramid import Pyramid, align_coarsely, align_midway
+from boxcal.detect.alignment.radial_camera import fisheye_lens, straighten
+from boxcal.detect.alignment.registration.align import Aligned
+from boxcal.detect.alignment.tag_patterns import Array, Index, Patterns
+from boxcal.detect.alignment.verification import Limits, convex, module_px, verified
+from boxcal.target.box import Target
+
+SEED_SIGMA_PX = 0.5
+ALIGNED_SIGMA_PX = 0.05
+MIN_MODULE_PX = 0.75
+"""Narrower modules are not searched for."""
+MAX_SPREAD_MODULES = 0.6
+"""Tags whose place is predicted less surely than this are not searched for."""
+SEED_TOLERANCE = 0.35
+"""How far from the face's other tags a seed may lie, tag sides."""
+RIGID_TOLERANCE_MODULES, RIGID_TOLERANCE_PX = 0.5, 0.75
+ROUNDS = 4
+ENOUGH = 0.8
+"""Share of a face's seeds whose agreement ends the search for a larger one."""
+_PAIRS = 24
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Search:
+    """Where tags are looked for, and what says so.
+
+    Attributes
+    ----------
+    rows : (N,)
+        Each once.
+    corners_px : (N, 4, 2), px
+    fit
+        The box that they lie on.
+    """
+
+    rows: Index
+    corners_px: Array
+    fit: BoxFit
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Found:
+    """Tags that are really there.
+
+    Attributes
+    ----------
+    tags
+        Roughly aligned.
+    fit
+        The box through them.
+    lost_module_px
+        How wide the modules are seen at most of tags that the box turns to the camera, but that were not found; 0 if
+        there are none, infinite where the fit is too poor to say which those are.
+    """
+
+    tags: Aligned
+    fit: BoxFit
+    lost_module_px: float
+
+
+def consistent_seeds(target: Target, seeds: Seeds, image_size: tuple[int, int]) -> Seeds:
+    """Return the seeds that agree on where their face is, each tag once.
+
+    On each face the largest set wins that one homography explains, as the image stands or, where many do not agree,
+    on the charts of fisheyes. A tag seen in several places counts only where two other tags at least agree with one of
+    them.
+    """
+    kept: list[int] = []
+    faces = target.tag_faces[seeds.rows]
+    for face in np.unique(faces):
+        at = np.flatnonzero(faces == face)
+        here = seeds.take(at)
+        agree = _largest_agreement(target, int(face), here)
+        for focal in FISHEYES:
+            if agree.sum() >= ENOUGH * len(at):
+                break
+            lens = fisheye_lens(image_size, focal * max(image_size))
+            place = np.array([[*np.median(here.corners_px, axis=(0, 1)), 1.0]])
+            charted = replace(here, corners_px=straighten(lens, place, here.corners_px[None])[0])
+            other = _largest_agreement(target, int(face), charted)
+            agree = other if other.sum() > agree.sum() else agree
+        kept += [int(k) for k in at[agree]]
+    chosen = np.array(kept, dtype=np.int64)
+    rows, count = np.unique(seeds.rows[chosen], return_counts=True)
+    return seeds.take(chosen[np.isin(seeds.rows[chosen], rows[count == 1])])
+
+
+def _largest_agreement(target: Target, face: int, seeds: Seeds) -> NDArray[np.bool_]:
+    n = len(seeds)
+    if n <= 1:
+        return np.ones(n, dtype=np.bool_)
+    T = target.T_box_face(face)
+    p_face = ((target.tag_corners[seeds.rows] - T[:3, 3]) @ T[:3, :3])[..., :2]
+    side = np.linalg.norm(seeds.corners_px - np.roll(seeds.corners_px, -1, axis=1), axis=2).mean(axis=1)
+    best = np.zeros(n, dtype=np.bool_)
+    for i, j in _pairs(seeds):
+        if seeds.rows[i] == seeds.rows[j]:
+            continue
+        H = least_squares_homography(
+            np.concatenate([p_face[i], p_face[j]]), np.concatenate([seeds.corners_px[i], seeds.corners_px[j]])
+        )
+        off = np.linalg.norm(map_points(H, p_face) - seeds.corners_px, axis=2).max(axis=1)
+        agree = np.nan_to_num(off, nan=np.inf) < SEED_TOLERANCE * side
+        if agree.sum() > best.sum():
+            best = agree
+        if best.sum() >= ENOUGH * n:
+            break
+    if best.sum() >= 3:
+        return best
+    # too few to judge: keep what is not contradicted by a second sighting
+    _, where, count = np.unique(seeds.rows, return_inverse=True, return_counts=True)
+    return np.asarray(count[where] == 1)
+
+
+def _pairs(seeds: Seeds) -> list[tuple[int, int]]:
+    """Return pairs of seeds to try, spread over the face: the best with those far away first."""
+    order = np.argsort(-seeds.score)[:12]
+    i, j = np.triu_indices(len(order), 1)
+    centre = seeds.corners_px[order].mean(axis=1)
+    apart = np.linalg.norm(centre[i] - centre[j], axis=1)
+    far = np.argsort(-apart, kind="stable")
+    far = far[:: max(1, len(far) // _PAIRS)][:_PAIRS]
+    return [(int(order[a]), int(order[b])) for a, b in zip(i[far], j[far], strict=True)]
+
+
+def plan(
+    target: Target, patterns: Patterns, seeds: Seeds, image_size: tuple[int, int], sigma_px: float = SEED_SIGMA_PX
+) -> Search:
+    """Return where to look: at the seeds (one at least) that one rigid box explains, and where it has more tags."""
+    fit, rows, corners = _fitted(
+        target, patterns, seeds.rows, seeds.corners_px, image_size=image_size, sigma_px=sigma_px
+    )
+    # where many seeds agree, the box says better than each of them where its corners are
+    uv, spread = fit.predict(target.tag_corners[rows].reshape(-1, 3))
+    surer = (spread.reshape(-1, 4).max(axis=1) < sigma_px) & (fit.off_px < 4 * sigma_px)
+    corners = np.where(surer[:, None, None], uv.reshape(-1, 4, 2), corners)
+    more, more_corners, sure = predicted(target, patterns, fit, rows, image_size)
+    rows, corners = np.concatenate([rows, more[sure]]), np.concatenate([corners, more_corners[sure]])
+    return Search(rows=rows, corners_px=corners, fit=fit)
+
+
+def _fitted(
+    target: Target,
+    patterns: Patterns,
+    rows: Index,
+    corners_px: Array,
+    *,
+    image_size: tuple[int, int],
+    sigma_px: float,
+    start: BoxFit | None = None,
+) -> tuple[BoxFit, Index, Array]:
+    """Return the box through tags, and the tags that lie on it."""
+    fit = fit_box(target, rows, corners_px, image_size=image_size, sigma_px=sigma_px, start=start)
+    while True:
+        good = fit.off_px <= _tolerance(patterns, corners_px, sigma_px)
+        if good.all() or not good.any() or len(rows) < 3:
+            return fit, rows, corners_px
+        rows, corners_px = rows[good], corners_px[good]
+        fit = fit_box(target, rows, corners_px, image_size=image_size, sigma_px=sigma_px, start=fit)
+
+
+def _tolerance(patterns: Patterns, corners_px: Array, sigma_px: float) -> Array:
+    module = module_px(patterns, corners_px)
+    return np.asarray(RIGID_TOLERANCE_MODULES * module + RIGID_TOLERANCE_PX + 2 * sigma_px)
+
+
+def predicted(
+    target: Target, patterns: Patterns, fit: BoxFit, known: Index, image_size: tuple[int, int]
+) -> tuple[Index, Array, NDArray[np.bool_]]:
+    """Return the tags that the camera should see beside the known ones, where, and whether that is sure enough.
+
+    Shapes: (N,), (N, 4, 2) px and (N,).
+    """
+    turned = fit.faces_camera(target.tag_corners)
+    turned[known] = False
+    rows = np.flatnonzero(turned)
+    if len(rows) == 0:
+        return rows, np.zeros((0, 4, 2)), np.zeros(0, dtype=np.bool_)
+    uv, spread = fit.predict(target.tag_corners[rows].reshape(-1, 3))
+    uv, spread = uv.reshape(-1, 4, 2), spread.reshape(-1, 4).max(axis=1)
+    module = module_px(patterns, uv)
+    with np.errstate(invalid="ignore"):
+        inside = np.all((uv >= -0.5) & (uv <= np.array(image_size) - 0.5), axis=(1, 2))
+        inside &= (module >= MIN_MODULE_PX) & convex(uv)
+        sure = spread <= MAX_SPREAD_MODULES * module
+    return rows[inside], uv[inside], sure[inside]
+
+
+def follow(pyramid: Pyramid, target: Target, patterns: Patterns, search: Search, limits: Limits) -> Found:
+    """Return the tags of a search that are really there, aligned on few pixels, and the box through them.
+
+    Whatever the box then predicts beside them is tried too, until nothing new turns up.
+    """
+    rough = limits.relaxed()
+    fit, lost = search.fit, 0.0
+    pyramid = pyramid.under(fit.lens)
+    height, width = pyramid.frame.grey.shape
+    image_size = (width, height)
+    tags = align_coarsely(pyramid, patterns, search.rows, search.corners_px)
+    tags = align_midway(pyramid, patterns, tags.take(verified(patterns, tags, rough)))
+    for _ in range(ROUNDS):
+        if len(tags) == 0:
+            break
+        fit, rows, _ = _fitted(
+            target, patterns, tags.rows, tags.corners_px, image_size=image_size, sigma_px=ALIGNED_SIGMA_PX, start=fit
+        )
+        if len(rows) < len(tags):
+            tags = tags.take(np.isin(tags.rows, rows))
+        more, corners, sure = predicted(target, patterns, fit, tags.rows, image_size)
+        lost = float(module_px(patterns, corners).max(initial=0))
+        more, corners = more[sure], corners[sure]
+        if len(more) == 0:
+            break
+        new = align_coarsely(pyramid, patterns, more, corners, side_px=np.inf)
+        moved = np.linalg.norm(new.corners_px - corners, axis=2).max(axis=1)
+        near = moved <= module_px(patterns, corners) + 0.5
+        new = new.take(near & verified(patterns, new, rough))
+        if len(new) == 0:
+            break
+        tags = tags.joined(new)
+    # a box that is turned wrongly hides faces that the camera sees
+    told = len(tags) > 0 and np.median(fit.off_px) < GOOD * ALIGNED_SIGMA_PX
+    return Found(tags=tags, fit=fit, lost_module_px=lost if told else np.inf)

@@ -1,0 +1,208 @@
+"""Where tags may be: dark quadrilaterals whose inside resembles a pattern, to a pixel or so."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from boxcal.detect.alignment.homography import from_square
+from boxcal.detect.alignment.tag_patterns import Array, Index, Patterns
+
+MIN_SIDE_PX = 7.0
+MIN_WIDTH_PX = 4.5
+MIN_CONTRAST = 8.0
+"""Grey levels between a quadrilateral's rim and what surrounds it."""
+MIN_SCORE = 0.72
+MIN_LEAD = 0.08
+"""How much better a quadrilateral must resemble its pattern than any other, as a correlation."""
+MAX_QUADS = 4000
+_THRESHOLD_OFFSET = 7
+_REMAP_ROWS = 30_000
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Seeds:
+    """Places where a tag may be.
+
+    Attributes
+    ----------
+    rows : (N,)
+        Row of the pattern it resembles.
+    corners_px : (N, 4, 2), px
+        In the order of the tag's corners.
+    score : (N,)
+        Correlation of the modules with the pattern's.
+    """
+
+    rows: Index
+    corners_px: Array
+    score: Array
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    def take(self, at: NDArray[np.bool_] | Index) -> "Seeds":
+        """Return some of them."""
+        return Seeds(rows=self.rows[at], corners_px=self.corners_px[at], score=self.score[at])
+
+    def merged(self, more: "Seeds") -> "Seeds":
+        """Return these and others, copies of the same sighting reduced to the best."""
+        return _once(
+            Seeds(
+                rows=np.concatenate([self.rows, more.rows]),
+                corners_px=np.concatenate([self.corners_px, more.corners_px]),
+                score=np.concatenate([self.score, more.score]),
+            )
+        )
+
+
+def find_seeds(grey: NDArray[np.uint8], patterns: Patterns, windows_px: tuple[int, ...], scale: float = 1.0) -> Seeds:
+    """Return the places that resemble one of the patterns; one tag may come back under several windows once only.
+
+    Parameters
+    ----------
+    grey : (H, W)
+        Image to search.
+    patterns
+        What to look for.
+    windows_px
+        Sizes (odd) of the neighbourhoods that tell dark from bright.
+    scale
+        How much larger than the image to search; 2 finds tags whose modules are little more than a pixel.
+    """
+    image = grey
+    if scale != 1:
+        kind = cv2.INTER_CUBIC if scale > 1 else cv2.INTER_AREA
+        image = np.asarray(cv2.resize(grey, None, fx=scale, fy=scale, interpolation=kind), dtype=np.uint8)
+    found = [_decoded(image, quads, patterns) for quads in (_quads(image, w) for w in windows_px) if len(quads)]
+    if not found:
+        return Seeds(rows=np.zeros(0, np.int64), corners_px=np.zeros((0, 4, 2)), score=np.zeros(0))
+    rows = np.concatenate([f.rows for f in found])
+    corners = np.concatenate([f.corners_px for f in found])
+    score = np.concatenate([f.score for f in found])
+    corners = (corners + 0.5) / scale - 0.5
+    return _once(Seeds(rows=rows, corners_px=corners, score=score))
+
+
+def _quads(image: NDArray[np.uint8], window_px: int) -> Array:
+    """Return the outlines of dark quadrilaterals, (N, 4, 2) px, clockwise as seen."""
+    binary = cv2.adaptiveThreshold(
+        image, 255, cv2.ADAPTIVE_THRESH_MEAN_C, cv2.THRESH_BINARY_INV, window_px, _THRESHOLD_OFFSET
+    )
+    contours, _ = cv2.findContours(binary, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
+    quads = list(_four_sided(contours, least=int(3 * MIN_SIDE_PX), most=2 * sum(image.shape)))
+    if not quads:
+        return np.zeros((0, 4, 2))
+    corners = np.array(quads[:MAX_QUADS], dtype=np.float64)
+    side = np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2)
+    diagonal = np.linalg.norm(corners[:, 2:] - corners[:, :2], axis=2).max(axis=1)
+    area = _area(corners)
+    good = (side.min(axis=1) >= MIN_WIDTH_PX) & (side.max(axis=1) >= MIN_SIDE_PX) & (area > MIN_WIDTH_PX * diagonal / 2)
+    corners = corners[good]
+    # contours run through the centres of dark pixels; the edge lies half a pixel further out
+    return _grown(corners, 0.5)
+
+
+def _four_sided(contours: Sequence[Any], least: int, most: int) -> Iterator[Array]:
+    for contour in [c for c in contours if least <= len(c) <= most]:
+        length = len(contour)
+        area = cv2.contourArea(contour, oriented=True)
+        # outer outlines are negative; a quadrilateral of this length is not thinner than 1 : 8
+        if -area < 0.02 * length * length:
+            continue
+        polygon = cv2.approxPolyDP(contour, max(0.035 * length, 1.2), closed=True)
+        if len(polygon) == 4 and cv2.isContourConvex(polygon):
+            yield polygon[::-1, 0].astype(np.float64)
+
+
+def _area(corners: Array) -> Array:
+    """Return the signed areas of quadrilaterals (N, 4, 2), positive where clockwise as seen."""
+    a, b = corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1]
+    return np.asarray(0.5 * (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]))
+
+
+def _grown(corners: Array, by_px: float) -> Array:
+    """Return quadrilaterals with every edge moved outward."""
+    along = np.roll(corners, -1, axis=1) - corners
+    unit = along / np.maximum(np.linalg.norm(along, axis=2, keepdims=True), 1e-9)
+    normal = np.stack([unit[..., 1], -unit[..., 0]], -1)
+    # corner k lies between edges k - 1 and k: the shift that moves both lines by the same distance
+    before = np.roll(normal, 1, axis=1)
+    denominator = 1 + np.sum(before * normal, axis=2, keepdims=True)
+    return np.asarray(corners + by_px * (before + normal) / np.maximum(denominator, 0.2))
+
+
+def _decoded(image: NDArray[np.uint8], corners: Array, patterns: Patterns) -> Seeds:
+    """Return which pattern, turned how, each quadrilateral resembles, where it resembles one."""
+    m = patterns.modules
+    centres = np.arange(-1, m + 1) + 0.5
+    grid = np.stack(np.meshgrid(centres, centres), -1).reshape(1, -1, 2)
+    h = from_square(m, corners)
+    w = h[:, 6, None] * grid[..., 0] + h[:, 7, None] * grid[..., 1] + 1
+    x = (h[:, 0, None] * grid[..., 0] + h[:, 1, None] * grid[..., 1] + h[:, 2, None]) / w
+    y = (h[:, 3, None] * grid[..., 0] + h[:, 4, None] * grid[..., 1] + h[:, 5, None]) / w
+    value = sample(image, np.nan_to_num(x), np.nan_to_num(y)).reshape(-1, m + 2, m + 2)
+    ring, rim = np.ones((m + 2, m + 2), dtype=bool), np.zeros((m + 2, m + 2), dtype=bool)
+    ring[1:-1, 1:-1] = False
+    rim[1:-1, 1:-1] = True
+    rim[2:-2, 2:-2] = False
+    white, black = np.median(value[:, ring], axis=1), np.median(value[:, rim], axis=1)
+    rim_mean = value[:, rim].mean(axis=1)
+    inner = value[:, 2:-2, 2:-2].reshape(len(corners), -1)
+    inner = inner - inner.mean(axis=1, keepdims=True)
+    norm = np.linalg.norm(inner, axis=1)
+    good = (white - black > MIN_CONTRAST) & (rim_mean < black + 0.35 * (white - black)) & (norm > 1e-6)
+    good &= np.isfinite(h).all(axis=1)
+    at = np.flatnonzero(good)
+    table = _turned(patterns)
+    score = (inner[at] / norm[at, None]) @ table.T
+    if score.size == 0:
+        return Seeds(rows=np.zeros(0, np.int64), corners_px=np.zeros((0, 4, 2)), score=np.zeros(0))
+    best = score.argmax(axis=1)
+    top = score.max(axis=1)
+    ranked = score.copy()
+    ranked[np.arange(len(at)), best] = -1
+    keep = (top >= MIN_SCORE) & (top - ranked.max(axis=1) >= MIN_LEAD)
+    rows, turn = np.divmod(best[keep], 4)
+    order = (np.arange(4)[None, :] + turn[:, None]) % 4
+    quads = corners[at[keep]]
+    return Seeds(rows=rows.astype(np.int64), corners_px=quads[np.arange(len(quads))[:, None], order], score=top[keep])
+
+
+def _turned(patterns: Patterns) -> Array:
+    """Return all patterns' inner modules in four orientations, (4 T, (M - 2)^2), zero mean and unit length.
+
+    Row ``4 t + k`` is what one sees of tag t with the corners of the quadrilateral numbered from the tag's corner -k:
+    the tag's first corner is the quadrilateral's corner k.
+    """
+    inner = patterns.cells[:, 2:-2, 2:-2]
+    turned = np.stack([np.rot90(inner, -k, axes=(1, 2)) for k in range(4)], axis=1)
+    flat = turned.reshape(4 * len(inner), -1)
+    flat = flat - flat.mean(axis=1, keepdims=True)
+    return np.asarray(flat / np.maximum(np.linalg.norm(flat, axis=1, keepdims=True), 1e-9))
+
+
+def sample(image: NDArray[np.uint8], x: Array, y: Array) -> Array:
+    """Return grey levels at places (N, P), interpolated; places outside take the border's."""
+    limit = 4.0 * max(image.shape)
+    x, y = np.clip(x, -limit, limit).astype(np.float32), np.clip(y, -limit, limit).astype(np.float32)
+    parts = [
+        cv2.remap(
+            image, x[k : k + _REMAP_ROWS], y[k : k + _REMAP_ROWS], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+        )
+        for k in range(0, len(x), _REMAP_ROWS)
+    ]
+    return np.concatenate(parts).astype(np.float64)
+
+
+def _once(seeds: Seeds) -> Seeds:
+    """Return the seeds with copies of the same tag at the same place reduced to the best."""
+    order = np.argsort(-seeds.score)
+    rows, centre = seeds.rows[order], seeds.corners_px[order].mean(axis=1)
+    size = np.linalg.norm(seeds.corners_px[order] - centre[:, None], axis=2).min(axis=1)
+    same = (rows[:, None] == rows[None, :]) & (np.linalg.norm(centre[:, None] - centre[None], axis=2) < size[None, :])
+    first = ~np.any(np.tril(same, -1), axis=1)
+    return seeds.take(order[first])

@@ -1,0 +1,104 @@
+"""How much surer or less sure corners are than white noise would make them, told from the residuals themselves.
+
+Residuals that agree with their neighbours (an edge that the model does not follow, compression) move a corner further
+than as many independent ones; residuals that alternate move it less. With ``psi_p = B^T J_p r_p`` what a pixel adds to
+the corners, summed over squares of the image, the variance is the sum of the squares' squares (cluster-robust
+covariance: Liang and Zeger 1986, DOI 10.1093/biomet/73.1.13), whatever agrees within a square. The same sum has under
+white noise an expectation that is known exactly, fitted parameters included; the share of the two is one figure for the
+whole image, since one tag has too few squares to tell.
+
+It asks nothing of the camera: under JPEG it comes out below one, on path-traced pictures of another renderer at three.
+"""
+
+from collections.abc import Callable
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from boxcal.detect.alignment.registration import image_model as model
+from boxcal.detect.alignment.registration.align import Aligned, footprints
+from boxcal.detect.alignment.registration.finish import KURTOSIS_PRIOR, corners_by_homography, inverse_normal
+from boxcal.detect.alignment.registration.image_model import SQUARES
+from boxcal.detect.alignment.registration.parameters import LOG_SIGMA, PARAMETERS
+from boxcal.detect.alignment.registration.tag_batch import Batch, Frame
+from boxcal.detect.alignment.tag_patterns import Array, Patterns
+
+MOST_TAGS = 6
+SQUARE_PX = 8
+"""Least side of a square: JPEG's blocks have it."""
+PRIOR_TAGS = 1.0
+"""So many tags' worth of squares are taken to have shown white noise."""
+RANGE = (0.25, 25.0)
+TOGETHER = 0.86
+"""Neighbouring squares that share an edge undo each other's part of its misfit: measured over the conditions of
+benchmarks/detector.py, errors have so much of the variance that squares which know nothing of each other would give."""
+
+
+def noise_share(frame: Frame, patterns: Patterns, tags: Aligned, side_px: float) -> float:
+    """Return by what factor the variances of the corners differ from what the residuals' size says.
+
+    Parameters
+    ----------
+    frame
+        The image, tone curve and lens with which the tags were aligned.
+    patterns, tags
+        Tags as :func:`boxcal.detect.alignment.registration.align.align` returned them.
+    side_px
+        With which share of large tags' pixels that was, see there.
+    """
+    if len(tags) == 0:
+        return 1.0
+    size = np.linalg.norm(tags.corners_px[:, 2] - tags.corners_px[:, 0], axis=1)
+    chosen = np.argsort(-size)[np.unique(np.linspace(0, len(tags) - 1, min(MOST_TAGS, len(tags))).astype(np.int64))]
+    some = tags.take(chosen)
+    boxes, margin, stride, _ = footprints(
+        frame, patterns, some.corners_px, some.theta[:, LOG_SIGMA], side_px=side_px, edges=True
+    )
+    widest = np.maximum(boxes[:, 1] - boxes[:, 0], boxes[:, 3] - boxes[:, 2])
+    square_px = np.maximum(widest // (SQUARES - 1) + 1, SQUARE_PX)
+    batch = Batch(
+        frame=frame, cells=patterns.cells, rows=some.rows, theta=some.theta, place=some.place,
+        boxes=boxes, margin=margin, stride=stride,
+    )  # fmt: skip
+    observed, expected = _sums()(batch, some, square_px)
+    prior = PRIOR_TAGS * float(np.mean(expected)) + 1e-12
+    return TOGETHER * float(np.clip((observed.sum() + prior) / (expected.sum() + prior), *RANGE))
+
+
+def squared(batch: Batch, tags: Aligned, square_px: NDArray[np.int64]) -> tuple[Array, Array]:
+    """Return for each tag (N,) the mean square of the squares' sums, and its expectation under white noise.
+
+    Both are in units of the variance that white noise gives to the corners' eight coordinates. The batch holds the same
+    tags; for ``square_px`` see :func:`boxcal.detect.alignment.registration.image_model.squares`.
+    """
+    normals, gradients = model.squares(batch, square_px)
+    normal, noise2 = normals.sum(axis=1), tags.noise**2
+    # one pixel more than parameters: their squared sum is then the variance that the prior is weighed by
+    inverse = inverse_normal(normal, np.stack([np.full(len(tags), PARAMETERS + 1.0), noise2], axis=1))
+    D = corners_by_homography(batch.frame, tags.theta, tags.place, tags.corners_px).reshape(len(tags), 8, 8)
+    B = inverse[:, :, :8] @ D.transpose(0, 2, 1)
+    white = np.maximum(np.einsum("nie,nij,nje->ne", B, normal, B), 1e-300)
+    moved = gradients @ B
+    W = normals @ B[:, None]
+    fitted = np.sum(W * (inverse[:, None] @ W), axis=(1, 2))
+    observed = np.sum(moved**2, axis=1) / np.maximum(noise2, 1e-12)[:, None] / white
+    return observed.mean(axis=1), np.maximum((white - fitted) / white, 0).mean(axis=1)
+
+
+@cache
+def _sums() -> Callable[..., tuple[Array, Array]]:
+    """Return the compiled sums over squares where numba is installed, else those in numpy."""
+    try:
+        from boxcal.detect.alignment.numba import covariance as compiled  # noqa: PLC0415 - optional and slow to import
+    except ImportError:
+        return squared
+
+    def run(batch: Batch, tags: Aligned, square_px: NDArray[np.int64]) -> tuple[Array, Array]:
+        observed, expected = np.empty(len(tags)), np.empty(len(tags))
+        compiled.squared(
+            *batch.arrays_and(square_px, tags.corners_px, tags.noise**2, KURTOSIS_PRIOR, observed, expected)
+        )
+        return observed, expected
+
+    return run

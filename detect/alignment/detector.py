@@ -1,0 +1,218 @@
+"""Find the tags of a target in an image, their corners at the noise limit: the steps in their order."""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from boxcal.detect.alignment.box_pose import LEAST_SIGMA_PX, BoxFit, fit_box
+from boxcal.detect.alignment.box_search import (
+    RIGID_TOLERANCE_MODULES,
+    RIGID_TOLERANCE_PX,
+)
+from boxcal.detect.alignment.covariance import noise_share
+from boxcal.detect.alignment.preview import SIGMA_PX, preview
+from boxcal.detect.alignment.pyramid import Pyramid, align_coarsely
+from boxcal.detect.alignment.pyramid_search import find_box, search_copies
+from boxcal.detect.alignment.radial_camera import bent_otherwise_px, straight_lens
+from boxcal.detect.alignment.registration.align import Aligned, align
+from boxcal.detect.alignment.registration.parameters import KURTOSIS
+from boxcal.detect.alignment.registration.tag_batch import Frame
+from boxcal.detect.alignment.tag_patterns import Array, Index, Patterns, target_patterns
+from boxcal.detect.alignment.verification import Limits, module_px, verified
+from boxcal.detect.errors import DetectError
+from boxcal.detect.image.gray import to_grey, to_grey8
+from boxcal.detect.image.response_curve import TONES, Taking, Tone, probe, relit, tone_table
+from boxcal.target.box import Target
+
+MODEL_ERROR_PX = 0.001
+"""Deviation per axis of what the model leaves out (lens, print, pixel response); no residual shows it."""
+STOP_PX = 0.03
+LARGE_MODULE_PX = 10.0
+"""Where modules are wider than this, the lens may bend a tag enough to be fitted once more."""
+BENT_PX = 0.01
+"""It is if a better known lens moves the middle of an edge by more than this against the corners."""
+FINE_SIDE_PX = 22.0
+"""Tags twice as large are aligned on every second pixel both ways, and so on."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LocateSettings:
+    """How tags are located.
+
+    Attributes
+    ----------
+    tone
+        The camera's tone curve: ``linear``, ``srgb``, or ``auto`` to tell it from the tags.
+    fast
+        Preview: only tags that stand out, their edges fitted with lines; ``auto`` then means ``linear``.
+    limits
+        What an aligned tag must keep to.
+    windows_px
+        Neighbourhoods that tell dark from bright: the first one always, the others where it finds few tags.
+    """
+
+    tone: Tone = "auto"
+    fast: bool = False
+    limits: Limits = field(default_factory=Limits)
+    windows_px: tuple[int, ...] = (25, 9)
+
+    def __post_init__(self) -> None:
+        if self.tone not in TONES:
+            raise DetectError(f"tone is {self.tone!r}, one of {', '.join(TONES)} is needed")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Located:
+    """Tags located in one image.
+
+    Attributes
+    ----------
+    ids : (N,)
+        Ascending, each once.
+    corners_px : (N, 4, 2), px
+        Top-left, top-right, bottom-right, bottom-left as the tag is drawn; pixel (0, 0) is the centre of the top-left
+        pixel.
+    cov_px2 : (N, 4, 2, 2), px^2
+        Covariance of each corner: noise as the residuals have it, and the model's own error.
+    correlation : (N,)
+        Of the picture with the aligned pattern; NaN in a preview.
+    blur_px : (N,), px
+        Deviation of blur and pixel area together; NaN in a preview.
+    tone
+        The tone curve that was used.
+    """
+
+    ids: Index
+    corners_px: Array
+    cov_px2: Array
+    correlation: Array
+    blur_px: Array
+    tone: str
+
+
+def nothing(tone: str) -> Located:
+    """Return what is located where there is no tag."""
+    none = np.zeros(0)
+    return Located(
+        ids=np.zeros(0, dtype=np.int64),
+        corners_px=np.zeros((0, 4, 2)),
+        cov_px2=np.zeros((0, 4, 2, 2)),
+        correlation=none,
+        blur_px=none,
+        tone=tone,
+    )
+
+
+def locate_tags(image: NDArray[np.generic], target: Target, settings: LocateSettings | None = None) -> Located:
+    """Return the target's tags in an image.
+
+    Every tag is used that lies wholly in the image, on a face turned to the camera, wide enough to be read (about six
+    pixels across); tags that are covered, glared, mirrored, out of place on the rigid box, or seen twice are not.
+
+    Parameters
+    ----------
+    image : (H, W) or (H, W, 3)
+        Grey or BGR; uint8, uint16 (white at 65535; of fewer bits see :mod:`boxcal.detect.image.bit_depth`) or float
+        (full scale 1).
+    target
+        The box to look for.
+    settings
+        The defaults if None.
+
+    Raises
+    ------
+    DetectError
+        If that is no image.
+    """
+    settings = settings or LocateSettings()
+    patterns = target_patterns(target)
+    if settings.fast:
+        tone = "srgb" if settings.tone == "srgb" else "linear"
+        return _previewed(patterns, *preview(to_grey8(image), target, tone, settings.windows_px[0]), tone)
+    grey, grey8 = to_grey(image)
+    size = (grey.shape[1], grey.shape[0])
+    frame = Frame(grey=grey, tone=tone_table("linear"), lens=straight_lens(size))
+    found = find_box(Pyramid(frame), grey8, target, patterns, windows_px=settings.windows_px, limits=settings.limits)
+    if found is None:
+        return nothing("linear" if settings.tone == "auto" else settings.tone)
+    tags, fit = found.tags, found.fit
+    frame = replace(frame, lens=fit.lens)
+    frame, tags = _finely(frame, patterns, tags, probe(frame, patterns, tags, settings.tone))
+    tags = tags.take(verified(patterns, tags, settings.limits))
+    if len(tags) and module_px(patterns, tags.corners_px).max() > LARGE_MODULE_PX:
+        fit = fit_box(target, tags.rows, tags.corners_px, image_size=size, sigma_px=LEAST_SIGMA_PX, start=fit)
+        if bent_otherwise_px(frame.lens, fit.lens, tags.corners_px) > BENT_PX:
+            frame = replace(frame, lens=fit.lens)
+            tags = align(frame, patterns, tags.rows, tags.corners_px, start=tags, side_px=FINE_SIDE_PX, stop_px=STOP_PX)
+    return _located(frame, patterns, _on_the_box(target, patterns, tags, fit))
+
+
+def locate_copies(image: NDArray[np.generic], patterns: Patterns, settings: LocateSettings | None = None) -> Located:
+    """Return every sighting of some tags in an image, whatever they are stuck on; an id may come back several times.
+
+    There is no box to predict from, so only tags are found that stand out by themselves; nor a sheet that is known to
+    be flat and evenly lit, so the limits are relaxed. Arguments and errors as for
+    :func:`locate_tags`.
+    """
+    settings = settings or LocateSettings()
+    limits = settings.limits.relaxed()
+    grey, grey8 = to_grey(image)
+    seeds = search_copies(grey8, patterns, settings.windows_px)
+    frame = Frame(grey=grey, tone=tone_table("linear"), lens=straight_lens((grey.shape[1], grey.shape[0])))
+    tags = align_coarsely(Pyramid(frame), patterns, seeds.rows, seeds.corners_px)
+    tags = tags.take(verified(patterns, tags, limits.relaxed()))
+    frame, tags = _finely(frame, patterns, tags, probe(frame, patterns, tags, settings.tone))
+    return _located(frame, patterns, tags.take(verified(patterns, tags, limits)))
+
+
+def _finely(frame: Frame, patterns: Patterns, tags: Aligned, taking: Taking) -> tuple[Frame, Aligned]:
+    """Return an image under the right tone curve, and tags, aligned coarsely before, aligned on its pixels."""
+    under = replace(frame, tone=tone_table(taking.tone))
+    changed = under.tone is not frame.tone
+    start = relit(tags, frame.tone, under.tone) if changed else tags
+    start.theta[:, KURTOSIS] = taking.kurtosis
+    aligned = align(
+        under,
+        patterns,
+        tags.rows,
+        tags.corners_px,
+        start=start,
+        relight=changed,
+        side_px=FINE_SIDE_PX,
+        stop_px=STOP_PX,
+    )
+    return under, aligned
+
+
+def _on_the_box(target: Target, patterns: Patterns, tags: Aligned, fit: BoxFit) -> Aligned:
+    """Return the tags that lie on the rigid box."""
+    uv, _ = fit.predict(target.tag_corners[tags.rows].reshape(-1, 3))
+    off = np.linalg.norm(uv.reshape(-1, 4, 2) - tags.corners_px, axis=2).max(axis=1)
+    return tags.take(off <= RIGID_TOLERANCE_MODULES * module_px(patterns, tags.corners_px) + RIGID_TOLERANCE_PX)
+
+
+def _previewed(patterns: Patterns, rows: Index, corners_px: Array, tone: str) -> Located:
+    order = np.argsort(patterns.tag_ids[rows], kind="stable")
+    return Located(
+        ids=patterns.tag_ids[rows[order]],
+        corners_px=corners_px[order],
+        cov_px2=np.broadcast_to(SIGMA_PX**2 * np.eye(2), (len(rows), 4, 2, 2)).copy(),
+        correlation=np.full(len(rows), np.nan),
+        blur_px=np.full(len(rows), np.nan),
+        tone=tone,
+    )
+
+
+def _located(frame: Frame, patterns: Patterns, tags: Aligned) -> Located:
+    order = np.argsort(patterns.tag_ids[tags.rows], kind="stable")
+    tags = tags.take(order)
+    share = noise_share(frame, patterns, tags, FINE_SIDE_PX)
+    return Located(
+        ids=patterns.tag_ids[tags.rows],
+        corners_px=tags.corners_px,
+        cov_px2=share * tags.cov_px2 + MODEL_ERROR_PX**2 * np.eye(2),
+        correlation=tags.correlation,
+        blur_px=tags.sigma_px,
+        tone="srgb" if frame.tone is tone_table("srgb") else "linear",
+    )

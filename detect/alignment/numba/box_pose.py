@@ -1,0 +1,227 @@
+"""The steps to a rigid box, corner after corner, without a matrix of all.
+
+The reference is :func:`boxcal.detect.alignment.box_refinement.levenberg_marquardt`.
+"""
+
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+from boxcal.detect.alignment.numba.arrays import clear, clear_rows, median, put, put_rows
+from boxcal.detect.alignment.numba.cholesky import factor, solve_lower, solve_positive
+from boxcal.detect.alignment.numba.radial_camera import to_pixel
+
+_UNKNOWNS = 12
+_CAMERA = 6
+_LONGEST = np.array([0.4, 1e3, 1e3, 1e3, 1e3, 1e3, 0.5, 0.5, 0.5, 1e3, 1e3, 1e3])
+_LEAST_W = 1e-6
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def refine(  # noqa: PLR0917 - arrays in, arrays out
+    p_box: Any, uv: Any, focal: Any, lens: Any, T: Any, prior: Any, expected: Any, sigma_px: Any, fair: Any,
+    iterations: Any, limits: Any, information: Any, off: Any,
+) -> Any:  # fmt: skip
+    """Fit in place; return the focal length.
+
+    Parameters
+    ----------
+    p_box : (P, 3), m
+    uv : (P, 2), px
+    focal, lens : px and (6,)
+        Where to start; the lens is changed in place.
+    T : (4, 4), m
+        T_cam_box, changed in place.
+    prior, expected : (6,)
+        Information on log f, centre, a1, a2 and a3, and their values.
+    sigma_px, fair
+        See :func:`boxcal.detect.alignment.box_pose.fit_box`.
+    iterations : (2,)
+        At most, and at most where the median deviation stays above ``fair``.
+    limits : (2,)
+        Of a1, a2 and a3.
+    information : (12, 12)
+        Filled.
+    off : (P,), px
+        Deviations, filled.
+    """
+    moved = (focal, lens.copy(), T.copy())
+    now_off, room = np.empty(len(uv)), np.empty(len(uv))
+    gradient, step = np.zeros(_UNKNOWNS), np.zeros(_UNKNOWNS)
+    camera, A = np.empty(_CAMERA), np.empty((_UNKNOWNS, _UNKNOWNS))
+    clear_rows(information)
+    for i in range(_UNKNOWNS):
+        information[i, i] = 1.0
+    clear(off)
+    damping, cost = 1e-4, np.inf
+    for iteration in range(iterations[1]):
+        if iteration >= iterations[0] and median(off, room) < fair:
+            break
+        now_focal, now_lens, now_T = moved
+        before = _deviations(p_box, uv, now_focal, now_lens, now_T, now_off)
+        scale = 3 * max(sigma_px, 1.2 * median(now_off, room))
+        camera[0], camera[1], camera[2] = np.log(now_focal), now_lens[0], now_lens[1]
+        camera[3], camera[4], camera[5] = now_lens[2], now_lens[3], now_lens[5]
+        now = 0.0
+        for k in range(len(uv)):
+            now += scale**2 * np.log1p((now_off[k] / scale) ** 2)
+        for i in range(_CAMERA):
+            now += prior[i] * (camera[i] - expected[i]) ** 2
+        if not now <= cost * (1 + 1e-9) + 1e-12 or not before:
+            damping *= 10
+            if damping > 1e6:
+                break
+        else:
+            done = cost - now < 1e-3 * now + 1e-9
+            focal, cost = now_focal, now
+            put(lens, now_lens)
+            put_rows(T, now_T)
+            put(off, now_off)
+            _equations(p_box, uv, focal, lens, T, now_off, scale, information, gradient)
+            for i in range(_CAMERA):
+                information[i, i] += prior[i]
+                gradient[i] -= prior[i] * (camera[i] - expected[i])
+            damping = max(damping * 0.2, 1e-9)
+            if done:
+                break
+        put_rows(A, information)
+        for i in range(_UNKNOWNS):
+            A[i, i] += damping * (information[i, i] + 1e-9)
+        solve_positive(A, gradient, step)
+        for i in range(_UNKNOWNS):
+            step[i] = min(max(step[i], -_LONGEST[i]), _LONGEST[i]) if np.isfinite(step[i]) else 0.0
+        moved = _moved(focal, lens, T, step, limits)
+    return focal
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _moved(focal: Any, lens: Any, T: Any, step: Any, limits: Any) -> Any:
+    """Return the state after a step: the pose turned and moved from the left."""
+    lens, new = lens.copy(), T.copy()
+    lens[0] += step[1]
+    lens[1] += step[2]
+    for at, i in ((2, 3), (3, 4), (5, 5)):
+        lens[at] = min(max(lens[at] + step[i], limits[0]), limits[1])
+    x, y, z = step[6], step[7], step[8]
+    angle = np.sqrt(x * x + y * y + z * z)
+    a = np.sin(angle) / angle if angle > 1e-8 else 1.0
+    b = (1 - np.cos(angle)) / angle**2 if angle > 1e-8 else 0.5
+    R = np.empty((3, 3))
+    R[0, 0], R[0, 1], R[0, 2] = 1 - b * (y * y + z * z), b * x * y - a * z, b * x * z + a * y
+    R[1, 0], R[1, 1], R[1, 2] = b * x * y + a * z, 1 - b * (x * x + z * z), b * y * z - a * x
+    R[2, 0], R[2, 1], R[2, 2] = b * x * z - a * y, b * y * z + a * x, 1 - b * (x * x + y * y)
+    for i in range(3):
+        for j in range(4):
+            new[i, j] = R[i, 0] * T[0, j] + R[i, 1] * T[1, j] + R[i, 2] * T[2, j]
+        new[i, 3] += step[9 + i]
+    return focal * np.exp(step[0]), lens, new
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _tangent(focal: Any, lens: Any, dx: Any, dy: Any) -> Any:
+    """Return q, D and the row (3,) that gives a point's depth on the chart about the pixel at (dx, dy)."""
+    a1, a2, a3, per_px2 = lens[2], lens[3], lens[5], lens[4] * lens[4]
+    q = (dx * dx + dy * dy) * per_px2
+    slope = -2 * per_px2 * (a1 + q * (2 * a2 + q * (3 * a3)))
+    D = 1 + q * (a1 + q * (3 * a2 + q * (5 * a3)))
+    return q, D, -slope / D * dx, -slope / D * dy, 1 / (focal * D)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _point(T: Any, p: Any) -> Any:
+    """Return the point p (3,) in the camera's frame."""
+    return (
+        T[0, 0] * p[0] + T[0, 1] * p[1] + T[0, 2] * p[2] + T[0, 3],
+        T[1, 0] * p[0] + T[1, 1] * p[1] + T[1, 2] * p[2] + T[1, 3],
+        T[2, 0] * p[0] + T[2, 1] * p[1] + T[2, 2] * p[2] + T[2, 3],
+    )
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _deviations(p_box: Any, uv: Any, focal: Any, lens: Any, T: Any, off: Any) -> bool:  # noqa: PLR0917
+    """Fill how far corners are off, px; return whether all points lie before the camera."""
+    before = True
+    least = _LEAST_W / focal
+    for k in range(len(uv)):
+        dx, dy = uv[k, 0] - lens[0], uv[k, 1] - lens[1]
+        _, _, ax, ay, az = _tangent(focal, lens, dx, dy)
+        x, y, z = _point(T, p_box[k])
+        w = ax * x + ay * y + az * z
+        before = before and w > least
+        w = w if abs(w) > least else least
+        off[k] = np.hypot(dx - x / w, dy - y / w)
+    return before
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _differentiate(focal: Any, lens: Any, dx: Any, dy: Any, x: Any, y: Any, z: Any, J: Any) -> Any:  # noqa: PLR0917
+    """Return where a point (x, y, z) lies on the chart about (dx, dy); fill how that moves (2, 12)."""
+    q, D, ax, ay, az = _tangent(focal, lens, dx, dy)
+    w, least = ax * x + ay * y + az * z, _LEAST_W / focal
+    per_w = 1 / (w if abs(w) > least else least)
+    seen_x, seen_y = x * per_w, y * per_w
+    # see detect.align.search.box_steps: the same, of one corner
+    toward = 2 * lens[4] * lens[4] * (dx * seen_x + dy * seen_y)
+    for row, seen in ((0, seen_x), (1, seen_y)):
+        along = seen / D
+        J[row, 0] = along * z * per_w / focal
+        J[row, 1], J[row, 2] = 1.0 - row, float(row)
+        J[row, 3] = along * (q - toward)
+        J[row, 4] = along * (q * (3 * q - 2 * toward))
+        J[row, 5] = along * (q * q * (5 * q - 3 * toward))
+        mx, my, mz = -per_w * ax * seen, -per_w * ay * seen, -per_w * az * seen
+        if row == 0:
+            mx += per_w
+        else:
+            my += per_w
+        J[row, 9], J[row, 10], J[row, 11] = mx, my, mz
+        J[row, 6], J[row, 7], J[row, 8] = y * mz - z * my, z * mx - x * mz, x * my - y * mx
+    return seen_x, seen_y
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def predict(  # noqa: PLR0917
+    p_box: Any, focal: Any, lens: Any, T: Any, information: Any, uv: Any, spread: Any
+) -> None:
+    """Fill where points (P, 3) are seen, (P, 2) px, NaN where out of view, and the deviations (P,), else infinite."""
+    J, half = np.zeros((2, _UNKNOWNS)), np.zeros(_UNKNOWNS)
+    L = information.copy()
+    factor(L)
+    for k in range(len(p_box)):
+        x, y, z = _point(T, p_box[k])
+        uv[k, 0], uv[k, 1] = to_pixel(lens, x, y, z / focal)
+        if not np.isfinite(uv[k, 0]):
+            uv[k, 0], uv[k, 1], spread[k] = np.nan, np.nan, np.inf
+            continue
+        _differentiate(focal, lens, uv[k, 0] - lens[0], uv[k, 1] - lens[1], x, y, z, J)
+        total = 0.0
+        for row in range(2):
+            solve_lower(L, J[row], half)
+            for i in range(_UNKNOWNS):
+                total += half[i] * half[i]
+        spread[k] = np.sqrt(total)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _equations(  # noqa: PLR0917
+    p_box: Any, uv: Any, focal: Any, lens: Any, T: Any, off: Any, scale: Any, normal: Any, gradient: Any
+) -> None:
+    """Fill the normal equations of the corners, each weighted by its deviation."""
+    J = np.zeros((2, _UNKNOWNS))
+    clear_rows(normal)
+    clear(gradient)
+    for k in range(len(uv)):
+        dx, dy = uv[k, 0] - lens[0], uv[k, 1] - lens[1]
+        x, y, z = _point(T, p_box[k])
+        seen_x, seen_y = _differentiate(focal, lens, dx, dy, x, y, z, J)
+        weight = 1 / (1 + (off[k] / scale) ** 2)
+        rx, ry = dx - seen_x, dy - seen_y
+        for i in range(_UNKNOWNS):
+            a, b = weight * J[0, i], weight * J[1, i]
+            gradient[i] += a * rx + b * ry
+            for j in range(i + 1):
+                normal[i, j] += a * J[0, j] + b * J[1, j]
+    for i in range(_UNKNOWNS):
+        for j in range(i):
+            normal[j, i] = normal[i, j]

@@ -1,0 +1,100 @@
+"""Residuals summed over squares of the image, and what white noise would make of them.
+
+The reference is :func:`boxcal.detect.alignment.covariance.squared`.
+"""
+
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+from boxcal.detect.alignment.numba.arrays import put_rows
+from boxcal.detect.alignment.numba.cholesky import factor, solve_lower, solve_positive
+from boxcal.detect.alignment.numba.finish import moves_of
+from boxcal.detect.alignment.numba.image_model import ROWS, differentiate
+from boxcal.detect.alignment.numba.pixels import BLOCK, collect, room
+from boxcal.detect.alignment.registration.image_model import SQUARES
+from boxcal.detect.alignment.registration.parameters import KURTOSIS, OFFSET, PARAMETERS
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def squared(  # noqa: PLR0917 - arrays in, arrays out
+    grey: Any, tone: Any, linear: Any, lens: Any, cells: Any, rows: Any, theta: Any, place: Any, boxes: Any,
+    margin: Any, stride: Any, square_px: Any, corners: Any, noise2: Any, prior: Any, observed: Any, expected: Any,
+) -> None:  # fmt: skip
+    """Fill the squares' mean square (N,) and its expectation, in units of the corners' variance under white noise.
+
+    ``noise2`` (N,) is the residuals' variance, ``prior`` the kurtosis's deviation, for the others see
+    :func:`boxcal.detect.alignment.registration.image_model.squares`; ``corners`` (N, 4, 2) in px.
+    """
+    stats, moves = np.zeros(6), np.zeros((2, PARAMETERS))
+    A, B = np.empty((PARAMETERS, PARAMETERS)), np.empty((8, PARAMETERS))
+    normal, inverse = np.empty((PARAMETERS, PARAMETERS)), np.empty((PARAMETERS, PARAMETERS))
+    for k in range(len(rows)):
+        products = np.zeros((SQUARES * SQUARES, PARAMETERS, ROWS), np.float32)
+        pixels = room(boxes[k])
+        n = collect(grey, lens, cells[rows[k]], theta[k], place[k], boxes[k], margin[k], stride[k], pixels)
+        jac = differentiate(tone, linear, cells[rows[k]], theta[k], place[k], pixels, n, stats)
+        _add(pixels, n, jac, square_px[k], boxes[k], products)
+        for i in range(PARAMETERS):
+            for j in range(PARAMETERS):
+                normal[i, j] = 0.0
+                for square in range(SQUARES * SQUARES):
+                    normal[i, j] += products[square, i, j]
+        put_rows(A, normal)
+        for i in range(PARAMETERS):
+            A[i, i] += 1e-12 + 1e-9 * normal[i, i]
+        A[KURTOSIS, KURTOSIS] += max(noise2[k], 1e-9) / prior**2
+        for c in range(4):
+            moves_of(lens, theta[k], place[k], corners[k, c], moves)
+            for row in range(2):
+                put_rows(inverse, A)
+                solve_positive(inverse, moves[row], B[2 * c + row])
+        factor(A)
+        observed[k], expected[k] = _mean_squares(products, normal, A, B, max(noise2[k], 1e-12))
+
+
+@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+def _add(pixels: Any, n: Any, jac: Any, side: Any, box: Any, products: Any) -> None:  # noqa: PLR0917
+    """Add the products of the Jacobian's rows, of which one is the residual, to the squares where the pixels lie."""
+    row = np.empty(ROWS, np.float32)
+    left, top = box[0] // side, box[2] // side
+    for p in range(n):
+        i = min(int(pixels[5, p]) // side - left, SQUARES - 1)
+        j = min(int(pixels[6, p]) // side - top, SQUARES - 1)
+        square = products[j * SQUARES + i]
+        for a in range(ROWS):
+            row[a] = jac[p // BLOCK, a, p % BLOCK]
+        for a in range(PARAMETERS):
+            for b in range(ROWS):
+                square[a, b] += row[a] * row[b]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _mean_squares(products: Any, normal: Any, L: Any, B: Any, noise2: Any) -> tuple[float, float]:
+    """Return the mean over the corners' eight coordinates, observed and expected; ``L`` is the factor of the normal."""
+    seen, expected = 0.0, 0.0
+    W, half = np.empty(PARAMETERS), np.empty(PARAMETERS)
+    for e in range(8):
+        white = 0.0
+        for i in range(PARAMETERS):
+            for j in range(PARAMETERS):
+                white += B[e, i] * normal[i, j] * B[e, j]
+        white = max(white, 1e-300)
+        moved2, fitted = 0.0, 0.0
+        for square in range(len(products)):
+            if products[square, OFFSET, OFFSET] == 0:
+                continue
+            moved = 0.0
+            for i in range(PARAMETERS):
+                moved += products[square, i, PARAMETERS] * B[e, i]
+                W[i] = 0.0
+                for j in range(PARAMETERS):
+                    W[i] += products[square, i, j] * B[e, j]
+            solve_lower(L, W, half)
+            moved2 += moved * moved
+            for i in range(PARAMETERS):
+                fitted += half[i] * half[i]
+        seen += moved2 / noise2 / white / 8
+        expected += max(white - fitted, 0.0) / white / 8
+    return seen, expected

@@ -1,0 +1,115 @@
+"""Corners, their covariances and what verification needs of aligned tags, from the sums of the last step."""
+
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+from boxcal.detect.alignment.numba.arrays import put_rows
+from boxcal.detect.alignment.numba.cholesky import factor, solve_lower
+from boxcal.detect.alignment.numba.radial_camera import chart, depth, to_pixel
+from boxcal.detect.alignment.registration.parameters import KURTOSIS, PARAMETERS
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def finish(  # noqa: PLR0917 - arrays in, arrays out
+    lens: Any, modules: Any, theta: Any, place: Any, normal: Any, stats: Any, blocks: Any, prior: Any,
+    covariance: Any, corners: Any, cov: Any, figures: Any,
+) -> None:  # fmt: skip
+    """Fill the corners (N, 4, 2), covariances (N, 4, 2, 2) and figures (N, 4) of tags.
+
+    The figures are correlation, worst block, worst module and noise, see
+    :class:`boxcal.detect.alignment.registration.align.Aligned`; what cannot be told is NaN. ``prior`` is the deviation
+    of the kurtosis. The reference is :func:`boxcal.detect.alignment.registration.finish.finish`.
+    """
+    A = np.empty((PARAMETERS, PARAMETERS))
+    moves, half = np.zeros((2, PARAMETERS)), np.empty((2, PARAMETERS))
+    for k in range(len(theta)):
+        n, r2, y, y2, p, p2 = stats[k, 0], stats[k, 1], stats[k, 2], stats[k, 3], stats[k, 4], stats[k, 5]
+        count = max(n, 1.0)
+        var_y, var_p = y2 / count - (y / count) ** 2, p2 / count - (p / count) ** 2
+        cross = 0.5 * (y2 + p2 - r2) / count - (y / count) * (p / count)
+        noise2 = r2 / max(n - PARAMETERS, 1.0)
+        contrast = max(2 * np.sqrt(max(var_y, 0.0)), 1e-6)
+        figures[k, 0] = min(cross / np.sqrt(max(var_y * var_p, 1e-12)), 1.0)
+        figures[k, 1] = _worst(blocks[k], 2, 2.0) / contrast
+        figures[k, 2] = _worst(blocks[k], 1, 4.0) / contrast
+        figures[k, 3] = np.sqrt(noise2)
+        if covariance:
+            put_rows(A, normal[k])
+            for i in range(PARAMETERS):
+                A[i, i] += 1e-12 + 1e-9 * normal[k, i, i]
+            A[KURTOSIS, KURTOSIS] += max(r2, 1e-9) / max(n - PARAMETERS, 1.0) / prior**2
+            factor(A)
+        for c in range(4):
+            u, v = modules * (c == 1 or c == 2), modules * (c >= 2)  # noqa: PLR1714 - a set takes long to compile
+            _corner(lens, theta[k], place[k], float(u), float(v), corners[k, c])
+            if covariance:
+                moves_of(lens, theta[k], place[k], corners[k, c], moves)
+                solve_lower(A, moves[0], half[0])
+                solve_lower(A, moves[1], half[1])
+                for i in range(2):
+                    for j in range(2):
+                        total = 0.0
+                        for m in range(PARAMETERS):
+                            total += half[i, m] * half[j, m]
+                        cov[k, c, i, j] = total * noise2
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _worst(blocks: Any, side: Any, least: Any) -> float:
+    """Return the largest mean residual of squares of modules that have pixels enough."""
+    most = 0.0
+    size = len(blocks)
+    for j in range(0, size, side):
+        for i in range(0, size, side):
+            total, count = 0.0, 0.0
+            for b in range(j, min(j + side, size)):
+                for a in range(i, min(i + side, size)):
+                    total += blocks[b, a, 0]
+                    count += blocks[b, a, 1]
+            if count >= least:
+                most = max(most, abs(total) / count)
+    return most
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _corner(lens: Any, h: Any, place: Any, u: Any, v: Any, out: Any) -> None:  # noqa: PLR0917
+    """Fill the pixel of a place on the tag: H inverted by its adjugate, then bent as the reference does."""
+    out[0], out[1] = np.nan, np.nan
+    x = (h[4] - h[5] * h[7]) * u + (h[2] * h[7] - h[1]) * v + (h[1] * h[5] - h[2] * h[4])
+    y = (h[5] * h[6] - h[3]) * u + (h[0] - h[2] * h[6]) * v + (h[2] * h[3] - h[0] * h[5])
+    w = (h[3] * h[7] - h[4] * h[6]) * u + (h[1] * h[6] - h[0] * h[7]) * v + (h[0] * h[4] - h[1] * h[3])
+    x, y = x / w, y / w
+    if not (abs(x) < 1e3 and abs(y) < 1e3):
+        return
+    bx, by, D = chart(lens, place)
+    ex, ey = x / place[2] + place[0] - lens[0], y / place[2] + place[1] - lens[1]
+    out[0], out[1] = to_pixel(lens, ex, ey, D + bx * ex + by * ey)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def moves_of(lens: Any, h: Any, place: Any, corner: Any, out: Any) -> None:
+    """Fill how a corner, px, moves with the homography: it stays where its modules are."""
+    bx, by, D = chart(lens, place)
+    dx, dy = corner[0] - lens[0], corner[1] - lens[1]
+    g, slope, _ = depth(lens, (dx * dx + dy * dy) * lens[4] ** 2)
+    f = D / (g - bx * dx - by * dy)
+    x, y = (dx * f + lens[0] - place[0]) * place[2], (dy * f + lens[1] - place[1]) * place[2]
+    # of the place on the chart by the pixel
+    cx, cy = -f * f / D * (slope * dx - bx), -f * f / D * (slope * dy - by)
+    xx, xy, yx, yy = f + dx * cx, dx * cy, dy * cx, f + dy * cy
+    w = 1 / (h[6] * x + h[7] * y + 1)
+    u, v = (h[0] * x + h[1] * y + h[2]) * w, (h[3] * x + h[4] * y + h[5]) * w
+    ux, uy, vx, vy = (h[0] - u * h[6]) * w, (h[1] - u * h[7]) * w, (h[3] - v * h[6]) * w, (h[4] - v * h[7]) * w
+    # of the modules by the pixel, and its inverse
+    a, b = (ux * xx + uy * yx) * place[2], (ux * xy + uy * yy) * place[2]
+    c, d = (vx * xx + vy * yx) * place[2], (vx * xy + vy * yy) * place[2]
+    det = a * d - b * c
+    det = det if abs(det) > 1e-15 else 1e-15
+    for row in range(2):
+        by_u, by_v = (-d / det, b / det) if row == 0 else (c / det, -a / det)
+        out[row, 0], out[row, 1], out[row, 2] = by_u * x * w, by_u * y * w, by_u * w
+        out[row, 3], out[row, 4], out[row, 5] = by_v * x * w, by_v * y * w, by_v * w
+        both = -(by_u * u + by_v * v) * w
+        out[row, 6], out[row, 7] = both * x, both * y

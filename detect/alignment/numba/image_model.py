@@ -1,0 +1,192 @@
+"""The sums of :mod:`boxcal.detect.alignment.registration.image_model`.
+
+The same arguments, the same results to half a per cent.
+
+A tag's pixels are first collected (:mod:`boxcal.detect.alignment.numba.pixels`), then summed in blocks
+(:mod:`boxcal.detect.alignment.numba.edges`).
+"""
+
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+from boxcal.detect.alignment.numba.arrays import clear, clear_rows, finite
+from boxcal.detect.alignment.numba.edges import OF_EDGE, across, blur_geometry, down, edge, jacobian, module_differences
+from boxcal.detect.alignment.numba.pixels import BLOCK, add_blocks, collect, room, widths
+from boxcal.detect.alignment.registration.image_model import Sums, no_sums
+from boxcal.detect.alignment.registration.parameters import PARAMETERS
+from boxcal.detect.alignment.registration.tag_batch import Batch
+
+ROWS = 16
+"""Rows of the Jacobian: the parameters, the residual, and one that stays zero."""
+_NEAR = 3.5
+_MOST = 16
+"""Edges across a tag, at most."""
+_F0, _F1 = np.float32(0), np.float32(1)
+
+
+def accumulate(batch: Batch) -> Sums:
+    """Return the normal equations of tags; see :func:`boxcal.detect.alignment.registration.image_model.accumulate`."""
+    sums = no_sums(len(batch), batch.cells)
+    _run(*batch.arrays_and(sums.normal, sums.gradient, sums.stats, sums.blocks))
+    return sums
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _run(  # noqa: PLR0917 - arrays in, arrays out
+    grey: Any, tone: Any, linear: Any, lens: Any, cells: Any, rows: Any, theta: Any, place: Any, boxes: Any,
+    margin: Any, stride: Any, normal: Any, gradient: Any, stats: Any, blocks: Any,
+) -> None:  # fmt: skip
+    for k in range(len(rows)):
+        if not finite(theta[k]):
+            continue
+        pixels = room(boxes[k])
+        n = collect(grey, lens, cells[rows[k]], theta[k], place[k], boxes[k], margin[k], stride[k], pixels)
+        jac = differentiate(tone, linear, cells[rows[k]], theta[k], place[k], pixels, n, stats[k])
+        add_blocks(pixels, n, jac, blocks[k])
+        add_products(jac, normal[k], gradient[k])
+
+
+@njit(cache=True, fastmath=True, nogil=True, error_model="numpy")
+def _residuals(  # noqa: PLR0917
+    at: Any, light: Any, tone: Any, linear: Any, total: Any, used: Any, bend: Any, out: Any, stats: Any
+) -> None:
+    """Fill the residuals of a block and the tone curve's slope, both 0 behind the used pixels; add to the sums."""
+    offset, gain, slope_x, slope_y, kappa = (
+        np.float32(light[0]), np.float32(light[1]), np.float32(light[2]), np.float32(light[3]), np.float32(light[4])
+    )  # fmt: skip
+    shown = bend  # for a moment
+    for p in range(BLOCK):
+        lit = offset + gain * total[0, p] + (slope_x * at[0, p] + slope_y * at[1, p]) * (total[0, p] + kappa)
+        shown[p] = lit
+    r2, y1, y2, p1, p2 = _F0, _F0, _F0, _F0, _F0
+    if linear:
+        for p in range(BLOCK):
+            lit, live = shown[p], _F1 if p < used else _F0
+            value, predicted = at[4, p] * live, min(max(lit, _F0), _F1) * live
+            r = value - predicted
+            out[p] = r
+            bend[p] = live if lit >= _F0 and lit < _F1 else _F0
+            r2 += r * r
+            y1 += value
+            y2 += value * value
+            p1 += predicted
+            p2 += predicted * predicted
+    else:
+        last = len(tone) - 1
+        for p in range(used):
+            lit = np.float64(shown[p])
+            t = min(max(lit * last, 0.0), last - 1e-9)
+            i = int(t)
+            step = tone[i + 1] - tone[i]
+            value, predicted = at[4, p], np.float32(tone[i] + (t - i) * step)
+            r = value - predicted
+            out[p] = r
+            bend[p] = step * last if lit >= 0 and lit < 1 else 0.0
+            r2 += r * r
+            y1 += value
+            y2 += value * value
+            p1 += predicted
+            p2 += predicted * predicted
+        for p in range(used, BLOCK):
+            out[p] = _F0
+            bend[p] = _F0
+    stats[1] += r2
+    stats[2] += y1
+    stats[3] += y2
+    stats[4] += p1
+    stats[5] += p2
+
+
+@njit(cache=True, fastmath=True, nogil=True, error_model="numpy")
+def differentiate(  # noqa: PLR0915, PLR0917 - arrays in, arrays out
+    tone: Any, linear: Any, cells: Any, theta: Any, place: Any, pixels: Any, n: Any, stats: Any
+) -> Any:
+    """Return the Jacobian of collected pixels, (B, 16, 64), residuals in row 14; add to the sums of residuals."""
+    modules = cells.shape[0] - 2
+    side = cells.shape[0]
+    wide_u, wide_v = widths(theta, place)
+    # edges in reach of a place, by the blur at the tag's centre
+    count_u = min(int(2 * _NEAR * wide_u) + 1, modules + 1, _MOST)
+    count_v = min(int(2 * _NEAR * wide_v) + 1, modules + 1, _MOST)
+    sigma = np.exp(theta[12]) * place[2]
+    kappa = theta[8] / theta[9] if abs(theta[9]) > 1e-9 else 0.0
+    light = (theta[8], theta[9], theta[10], theta[11], kappa)
+    parts = (n + BLOCK - 1) // BLOCK
+    jac = np.empty((parts, ROWS, BLOCK), np.float32)
+    at = np.empty((5, BLOCK), np.float32)
+    geometry = np.empty((4, BLOCK), np.float32)
+    first_u, first_v = np.empty(BLOCK, np.float32), np.empty(BLOCK, np.float32)
+    corner = np.empty(BLOCK, np.uint32)
+    edges_u = np.empty((count_u, OF_EDGE, BLOCK), np.float32)
+    edge_v = np.empty((OF_EDGE, BLOCK), np.float32)
+    weight, bend = np.empty(BLOCK, np.float32), np.empty(BLOCK, np.float32)
+    sums, total = np.empty((7, BLOCK), np.float32), np.empty((5, BLOCK), np.float32)
+    table = np.zeros((4, side * side), np.float32)
+    module_differences(cells, table)
+    flat, along_u, along_v, along_both = table[0], table[1], table[2], table[3]
+    half_u, half_v = 65 - 0.5 * count_u, 65 - 0.5 * count_v
+    for part in range(parts):
+        begin = part * BLOCK
+        used = min(BLOCK, n - begin)
+        for k in range(5):
+            for p in range(used):
+                at[k, p] = pixels[k, begin + p]
+            for p in range(used, BLOCK):
+                at[k, p] = pixels[k, begin]
+        for p in range(BLOCK):
+            i = min(max(int(at[2, p] + half_u) - 64, 0), modules + 1 - count_u)
+            j = min(max(int(at[3, p] + half_v) - 64, 0), modules + 1 - count_v)
+            first_u[p], first_v[p] = i, j
+            corner[p] = j * side + i
+        blur_geometry(theta, sigma, at, geometry)
+        clear_rows(total)
+        clear_rows(sums)
+        for e in range(count_u):
+            edge(at[2], geometry[1], first_u, e, theta[13], edges_u[e])
+            for p in range(BLOCK):
+                weight[p] = along_u[corner[p] + e]
+            across(weight, edges_u[e], sums)
+        for p in range(BLOCK):
+            total[0, p] = flat[corner[p]] + sums[0, p]
+            total[1, p] = sums[1, p]
+            total[3, p] = sums[2, p]
+            total[4, p] = sums[3, p]
+        for f in range(count_v):
+            edge(at[3], geometry[2], first_v, f, theta[13], edge_v)
+            clear_rows(sums)
+            for e in range(count_u):
+                beyond = f * side + e
+                for p in range(BLOCK):
+                    weight[p] = along_both[corner[p] + beyond]
+                across(weight, edges_u[e], sums)
+            for p in range(BLOCK):
+                sums[0, p] += along_v[corner[p] + f * side]
+            down(sums, edge_v, geometry[3], total)
+        into = jac[part]
+        _residuals(at, light, tone, linear, total, used, bend, into[14], stats)
+        clear(into[15])
+        jacobian(light, at, geometry, total, bend, into)
+    stats[0] += n
+    return jac
+
+
+@njit(cache=True, fastmath=True, nogil=True, error_model="numpy")
+def add_products(jac: Any, normal: Any, gradient: Any) -> None:
+    """Fill the normal matrix and the gradient, four products of rows at a time."""
+    for i in range(0, PARAMETERS, 2):
+        for j in range(i, ROWS, 2):
+            a, b, c, d = _F0, _F0, _F0, _F0
+            for part in range(len(jac)):
+                rows = jac[part]
+                for p in range(BLOCK):
+                    a += rows[i, p] * rows[j, p]
+                    b += rows[i, p] * rows[j + 1, p]
+                    c += rows[i + 1, p] * rows[j, p]
+                    d += rows[i + 1, p] * rows[j + 1, p]
+            if j == PARAMETERS:
+                gradient[i], gradient[i + 1] = a, c
+            else:
+                normal[i, j], normal[i, j + 1], normal[i + 1, j], normal[i + 1, j + 1] = a, b, c, d
+                normal[j, i], normal[j + 1, i], normal[j, i + 1], normal[j + 1, i + 1] = a, b, c, d

@@ -1,0 +1,85 @@
+"""All tags of a box, from seeds in a shrunken picture if it is large, else in the whole one, or one twice as large.
+
+Large tags stand out in few pixels. A shrunken picture is enough where every tag that the box turns to the camera was
+found from it, or the whole picture would not show the rest either; else larger ones are searched.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from boxcal.detect.alignment.box_search import SEED_SIGMA_PX, Found, consistent_seeds, follow, plan
+from boxcal.detect.alignment.candidates import Seeds, find_seeds
+from boxcal.detect.alignment.pyramid import Pyramid
+from boxcal.detect.alignment.tag_patterns import Patterns
+from boxcal.detect.alignment.verification import Limits
+from boxcal.detect.image.gray import LEAST_SIDE_PX
+from boxcal.target.box import Target
+
+FEW_TAGS = 4
+SMALL_PX = 600
+"""Pictures are not shrunk below this, px of the longer side."""
+SEEN_MODULE_PX = 0.9
+"""Tags with narrower modules make no seeds."""
+MOST_ENLARGED, LONGEST_ENLARGED_PX = 4_000_000, 16_000
+"""Larger pictures are not enlarged: pixels, and px a side (OpenCV maps less than 32767)."""
+
+
+def find_box(
+    pyramid: Pyramid,
+    grey8: NDArray[np.uint8],
+    target: Target,
+    patterns: Patterns,
+    *,
+    windows_px: tuple[int, ...],
+    limits: Limits,
+) -> Found | None:
+    """Return the tags of one box, roughly aligned; None if there is no seed of any.
+
+    Parameters
+    ----------
+    pyramid, grey8 : (H, W)
+        The image, and in 8 bits to look for seeds.
+    target, patterns
+        The box and what its tags look like.
+    windows_px
+        Neighbourhoods that tell dark from bright: the first one always, the others where it finds few tags.
+    limits
+        What an aligned tag must keep to.
+    """
+    size = (grey8.shape[1], grey8.shape[0])
+    lost_module_px = np.inf
+    for factor in shrinkings(size):
+        if lost_module_px < SEEN_MODULE_PX * factor:
+            continue
+        seeds = consistent_seeds(target, find_seeds(grey8, patterns, windows_px[:1], scale=1 / factor), size)
+        if len(seeds) < FEW_TAGS:
+            continue
+        search = plan(target, patterns, seeds, size, sigma_px=SEED_SIGMA_PX * factor)
+        found = follow(pyramid, target, patterns, search, limits)
+        lost_module_px = found.lost_module_px if len(found.tags) >= FEW_TAGS else np.inf
+        if factor == 1 or lost_module_px < SEEN_MODULE_PX:
+            return found
+    seeds = consistent_seeds(target, find_seeds(grey8, patterns, windows_px), size)
+    if len(seeds) < FEW_TAGS and _may_grow(grey8):
+        seeds = consistent_seeds(target, seeds.merged(find_seeds(grey8, patterns, windows_px, scale=2.0)), size)
+    if len(seeds) == 0:
+        return None
+    return follow(pyramid, target, patterns, plan(target, patterns, seeds, size), limits)
+
+
+def search_copies(grey8: NDArray[np.uint8], patterns: Patterns, windows_px: tuple[int, ...]) -> Seeds:
+    """Return where single tags may be, whatever they are stuck on: under all windows, and at twice the size."""
+    seeds = find_seeds(grey8, patterns, windows_px)
+    if not _may_grow(grey8):
+        return seeds
+    return seeds.merged(find_seeds(grey8, patterns, windows_px, scale=2.0))
+
+
+def _may_grow(grey8: NDArray[np.uint8]) -> bool:
+    return grey8.size <= MOST_ENLARGED and max(grey8.shape) <= LONGEST_ENLARGED_PX
+
+
+def shrinkings(image_size: tuple[int, int]) -> list[int]:
+    """Return by how much to shrink a picture (width, height) before it is searched: the most first, 1 last."""
+    most = max(0, int(np.log2(min(max(image_size) / SMALL_PX, min(image_size) / LEAST_SIDE_PX))))
+    return [2**level for level in range(most, -1, -1)]

@@ -1,0 +1,118 @@
+"""From pixels to rays and back under any lens with a centre, and charts in which a tag is a homography.
+
+A pixel at d from the centre, ``q = |d|^2 / radius^2``, sees along ``(d, g)``, ``g = 1 - a1 q - a2 q^2 - a3 q^3``: up to
+one factor of the last coordinate, the focal length, which no homography minds. Zeros make a pinhole. A fisheye's g
+falls through zero where it looks sideways, and its undistorted places ``d / g`` end there. Each tag therefore has its
+own plane across the rays: with d0, g0 and g' of its centre,
+
+    chart(d) = d D / (g - b d),  b = (dg/dd)(d0),  D = g0 - b d0,
+
+which is d0 at the centre with the identity for a derivative. So edges are straight on a chart, the blur is as wide in
+all directions as on the sensor, and of a pinhole the chart is the image.
+"""
+
+import numpy as np
+
+from boxcal.detect.alignment.tag_patterns import Array
+
+STEPS = 12
+STILL = 1e-7
+"""A radius that moves less, in units of the lens's, is found: Newton's next error is its square."""
+LEAST_SLOPE = 0.05
+FAR = 30.0
+
+
+def straight_lens(image_size: tuple[int, int]) -> Array:
+    """Return the lens (6,) without distortion of an image: centre (x, y) px, a1, a2, 1 / radius px, a3."""
+    width, height = image_size
+    return np.array([(width - 1) / 2, (height - 1) / 2, 0.0, 0.0, 2 / max(width, height), 0.0])
+
+
+def fisheye_lens(image_size: tuple[int, int], focal_px: float) -> Array:
+    """Return the lens (6,) whose rays' angles t grow as the radius: ``t cot t`` to thousandths up to 90 degrees."""
+    lens = straight_lens(image_size)
+    t2 = (1 / (lens[4] * focal_px)) ** 2
+    lens[[2, 3, 5]] = t2 / 3, t2**2 / 45, 0.0028 * t2**3
+    return lens
+
+
+def depth(lens: Array, q: Array) -> tuple[Array, Array, Array]:
+    """Return g at squared radii q, its slope ``dg/dd = slope d``, and ``g - d dg/dd``."""
+    a1, a2, a3 = lens[2], lens[3], lens[5]
+    g = 1 - q * (a1 + q * (a2 + q * a3))
+    slope = -2 * lens[4] ** 2 * (a1 + q * (2 * a2 + q * (3 * a3)))
+    return g, slope, 1 + q * (a1 + q * (3 * a2 + q * (5 * a3)))
+
+
+def to_pixels(lens: Array, rays: Array) -> Array:
+    """Return the pixels (..., 2) that see along rays (..., 3) of any length (z in units of the focal length); else NaN.
+
+    Newton's method on ``s z = g(s^2) rho``, s the radius, from the root for a1 alone.
+    """
+    rho, z = np.hypot(rays[..., 0], rays[..., 1]) * lens[4], rays[..., 2]
+    size = np.hypot(rho, z)
+    down = z + np.sqrt(np.maximum(z * z + 4 * lens[2] * rho * rho, 0))
+    seen = down > 1e-3 * size
+    s = 2 * rho / np.where(seen, down, 1)
+    least = LEAST_SLOPE * np.maximum(size, 1e-300)
+    for _ in range(STEPS):
+        q = s * s
+        g, slope, _ = depth(lens, q)
+        moved = (s * z - g * rho) / np.maximum(z - slope * s * rho / lens[4] ** 2, least)
+        s = np.clip(s - moved, 0, FAR)
+        if not np.any(np.abs(moved[seen]) > STILL):
+            break
+    seen &= np.abs(moved) < 1e-3
+    scale = np.where(rho > 1e-12 * size, s / np.maximum(rho, 1e-300), 1 / np.where(z > 0, z, 1))
+    return np.where(seen[..., None], lens[:2] + rays[..., :2] * scale[..., None], np.nan)
+
+
+def chart(lens: Array, centre_px: Array) -> tuple[Array, Array]:
+    """Return b (..., 2) and D (...) of the charts about pixels (..., 2)."""
+    d = centre_px - lens[:2]
+    _, slope, D = depth(lens, np.sum(d * d, axis=-1) * lens[4] ** 2)
+    return np.asarray(slope[..., None] * d), D
+
+
+def straighten(lens: Array, place: Array, uv_px: Array) -> Array:
+    """Return pixels (N, ..., 2) on the charts of N tags, from the tag's centre in units of its scale.
+
+    ``place`` (N, 3) holds the centres (x, y) px and 1 / scale px.
+    """
+    place = place.reshape(place.shape[:1] + (1,) * (uv_px.ndim - 2) + (3,))
+    b, D = chart(lens, place[..., :2])
+    d = uv_px - lens[:2]
+    g, _, _ = depth(lens, np.sum(d * d, axis=-1) * lens[4] ** 2)
+    f = D / (g - np.sum(b * d, axis=-1))
+    return np.asarray((d * f[..., None] + (lens[:2] - place[..., :2])) * place[..., 2:])
+
+
+def bend(lens: Array, place: Array, xy: Array) -> Array:
+    """Return the pixels of places (N, ..., 2) on charts: the inverse of :func:`straighten`."""
+    place = place.reshape(place.shape[:1] + (1,) * (xy.ndim - 2) + (3,))
+    b, D = chart(lens, place[..., :2])
+    e = xy / place[..., 2:] + (place[..., :2] - lens[:2])
+    z = D + np.sum(b * e, axis=-1)
+    return to_pixels(lens, np.concatenate([e, z[..., None]], axis=-1))
+
+
+def bent_otherwise_px(lens: Array, other: Array, corners_px: Array) -> float:
+    """Return how far apart two lenses have the middles of tags' edges, seen from the corners (N, 4, 2); at most, px."""
+    place = np.column_stack([corners_px.mean(axis=1), np.ones(len(corners_px))])
+    ends = np.stack([corners_px, np.roll(corners_px, -1, axis=1)], axis=2)
+    points = np.concatenate([ends, ends.mean(axis=2, keepdims=True)], axis=2)
+    apart = straighten(lens, place, points) - straighten(other, place, points)
+    return float(np.linalg.norm(apart[:, :, 2] - apart[:, :, :2].mean(axis=2), axis=-1).max(initial=0))
+
+
+def bend_jacobian(lens: Array, place: Array, uv_px: Array) -> Array:
+    """Return how pixels (N, P, 2) move with their places on charts, in px of both: (N, P, 2, 2)."""
+    b, D = chart(lens, place[:, None, :2])
+    d = uv_px - lens[:2]
+    g, slope, _ = depth(lens, np.sum(d * d, axis=-1) * lens[4] ** 2)
+    f = D / (g - np.sum(b * d, axis=-1))
+    by_d = -((f * f / D)[..., None]) * (slope[..., None] * d - b)
+    J = f[..., None, None] * np.eye(2) + d[..., :, None] * by_d[..., None, :]
+    determinant = J[..., 0, 0] * J[..., 1, 1] - J[..., 0, 1] * J[..., 1, 0]
+    J[~(np.abs(determinant) > 1e-6)] = np.eye(2)
+    return np.linalg.inv(J)

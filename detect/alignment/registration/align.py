@@ -1,0 +1,272 @@
+"""Align tags with an image: batched Gauss-Newton on homography, light and blur of every tag at once."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache, partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from boxcal.detect.alignment.homography import to_square
+from boxcal.detect.alignment.radial_camera import straighten
+from boxcal.detect.alignment.registration import gauss_newton as steps
+from boxcal.detect.alignment.registration import image_model as model
+from boxcal.detect.alignment.registration.finish import KURTOSIS_PRIOR, finish
+from boxcal.detect.alignment.registration.image_model import Sums
+from boxcal.detect.alignment.registration.parameters import GAIN, KURTOSIS, LOG_SIGMA, OFFSET, PARAMETERS
+from boxcal.detect.alignment.registration.tag_batch import Batch, Frame
+from boxcal.detect.alignment.tag_patterns import Array, Index, Patterns
+
+START_SIGMA_PX = 0.8
+MARGIN_MODULES = 0.9
+ITERATIONS = 10
+STOP_PX = 0.02
+EDGE_SIDE_PX = 30.0
+"""Of tags larger than this not even the pixels at edges are all used."""
+_DAMPING, _FIRST_DAMPING = 1e-6, 1e-3
+_NEXT = np.array([1, 2, 3, 0])
+_FIBONACCI = np.array([1, 1, 2, 3, 5, 8, 13, 21, 34, 55, 89, 144, 233, 377, 610, 987], dtype=np.int64)
+
+
+def _free(*names: slice) -> NDArray[np.bool_]:
+    chosen = np.zeros(PARAMETERS, dtype=np.bool_)
+    for part in names:
+        chosen[part] = True
+    return chosen
+
+
+_LIGHT, _AFFINE, _PERSPECTIVE = slice(OFFSET, LOG_SIGMA), slice(0, 6), slice(0, 8)
+_BLUR, _SHAPE = slice(LOG_SIGMA, LOG_SIGMA + 1), slice(KURTOSIS, KURTOSIS + 1)
+_FIRST = (
+    _free(_LIGHT, _BLUR, _AFFINE),
+    _free(_LIGHT, _BLUR, _PERSPECTIVE),
+)
+_FURTHER = (_free(_LIGHT, _BLUR, _PERSPECTIVE, _SHAPE),)
+_AGAIN = (_free(_LIGHT), *_FURTHER, *_FURTHER)
+"""What each step may change."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Aligned:
+    """Tags aligned with an image.
+
+    Attributes
+    ----------
+    rows : (N,)
+        Row of each tag in the patterns.
+    corners_px : (N, 4, 2), px
+        Corners in the image (distorted, as seen).
+    cov_px2 : (N, 4, 2, 2), px^2
+        Covariance of each corner from the residuals.
+    sigma_px : (N,), px
+        Deviation of blur and pixel area together.
+    offset, gain : (N,)
+        Light of black modules, and white less black; 1 is full scale.
+    correlation : (N,)
+        Of the image with the aligned pattern.
+    worst_block : (N,)
+        Largest mean residual of a block of two by two modules, as a share of the contrast.
+    worst_module : (N,)
+        The same of a single module; 0 where modules have too few pixels to say.
+    noise : (N,)
+        Deviation of the residuals; 1 is full scale.
+    theta : (N, 14)
+        All parameters (see :mod:`boxcal.detect.alignment.registration.image_model`).
+    place : (N, 3)
+        Their centres and scales.
+    """
+
+    rows: Index
+    corners_px: Array
+    cov_px2: Array
+    sigma_px: Array
+    offset: Array
+    gain: Array
+    correlation: Array
+    worst_block: Array
+    worst_module: Array
+    noise: Array
+    theta: Array
+    place: Array
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    def take(self, at: NDArray[np.bool_] | Index) -> "Aligned":
+        """Return some of the tags."""
+        return Aligned(**{name: getattr(self, name)[at] for name in self.__dataclass_fields__})
+
+    def joined(self, more: "Aligned") -> "Aligned":
+        """Return these tags and others."""
+        return Aligned(
+            **{name: np.concatenate([getattr(self, name), getattr(more, name)]) for name in self.__dataclass_fields__}
+        )
+
+
+def align(
+    frame: Frame,
+    patterns: Patterns,
+    rows: Index,
+    corners_px: Array,
+    *,
+    start: Aligned | None = None,
+    relight: bool = False,
+    stop_px: float = STOP_PX,
+    iterations: int = ITERATIONS,
+    side_px: float = np.inf,
+    covariance: bool = True,
+    sums_of: Callable[[Batch], Sums] | None = None,
+) -> Aligned:
+    """Align tags whose corners are roughly known (to about a module).
+
+    Parameters
+    ----------
+    frame
+        The image.
+    patterns, rows
+        The tags' patterns, and the row of each tag (N,) in them.
+    corners_px : (N, 4, 2), px
+        Where to start.
+    start
+        The same tags aligned before, for their light and blur. Without it black and white are guessed from the middle
+        of the modules, the first step changes light, blur and an affine map only, and the blur stays Gaussian.
+    relight
+        The light of ``start`` is a guess (it was told under another tone curve).
+    stop_px
+        A tag is done once its corners move less and its residuals have settled.
+    iterations
+        At most so many Gauss-Newton steps.
+    side_px
+        Use no more pixels of a tag than one with sides of this length has.
+    covariance
+        Without it covariances come back as zero.
+    sums_of
+        Take the steps in numpy with these sums; without it they are compiled where numba is installed.
+
+    Returns
+    -------
+    Aligned
+        As many as went in, in their order; those that diverged have a correlation of -1.
+    """
+    schedule = _FIRST if start is None else (_AGAIN if relight else _FURTHER)
+    place, places, theta = _start(frame.lens, patterns, corners_px)
+    if start is not None:
+        theta[:, OFFSET:] = start.theta[:, OFFSET:]
+    boxes, margin, stride, module_px = footprints(
+        frame, patterns, corners_px, theta[:, LOG_SIGMA], side_px=side_px, edges=start is not None
+    )
+    batch = Batch(
+        frame=frame,
+        cells=patterns.cells,
+        rows=rows,
+        theta=theta,
+        place=place,
+        boxes=boxes,
+        margin=margin,
+        stride=stride,
+    )
+    last = model.no_sums(len(rows), patterns.cells)
+    (_descent() if sums_of is None else partial(steps.descend, sums_of))(
+        batch, last, places=places, module_px=module_px, free=np.stack(schedule),
+        damping=_DAMPING if start is not None else _FIRST_DAMPING, stop_px=stop_px, iterations=iterations,
+        guess=start is None,
+    )  # fmt: skip
+    finishing = finish if sums_of is not None else _finishing()
+    corners, cov, figures = finishing(frame, patterns, theta=theta, place=place, sums=last, covariance=covariance)
+    good = np.isfinite(corners).all(axis=(1, 2)) & np.isfinite(cov).all(axis=(1, 2, 3))
+    good &= last.stats[:, 0] > 2 * PARAMETERS
+    return Aligned(
+        rows=rows,
+        corners_px=np.where(good[:, None, None], corners, 0.0),
+        cov_px2=np.where(good[:, None, None, None], cov, 1.0),
+        sigma_px=np.exp(theta[:, LOG_SIGMA]),
+        offset=theta[:, OFFSET],
+        gain=theta[:, GAIN],
+        correlation=np.where(good, figures[:, 0], -1.0),
+        worst_block=figures[:, 1],
+        worst_module=figures[:, 2],
+        noise=figures[:, 3],
+        theta=theta,
+        place=place,
+    )
+
+
+@cache
+def _finishing() -> Callable[..., tuple[Array, Array, Array]]:
+    """Return the compiled end of an alignment where numba is installed, else that in numpy."""
+    try:
+        from boxcal.detect.alignment.numba import finish as compiled  # noqa: PLC0415 - optional and slow to import
+    except ImportError:
+        return finish
+
+    def run(
+        frame: Frame, patterns: Patterns, *, theta: Array, place: Array, sums: Sums, covariance: bool
+    ) -> tuple[Array, Array, Array]:
+        n = len(theta)
+        corners, cov, figures = np.empty((n, 4, 2)), np.zeros((n, 4, 2, 2)), np.empty((n, 4))
+        compiled.finish(
+            frame.lens, patterns.modules, theta, place, sums.normal, sums.stats, sums.blocks, KURTOSIS_PRIOR,
+            covariance, corners, cov, figures,
+        )  # fmt: skip
+        return corners, cov, figures
+
+    return run
+
+
+@cache
+def _descent() -> Callable[..., None]:
+    """Return the compiled steps where numba is installed, else those in numpy."""
+    try:
+        from boxcal.detect.alignment.numba.gauss_newton import descend  # noqa: PLC0415 - optional and slow to import
+    except ImportError:
+        return partial(steps.descend, model.accumulate)
+    limits = np.array([np.log([steps.MIN_SIGMA_PX, steps.MAX_SIGMA_PX]), steps.KURTOSIS_RANGE])
+    held = (steps.LONGEST_MODULES, steps.LONGEST_LOG, steps.MOST_EXPLAINED)
+    return partial(descend, limits=limits, held=held, much=steps.MUCH, prior=KURTOSIS_PRIOR)
+
+
+def footprints(
+    frame: Frame, patterns: Patterns, corners_px: Array, log_sigma: Array, *, side_px: float, edges: bool
+) -> tuple[NDArray[np.int64], Array, NDArray[np.int64], Array]:
+    """Return which pixels of tags to use: boxes (N, 4), margins (N,) and strides (N, 3), and modules' widths (N,), px.
+
+    For the first three see :class:`boxcal.detect.alignment.registration.tag_batch.Batch`. Of the white ring so much
+    may be used as
+    its neighbours' blur does not reach. Of large tags no more pixels are used than one with sides of ``side_px`` has,
+    on a Fibonacci lattice: of m pixels one, in each row shifted by q. Unlike every second row and column it meets a
+    module's edges at all phases, also where they run along the pixels. With ``edges``, of the pixels that an edge blurs
+    all count, or of very large tags every n-th.
+    """
+    m = patterns.modules
+    corners = np.nan_to_num(corners_px)
+    along = corners[:, _NEXT] - corners
+    side = np.hypot(along[..., 0], along[..., 1])
+    blur = np.exp(np.clip(log_sigma, -2, 2)) * m / np.maximum(side.min(axis=1), 1e-3)
+    margin = np.clip(patterns.gap_modules - 2.5 * blur, 0.35, min(MARGIN_MODULES, 0.9 * patterns.gap_modules))
+    centre = corners.mean(axis=1, keepdims=True)
+    grown = centre + (corners - centre) * (1 + 2.2 * margin / m)[:, None, None]
+    boxes = np.empty((len(corners), 2, 2), dtype=np.int64)
+    limit = frame.grey.shape[::-1]
+    boxes[:, :, 0] = np.clip(np.floor(grown.min(axis=1)), 0, limit)
+    boxes[:, :, 1] = np.clip(np.ceil(grown.max(axis=1)) + 1, 0, limit)
+    mean = side.mean(axis=1)
+    at = np.searchsorted(_FIBONACCI, (mean / side_px) ** 2, side="right") - 1
+    at = np.clip(at, 1, len(_FIBONACCI) - 1)
+    stride = np.stack([_FIBONACCI[at], _FIBONACCI[at - 1], np.full(len(at), 1 << 40)], axis=1)
+    if edges:
+        stride[:, 2] = np.clip(mean / EDGE_SIDE_PX, 1, 1000)
+    return boxes.reshape(-1, 4), margin, stride, side.max(axis=1) / m
+
+
+def _start(lens: Array, patterns: Patterns, corners_px: Array) -> tuple[Array, Array, Array]:
+    """Return centres and scales (N, 3), the corners' normalised places (N, 4, 2) and parameters (N, 14)."""
+    place = np.empty((len(corners_px), 3))
+    place[:, :2] = corners_px.mean(axis=1)
+    apart = corners_px - place[:, None, :2]
+    place[:, 2] = 1 / np.maximum(np.hypot(apart[..., 0], apart[..., 1]).max(axis=1), 1.0)
+    places = straighten(lens, place, corners_px)
+    theta = np.zeros((len(corners_px), PARAMETERS))
+    theta[:, :8] = to_square(places, patterns.modules)
+    theta[:, OFFSET], theta[:, GAIN] = 0.2, 0.5
+    theta[:, LOG_SIGMA] = np.log(START_SIGMA_PX)
+    return place, places, theta

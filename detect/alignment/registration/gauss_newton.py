@@ -1,0 +1,91 @@
+"""The Gauss-Newton steps of an alignment, all tags at once; :mod:`boxcal.detect.alignment.numba` takes the same."""
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from boxcal.detect.alignment.registration import image_model as model
+from boxcal.detect.alignment.registration.finish import kurtosis_prior
+from boxcal.detect.alignment.registration.image_model import Sums
+from boxcal.detect.alignment.registration.parameters import KURTOSIS, LOG_SIGMA, PARAMETERS
+from boxcal.detect.alignment.registration.tag_batch import Batch
+from boxcal.detect.alignment.tag_patterns import Array, Index
+
+MIN_SIGMA_PX, MAX_SIGMA_PX = 0.27, 12.0
+KURTOSIS_RANGE = (-1.3, 1.5)
+MUCH = 0.6
+"""A step that explains this share of the squared residuals is not the last."""
+LONGEST_MODULES, LONGEST_LOG, MOST_EXPLAINED = 0.8, 0.35, 0.98
+
+
+def descend(
+    sums_of: Callable[[Batch], Sums],
+    batch: Batch,
+    last: Sums,
+    *,
+    places: Array,
+    module_px: Array,
+    free: NDArray[np.bool_],
+    damping: float,
+    stop_px: float,
+    iterations: int,
+    guess: bool,
+) -> None:
+    """Take steps until each tag stands still; for the arguments see the compiled function of the same name."""
+    theta = batch.theta
+    if guess:
+        model.first_light(batch)
+    active = np.arange(len(batch))
+    for step_no in range(iterations):
+        if len(active) == 0:
+            break
+        sums = sums_of(batch.take(active))
+        step = _step(sums, theta[active], free[min(step_no, len(free) - 1)], damping)
+        stepped = _stepped(theta[active], step)
+        less = _explained(sums, stepped - theta[active])
+        converging = less > MUCH * sums.stats[:, 1]
+        sums.stats[:, 1] -= less
+        _put(last, active, sums)
+        moved = model.apply_h(stepped, places[active]) - model.apply_h(theta[active], places[active])
+        theta[active] = stepped
+        moved_px = np.abs(moved).max(axis=(1, 2)) * module_px[active]
+        if step_no >= len(free) - 1:
+            active = active[~(moved_px < stop_px) | converging]
+
+
+def _explained(sums: Sums, step: Array) -> Array:
+    """Return by how much a step lessens the sums of squared residuals (N,), by the linear model; at most by all."""
+    less = 2 * np.einsum("ni,ni->n", step, sums.gradient) - np.einsum("ni,nij,nj->n", step, sums.normal, step)
+    return np.asarray(np.clip(less, 0, MOST_EXPLAINED * sums.stats[:, 1]))
+
+
+def _put(sums: Sums, at: Index, some: Sums) -> None:
+    for name in Sums.__dataclass_fields__:
+        getattr(sums, name)[at] = getattr(some, name)
+
+
+def _step(sums: Sums, theta: Array, free: NDArray[np.bool_], damping: float) -> Array:
+    normal, gradient = sums.normal.copy(), sums.gradient.copy()
+    prior = kurtosis_prior(sums.stats)
+    normal[:, KURTOSIS, KURTOSIS] += prior
+    gradient[:, KURTOSIS] -= prior * theta[:, KURTOSIS]
+    diagonal = np.einsum("nii->ni", normal)
+    damp = np.where(diagonal > 1e-12, damping * diagonal, 1.0)
+    normal += damp[:, :, None] * np.eye(PARAMETERS)
+    step = np.zeros(gradient.shape)
+    step[:, free] = np.linalg.solve(normal[:, free][:, :, free], gradient[:, free, None])[..., 0]
+    return step
+
+
+def _stepped(theta: Array, step: Array) -> Array:
+    """Return the parameters after a step, held back where it would leave what the model can follow."""
+    step = np.nan_to_num(step, nan=0.0, posinf=0.0, neginf=0.0)
+    reach = np.abs(step[:, [2, 5]]).max(axis=1)
+    held = np.minimum(1.0, LONGEST_MODULES / np.maximum(reach, 1e-12))
+    step[:, :8] *= held[:, None]
+    step[:, LOG_SIGMA] = np.clip(step[:, LOG_SIGMA], -LONGEST_LOG, LONGEST_LOG)
+    new = theta + step
+    new[:, KURTOSIS] = np.clip(new[:, KURTOSIS], *KURTOSIS_RANGE)
+    new[:, LOG_SIGMA] = np.clip(new[:, LOG_SIGMA], np.log(MIN_SIGMA_PX), np.log(MAX_SIGMA_PX))
+    return new

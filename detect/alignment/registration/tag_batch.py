@@ -1,0 +1,86 @@
+"""An image, and some of its tags at their present parameters."""
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from boxcal.detect.alignment.tag_patterns import Array, Index
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Frame:
+    """An image with the way from its pixels to light and to straight lines.
+
+    Attributes
+    ----------
+    grey : (H, W) float32
+        Grey levels, scaled so that 1 is full scale.
+    tone : (K,)
+        Grey level T(m) of light m at ``m = k / (K - 1)``; the identity for a linear camera.
+    lens : (6,)
+        Centre (x, y) px, a1, a2, 1 / radius px and a3, see :mod:`boxcal.detect.alignment.radial_camera`.
+    """
+
+    grey: NDArray[np.float32]
+    tone: Array
+    lens: Array
+
+    @property
+    def linear(self) -> bool:
+        """Whether the tone curve is the identity."""
+        return bool(len(self.tone) == 2 and self.tone[0] == 0 and self.tone[1] == 1)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Batch:
+    """Tags, and which of their pixels count.
+
+    Attributes
+    ----------
+    frame
+        The image.
+    cells : (T, M + 2, M + 2)
+        Patterns of all tags.
+    rows : (N,)
+        Which of them each tag is.
+    theta : (N, 14)
+        Parameters; h maps normalised places, see ``place``, to modules.
+    place : (N, 3)
+        Centre (x, y) px and 1 / scale px: the normalised place of a pixel is ``(chart - centre) / scale``, on the chart
+        about the centre (:mod:`boxcal.detect.alignment.radial_camera`).
+    boxes : (N, 4)
+        Pixels to use: first and last column, first and last row (last exclusive), within the image.
+    margin : (N,)
+        How many modules of the white ring count.
+    stride : (N, 3)
+        ``m, q, n``: of each row use the pixels whose column, counted from ``q row`` modulo m within the box, m
+        divides; and those whose row and column together n divides, if an edge between black and white crosses them.
+    """
+
+    frame: Frame
+    cells: Array
+    rows: Index
+    theta: Array
+    place: Array
+    boxes: NDArray[np.int64]
+    margin: Array
+    stride: NDArray[np.int64]
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    def take(self, at: Index) -> "Batch":
+        """Return some of the tags, copied."""
+        names = ("rows", "theta", "place", "boxes", "margin", "stride")
+        return replace(self, **{name: getattr(self, name)[at] for name in names})
+
+    def arrays_and(self, *more: Any) -> tuple[Any, ...]:
+        """Return all figures as compiled code takes them: the frame's, the tags' in their order, and more."""
+        frame = self.frame
+        return (
+            frame.grey, frame.tone, frame.linear, frame.lens,
+            self.cells, self.rows, self.theta, self.place, self.boxes, self.margin, self.stride,
+            *more,
+        )  # fmt: skip

@@ -1,0 +1,78 @@
+"""Which aligned tags are really there: the picture must resemble the pattern everywhere, not only on the whole."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from boxcal.detect.alignment.registration.align import Aligned
+from boxcal.detect.alignment.tag_patterns import Array, Patterns
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Limits:
+    """What a tag must keep to.
+
+    Attributes
+    ----------
+    correlation
+        Of the picture with the aligned pattern, at least.
+    worst_block
+        Mean residual of two by two modules over the tag's contrast, at most: a finger, a glare.
+    worst_module
+        The same of one module: a wrong bit.
+    gain
+        White less black, share of full scale, at least.
+    blur_modules
+        Deviation of the blur in modules, at most; beyond it, bits melt together.
+    spread_modules
+        Deviation of each corner in modules, at most.
+    """
+
+    correlation: float = 0.92
+    worst_block: float = 0.22
+    worst_module: float = 0.35
+    gain: float = 0.02
+    blur_modules: float = 0.9
+    spread_modules: float = 0.2
+
+    def relaxed(self) -> "Limits":
+        """Return what a tag must keep to before it is aligned on all its pixels under the right tone curve."""
+        return Limits(
+            correlation=self.correlation - 0.05,
+            worst_block=self.worst_block * 1.3,
+            worst_module=self.worst_module * 1.5,
+            gain=self.gain / 2,
+            blur_modules=self.blur_modules * 1.2,
+            spread_modules=self.spread_modules * 2,
+        )
+
+
+def verified(patterns: Patterns, tags: Aligned, limits: Limits) -> NDArray[np.bool_]:
+    """Return which aligned tags (N,) can be believed."""
+    module = module_px(patterns, tags.corners_px)
+    spread = np.sqrt(np.maximum(np.trace(tags.cov_px2, axis1=2, axis2=3), 0)).max(axis=1)
+    return np.asarray(
+        (tags.correlation >= limits.correlation)
+        & (tags.worst_block <= limits.worst_block)
+        & (tags.worst_module <= limits.worst_module)
+        & (tags.gain >= limits.gain)
+        & (tags.sigma_px <= limits.blur_modules * module)
+        & (spread <= limits.spread_modules * module)
+        & convex(tags.corners_px)
+    )
+
+
+def module_px(patterns: Patterns, corners_px: Array) -> Array:
+    """Return how wide a module is seen, (N,) px: the narrower way across the tag."""
+    a, b = corners_px[:, 2] - corners_px[:, 0], corners_px[:, 3] - corners_px[:, 1]
+    area = 0.5 * np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
+    side = np.linalg.norm(corners_px - np.roll(corners_px, -1, axis=1), axis=2).max(axis=1)
+    return np.asarray(area / np.maximum(side, 1e-9) / patterns.modules)
+
+
+def convex(corners_px: Array) -> NDArray[np.bool_]:
+    """Return which quadrilaterals (N, 4, 2) run clockwise as seen, without dents."""
+    along = np.roll(corners_px, -1, axis=1) - corners_px
+    after = np.roll(along, -1, axis=1)
+    return np.asarray(np.all(along[..., 0] * after[..., 1] - along[..., 1] * after[..., 0] > 0, axis=1))

@@ -1,0 +1,57 @@
+"""Images of every kind as grey levels: from 0 to 1 to measure in, and in 8 bits to look for tags."""
+
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from boxcal.detect.errors import DetectError
+
+LEAST_SIDE_PX, MAX_SIDE_PX = 8, 16_384
+
+
+def to_grey(image: NDArray[np.generic], bits: int | None = None) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
+    """Return an image as grey levels 0..1 (H, W) and in 8 bits; ``bits`` is what full scale of uint16 has (16)."""
+    single, full = _single(image, bits)
+    grey = np.multiply(single, np.float32(1 / full), dtype=np.float32)
+    return grey, _eight_bits(single, grey)
+
+
+def to_grey8(image: NDArray[np.generic]) -> NDArray[np.uint8]:
+    """Return an image as grey levels in 8 bits (H, W), as :func:`to_grey` does."""
+    single, full = _single(image, None)
+    if single.dtype == np.uint8:
+        return np.ascontiguousarray(single, dtype=np.uint8)
+    return _eight_bits(single, np.multiply(single, np.float32(1 / full), dtype=np.float32))
+
+
+def _single(image: NDArray[np.generic], bits: int | None) -> tuple[NDArray[Any], float]:
+    """Return the one channel (H, W) of an image, colour mixed to grey, and its full scale."""
+    if image.ndim not in {2, 3} or (image.ndim == 3 and image.shape[2] not in {1, 3, 4}):
+        raise DetectError(f"an image of shape {image.shape}: (H, W) or (H, W, 3) is needed; convert it first")
+    if not all(LEAST_SIDE_PX <= s <= MAX_SIDE_PX for s in image.shape[:2]):
+        raise DetectError(f"an image of {image.shape[1]} x {image.shape[0]} px: 8 to {MAX_SIDE_PX} a side are needed")
+    full = {"uint8": 255.0, "uint16": 2.0 ** (bits or 16) - 1, "float32": 1.0, "float64": 1.0}.get(image.dtype.name)
+    if full is None:
+        raise DetectError(f"an image of type {image.dtype}: uint8, uint16 or float is needed; convert it first")
+    if image.ndim == 2:
+        return image, full
+    if image.shape[2] == 1:
+        return image[..., 0], full
+    return _luma(image.astype(np.float32) if image.dtype == np.float64 else image), full
+
+
+def _eight_bits(single: NDArray[Any], grey: NDArray[np.float32]) -> NDArray[np.uint8]:
+    """Return 8 bits as they are, others stretched to what there is of black and white."""
+    if single.dtype == np.uint8:
+        return np.ascontiguousarray(single, dtype=np.uint8)
+    if not np.isfinite(grey).all():
+        raise DetectError("an image with values that are not finite: numbers from 0 to 1 are needed; convert it first")
+    low, high = np.quantile(grey[::4, ::4], (0.001, 0.999))
+    stretched = (grey - low) * np.float32(255 / max(float(high - low), 1e-6))
+    return np.asarray(np.clip(stretched, 0, 255), dtype=np.uint8)
+
+
+def _luma(image: Any) -> NDArray[np.generic]:
+    return np.asarray(cv2.cvtColor(np.ascontiguousarray(image[..., :3]), cv2.COLOR_BGR2GRAY))

@@ -1,0 +1,1 @@
+"""Reading a robot's log: messages, topics, encoders and camera frames."""

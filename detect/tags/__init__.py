@@ -1,0 +1,1 @@
+"""Tags of one image, and the frames of a stop averaged."""

@@ -1,0 +1,1 @@
+"""Camera models: pixels from points and points from pixels, with Jacobians."""

@@ -1,0 +1,59 @@
+"""Writing results so that a crash or a full disk never leaves half a file."""
+
+import os
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+
+from boxcal.target.errors import TargetError
+
+
+def write_atomically(path: Path, content: bytes) -> None:
+    """Write a file whole or not at all: beside its place first, then renamed over it.
+
+    The folder is made if it is missing. Raises OSError as the file system does.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name[:40]}.")
+    try:
+        with os.fdopen(handle, "wb") as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        umask = os.umask(0)
+        os.umask(umask)
+        Path(name).chmod(0o666 & ~umask)
+        Path(name).replace(path)
+    except BaseException:
+        Path(name).unlink(missing_ok=True)
+        raise
+
+
+def write_together(folder: Path, files: Mapping[str, bytes]) -> None:
+    """Write files so that a full disk leaves none of them half written, nor some without the others.
+
+    Parameters
+    ----------
+    folder
+        Made if it is missing.
+    files
+        By their paths within the folder.
+
+    Raises
+    ------
+    TargetError
+        If a folder stands where a file is to be written.
+    OSError
+        As the file system does.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    for name in files:
+        if (folder / name).is_dir():
+            raise TargetError(f"{folder / name}: is a folder, a file is to be written there; name another FOLDER")
+    with tempfile.TemporaryDirectory(dir=folder, prefix=".make-target.") as staging:
+        for name, content in files.items():
+            write_atomically(Path(staging) / name, content)
+        for name in files:
+            (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        for name in files:
+            (Path(staging) / name).replace(folder / name)

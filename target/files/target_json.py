@@ -1,0 +1,156 @@
+"""The file ``target.json``: a target's figures, landmark table and, if it was measured, its true size."""
+
+import hashlib
+import json
+from dataclasses import asdict, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from boxcal.target.box import Box, Target, make_target
+from boxcal.target.errors import TargetError
+from boxcal.target.files.atomic_write import write_atomically
+from boxcal.target.measure.measured_size import SIZES, Measured
+
+SCHEMA = 1
+MAX_FILE_BYTES = 64 << 20
+CONSISTENT_M = 1e-9
+"""How far a corner in the file may lie from where the file's own figures put it, m (rounding only)."""
+
+
+def target_document(target: Target) -> dict[str, Any]:
+    """Return the content of ``target.json`` for a target; ``measured`` is in it only if the box was measured."""
+    measured = target.measured
+    return {
+        "schema": SCHEMA,
+        "units": "m",
+        "frame": "box: origin at the centre of its base on the floor, z up; faces 0, 1, 2, 3 look along +x, +y, -x, -y",
+        "corner_order": "top-left, top-right, bottom-right, bottom-left, seen from outside with z up",
+        "box": asdict(target.box),
+        **({} if measured is None else {"measured": _measured_document(measured)}),
+        "tags": {
+            str(tag): [[round(float(c), 12) + 0.0 for c in corner] for corner in corners]
+            for tag, corners in zip(target.tag_ids, target.tag_corners, strict=True)
+        },
+    }
+
+
+def target_bytes(target: Target) -> bytes:
+    """Return ``target.json`` as bytes: one tag a line, the same bytes for the same target."""
+    document = target_document(target)
+    tags = document.pop("tags")
+    head = json.dumps(document, indent=2)
+    lines = ",\n".join(f'    "{tag}": {json.dumps(corners)}' for tag, corners in tags.items())
+    return (head[: head.rindex("}")].rstrip() + ',\n  "tags": {\n' + lines + "\n  }\n}\n").encode()
+
+
+def target_sha256(target: Target) -> str:
+    """Return the hash that names a landmark table in results."""
+    return hashlib.sha256(target_bytes(target)).hexdigest()
+
+
+def save_target(target: Target, path: Path) -> None:
+    """Write ``target.json`` (atomically)."""
+    write_atomically(path, target_bytes(target))
+
+
+def load_target(path: Path) -> Target:
+    """Read and check a ``target.json``.
+
+    Raises
+    ------
+    TargetError
+        If the file is missing, is no such file, has another schema, impossible figures, or corners that do not agree
+        with its figures.
+    """
+    name = path.name
+    try:
+        if path.stat().st_size > MAX_FILE_BYTES:
+            raise TargetError(f"{name}: larger than {MAX_FILE_BYTES} bytes; not a target file")
+        document = json.loads(path.read_bytes())
+    except OSError as error:
+        raise TargetError(f"{name}: cannot be read ({error.strerror or error}); make one with make-target") from error
+    except (ValueError, RecursionError) as error:
+        raise TargetError(f"{name}: not JSON ({error}); make a new one with make-target") from error
+    if not isinstance(document, dict) or "schema" not in document or "tags" not in document:
+        raise TargetError(f"{name}: no target description in it; make one with make-target")
+    if document["schema"] != SCHEMA:
+        raise TargetError(
+            f"{name}: schema {document['schema']!r}, this version reads {SCHEMA}; make it again with make-target"
+        )
+    if document.get("units") != "m":
+        raise TargetError(f"{name}: units {document.get('units')!r}, metres ('m') are needed; make it again")
+    box, measured = _box(name, document.get("box")), _measured(name, document.get("measured"))
+    try:
+        target = make_target(box, measured)
+    except TargetError as error:
+        raise TargetError(f"{name}: {error}") from error
+    _check_tags(name, document["tags"], target)
+    return target
+
+
+def _box(name: str, figures: object) -> Box:
+    expected = {f.name: type(f.default) for f in fields(Box)}
+    if not isinstance(figures, dict) or set(figures) != set(expected):
+        raise TargetError(f"{name}: 'box' must hold {', '.join(expected)}; make it again with make-target")
+    for key, kind in expected.items():
+        value = figures[key]
+        fits = isinstance(value, (int, float)) if kind is float else isinstance(value, kind)
+        if isinstance(value, bool) or not fits:
+            raise TargetError(f"{name}: box.{key} is {value!r}, a {kind.__name__} is needed; make it again")
+    try:
+        return Box(**figures)
+    except TargetError as error:
+        raise TargetError(f"{name}: {error}") from error
+    except OverflowError as error:
+        raise TargetError(f"{name}: a figure of 'box' is too large; make it again with make-target") from error
+
+
+def _measured_document(measured: Measured) -> dict[str, Any]:
+    return {name: getattr(measured, name) for name in SIZES} | {"cov_order": list(SIZES), "cov": measured.cov.tolist()}
+
+
+def _measured(name: str, figures: object) -> Measured | None:
+    if figures is None:
+        return None
+    if not isinstance(figures, dict) or set(figures) != {*SIZES, "cov_order", "cov"}:
+        raise TargetError(
+            f"{name}: 'measured' must hold {', '.join(SIZES)}, cov_order, cov; make it again with measure-target"
+        )
+    if figures["cov_order"] != list(SIZES):
+        raise TargetError(f"{name}: measured.cov_order must be {', '.join(SIZES)}; make it again with measure-target")
+    for key in SIZES:
+        if isinstance(figures[key], bool) or not isinstance(figures[key], (int, float)):
+            raise TargetError(f"{name}: measured.{key} is {figures[key]!r}, a float is needed; make it again")
+    try:
+        cov = np.array(figures["cov"], dtype=np.float64)
+        return Measured(cov=cov, **{key: float(figures[key]) for key in SIZES})
+    except TargetError as error:
+        raise TargetError(f"{name}: {error}") from error
+    except (ValueError, TypeError, OverflowError) as error:
+        raise TargetError(
+            f"{name}: measured figures and cov must be numbers; make it again with measure-target"
+        ) from error
+
+
+def _check_tags(name: str, tags: object, target: Target) -> None:
+    wanted = {str(t) for t in target.tag_ids}
+    if not isinstance(tags, dict) or set(tags) != wanted:
+        found = len(tags) if isinstance(tags, dict) else 0
+        raise TargetError(
+            f"{name}: {found} tags, its figures need ids {target.tag_ids[0]} to {target.tag_ids[-1]}; make it again"
+        )
+    try:
+        corners = np.array([tags[str(t)] for t in target.tag_ids], dtype=np.float64)
+    except (ValueError, TypeError, OverflowError) as error:
+        raise TargetError(f"{name}: a tag's corners are not 4 points of 3 numbers; make it again") from error
+    if corners.shape != target.tag_corners.shape:
+        raise TargetError(f"{name}: a tag's corners are not 4 points of 3 numbers; make it again")
+    off = np.abs(corners - target.tag_corners).max(axis=(1, 2))
+    if not np.all(off <= CONSISTENT_M):
+        worst = int(np.argmax(np.nan_to_num(off, nan=np.inf)))
+        raise TargetError(
+            f"{name}: corners of tag {target.tag_ids[worst]} lie {off[worst] * 1e3:.3g} mm from where the file's own "
+            "figures put them; do not edit corners by hand, make it again with make-target"
+        )

@@ -1,0 +1,1 @@
+"""A renderer of the box with exact edges: what a camera sees from any pose."""

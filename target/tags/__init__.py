@@ -1,0 +1,1 @@
+"""AprilTag families: which modules of a tag are black, and their outline."""
