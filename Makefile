@@ -6,6 +6,8 @@ VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 ALL_INSTALLED := $(VENV)/.installed-all
+# The package as it is installed, as links: what the type checker and the import linter read.
+TREE := build/tree
 EXTRAS ?= dev,fast,cad,models-test
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable
 
@@ -21,10 +23,11 @@ demo: $(INSTALLED)
 test: lint
 	$(BIN)/python -m pytest -n 2 --dist worksteal
 
-lint: $(ALL_INSTALLED)
+lint: $(ALL_INSTALLED) $(TREE)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	$(BIN)/mypy
+	cd $(TREE) && $(CURDIR)/$(BIN)/mypy --config-file $(CURDIR)/pyproject.toml
+	cd $(TREE) && PYTHONPATH=. $(CURDIR)/$(BIN)/lint-imports $(CURDIR)/pyproject.toml
 
 format: $(ALL_INSTALLED)
 	$(BIN)/ruff check --fix .
@@ -43,6 +46,12 @@ $(INSTALLED): pyproject.toml constraints.txt
 $(ALL_INSTALLED): $(INSTALLED)
 	$(INSTALL) '.[$(EXTRAS)]'
 	touch $(ALL_INSTALLED)
+
+$(TREE): Makefile
+	mkdir -p $(TREE)/boxcal
+	cd $(TREE)/boxcal && ln -sfn ../../../target target && ln -sfn ../../../detect detect && ln -sfn ../../../calib calib
+	cd $(TREE)/boxcal && for file in __init__.py __main__.py py.typed; do ln -sfn ../../../boxcal/$$file $$file; done
+	touch $(TREE)
 
 clean:
 	rm -rf demo build dist .mypy_cache .ruff_cache .pytest_cache .hypothesis

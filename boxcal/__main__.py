@@ -1,0 +1,1 @@
+"""``python -m boxcal``: all commands under one name."""
