@@ -98,7 +98,7 @@ def test_the_outlines_of_all_tags_of_the_default_box_agree_with_opencv_filling_t
 
 
 def test_importing_patterns_does_not_load_opencv() -> None:
-    code = "import sys, target.patterns; sys.exit('cv2' in sys.modules)"
+    code = "import sys, boxcal.target.tags.families; sys.exit('cv2' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 
