@@ -13,7 +13,7 @@ from scipy.optimize import minimize
 
 from boxcal.calib.geometry.so3_se3 import Array, inverse, planar
 from boxcal.calib.simulate.robot import mount
-from boxcal.detect.correspondences import Correspondences, StopView
+from boxcal.detect.correspondences import Correspondences, StopObservation
 from boxcal.detect.log.wheel_samples import WheelSamples
 from boxcal.target.box import Box, make_target
 from boxcal.target.camera.pinhole import Intrinsics, project
@@ -109,7 +109,7 @@ def carry_camera(run: CapturedRun, rng: np.random.Generator) -> Correspondences:
         T_cam_room = inverse(planar(x - middle[0], y - middle[1], theta) @ T_CAPTURED_CAM)
         ids, uv_px = _seen(p_room @ T_cam_room[:3, :3].T + T_cam_room[:3, 3])
         stops.append(
-            StopView(
+            StopObservation(
                 t_start_ns=int(t_ns[k]),
                 t_end_ns=int(t_ns[k]),
                 first_sample=k,

@@ -20,7 +20,7 @@ from boxcal.calib.likelihood import Estimate, estimate
 from boxcal.calib.simulate.drive import Drive, DriveOptions, exact_correspondences, simulate_drive
 from boxcal.calib.simulate.robot import khepera
 from boxcal.calib.uncertainty.cramer_rao import Truth, errors
-from boxcal.detect.correspondences import Correspondences, StopView
+from boxcal.detect.correspondences import Correspondences, StopObservation
 from boxcal.detect.log.wheel_samples import WheelSamples
 from boxcal.target.box import make_target
 
@@ -93,7 +93,7 @@ def lifted(drive: Drive, rng: np.random.Generator) -> tuple[Correspondences, str
 def wrong_corners(drive: Drive, rng: np.random.Generator) -> tuple[Correspondences, str]:
     """2 % of the corners lie 3 to 30 px off."""
     data = seen(drive, rng)
-    stops: list[StopView] = []
+    stops: list[StopObservation] = []
     for s in data.stops:
         uv = s.uv_px.copy()
         wrong = rng.random(len(uv)) < 0.02

@@ -19,7 +19,7 @@ _STOP_ARRAYS = ("landmark_ids", "p_box", "uv_px", "cov_px2")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class StopView:
+class StopObservation:
     """What the camera saw while the robot stood still once.
 
     Attributes
@@ -105,7 +105,7 @@ class Correspondences:
     robot: str
     image_size: tuple[int, int]
     wheels: WheelSamples
-    stops: tuple[StopView, ...]
+    stops: tuple[StopObservation, ...]
     source: Source = Source()
 
     def __post_init__(self) -> None:
@@ -188,7 +188,7 @@ def load_correspondences(path: Path) -> Correspondences:
                     f"{path.name}: schema {header['schema']!r}, this version reads {SCHEMA}; extract it again"
                 )
             stops = tuple(
-                StopView(**stop, **{name: data[f"stop{j}_{name}"] for name in _STOP_ARRAYS})
+                StopObservation(**stop, **{name: data[f"stop{j}_{name}"] for name in _STOP_ARRAYS})
                 for j, stop in enumerate(header["stops"])
             )
             return Correspondences(

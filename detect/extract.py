@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from boxcal.detect.correspondences import Correspondences, Source, StopView
+from boxcal.detect.correspondences import Correspondences, Source, StopObservation
 from boxcal.detect.errors import DetectError
 from boxcal.detect.image.bit_depth import DEPTHS, eight_bits
 from boxcal.detect.image.log_response import choose_tone
@@ -232,8 +232,8 @@ class _Look:
         return f" of {where}; check that the camera sees the box, in focus and lit, and that this is its target.json"
 
 
-def _view(stop: Stop, sighting: Sighting, cov_px2: Array, target: Target) -> StopView:
-    return StopView(
+def _view(stop: Stop, sighting: Sighting, cov_px2: Array, target: Target) -> StopObservation:
+    return StopObservation(
         t_start_ns=stop.t_start_ns,
         t_end_ns=stop.t_end_ns,
         first_sample=stop.first_sample,

@@ -12,7 +12,7 @@ from boxcal.calib.exports.scene import FULL_SCALE_PX, MAGNIFIED, Images, residua
 from boxcal.calib.geometry.so3_se3 import Array
 from boxcal.calib.results.calibration import Calibration
 from boxcal.calib.results.stop_residuals import SeenStop, stop_label, stops_seen
-from boxcal.detect.correspondences import Correspondences, StopView
+from boxcal.detect.correspondences import Correspondences, StopObservation
 from boxcal.detect.extract import frames_at
 from boxcal.detect.log.messages import Grey
 from boxcal.detect.log.recording import Recording, open_recording
@@ -68,7 +68,7 @@ def draw_stops(
         if log.suffix != ".mcap":
             raise CalibError(f"{log.name}: holds no images, a recording (.mcap) is needed to draw its stops; give that")
         recording = open_recording(log, topics)
-        views: Sequence[StopView | Stop] = (
+        views: Sequence[StopObservation | Stop] = (
             drives[d].stops if calibration else find_stops(recording.wheels, None, recording.encoder_steps)
         )
         for j, view in enumerate(views):
@@ -78,7 +78,7 @@ def draw_stops(
             label = stop_label(d, j, several=len(logs) > 1)
             picture = (
                 paint_stop(frame[1], label, seen.get((d, j)), view.uv_px)
-                if isinstance(view, StopView)
+                if isinstance(view, StopObservation)
                 else _paint_found(frame[1], label, target)
             )
             yield f"{f'drive-{d + 1}-' if len(logs) > 1 else ''}stop-{j + 1:02d}.jpg", jpeg(picture)

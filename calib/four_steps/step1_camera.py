@@ -15,7 +15,7 @@ from boxcal.calib.errors import CalibError
 from boxcal.calib.four_steps.reprojection import move_left, project_with_jacobians, transform
 from boxcal.calib.four_steps.zhang_init import camera_matrix_guesses, face_homographies, planar_groups
 from boxcal.calib.geometry.so3_se3 import Array, rigid
-from boxcal.detect.correspondences import StopView
+from boxcal.detect.correspondences import StopObservation
 from boxcal.target.camera.pinhole import Intrinsics, project
 
 MIN_LANDMARKS = 6
@@ -61,7 +61,7 @@ class CameraStep:
 
 
 def calibrate_camera(
-    stops: tuple[StopView, ...], image_size: tuple[int, int], mode: CameraMode = CameraMode.JOINT
+    stops: tuple[StopObservation, ...], image_size: tuple[int, int], mode: CameraMode = CameraMode.JOINT
 ) -> CameraStep:
     """Return the camera and its poses.
 
@@ -82,7 +82,7 @@ def calibrate_camera(
     return _joint(stops, image_size) if mode is CameraMode.JOINT else _per_stop(stops, image_size)
 
 
-def _joint(stops: tuple[StopView, ...], image_size: tuple[int, int]) -> CameraStep:
+def _joint(stops: tuple[StopObservation, ...], image_size: tuple[int, int]) -> CameraStep:
     kept = tuple(j for j, stop in enumerate(stops) if len(stop.landmark_ids) >= MIN_LANDMARKS)
     notes = tuple(
         f"stop {j + 1}: {len(stop.landmark_ids)} landmarks, {MIN_LANDMARKS} are needed; left out"
@@ -93,7 +93,7 @@ def _joint(stops: tuple[StopView, ...], image_size: tuple[int, int]) -> CameraSt
     return _step(camera, kept, poses, stops, notes)
 
 
-def _per_stop(stops: tuple[StopView, ...], image_size: tuple[int, int]) -> CameraStep:
+def _per_stop(stops: tuple[StopObservation, ...], image_size: tuple[int, int]) -> CameraStep:
     kept, cameras, poses, notes = [], [], [], []
     for j, stop in enumerate(stops):
         faces = sum(len(rows) >= MIN_LANDMARKS for rows in planar_groups(stop.landmark_ids, stop.p_box))
@@ -118,7 +118,7 @@ def _per_stop(stops: tuple[StopView, ...], image_size: tuple[int, int]) -> Camer
 
 
 def _step(
-    camera: Intrinsics, kept: tuple[int, ...], poses: Array, stops: tuple[StopView, ...], notes: tuple[str, ...]
+    camera: Intrinsics, kept: tuple[int, ...], poses: Array, stops: tuple[StopObservation, ...], notes: tuple[str, ...]
 ) -> CameraStep:
     squares = [
         np.sum((project(camera, transform(T, stops[j].p_box)) - stops[j].uv_px) ** 2, axis=1)
@@ -134,7 +134,7 @@ def _step(
     )
 
 
-def _solve(stops: list[StopView], image_size: tuple[int, int]) -> tuple[Intrinsics, Array]:
+def _solve(stops: list[StopObservation], image_size: tuple[int, int]) -> tuple[Intrinsics, Array]:
     """Return the camera and poses (P, 4, 4) that minimise the reprojection error, from scratch."""
     rows = np.unique(np.linspace(0, len(stops) - 1, min(len(stops), _STOPS_FOR_GUESS)).round().astype(int))
     some = [stops[j] for j in rows]
@@ -150,7 +150,7 @@ def _solve(stops: list[StopView], image_size: tuple[int, int]) -> tuple[Intrinsi
     return camera, poses
 
 
-def locate(camera: Intrinsics, stop: StopView) -> Array:
+def locate(camera: Intrinsics, stop: StopObservation) -> Array:
     """Return the camera's pose at one stop, ``T_cam_box`` (4, 4), for known intrinsics (OpenCV's PnP)."""
     dist = np.array([camera.kr, 0.0, 0.0, 0.0])
     flat = np.linalg.svd(stop.p_box - stop.p_box.mean(axis=0), compute_uv=False)[2] < 1e-6
@@ -165,7 +165,9 @@ def locate(camera: Intrinsics, stop: StopView) -> Array:
     return rigid(np.asarray(R, dtype=np.float64), np.ravel(tvecs[best]).astype(np.float64))
 
 
-def minimise_reprojection(camera: Intrinsics, poses: Array, stops: list[StopView]) -> tuple[Intrinsics, Array, float]:
+def minimise_reprojection(
+    camera: Intrinsics, poses: Array, stops: list[StopObservation]
+) -> tuple[Intrinsics, Array, float]:
     """Return the intrinsics, poses (P, 4, 4) and sum of squares (px^2) of the least squares reprojection fit.
 
     Levenberg-Marquardt with the poses eliminated (Schur complement), so that the cost is linear in the stops.
@@ -201,7 +203,7 @@ class _System:
     cost: float
 
 
-def _linearise(camera: Intrinsics, poses: Array, stops: list[StopView]) -> _System:
+def _linearise(camera: Intrinsics, poses: Array, stops: list[StopObservation]) -> _System:
     starts = np.concatenate([[0], np.cumsum([len(stop.landmark_ids) for stop in stops])[:-1]])
     p_cam = np.concatenate([transform(T, stop.p_box) for T, stop in zip(poses, stops, strict=True)])
     uv, d_camera, d_point = project_with_jacobians(camera, p_cam)

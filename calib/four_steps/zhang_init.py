@@ -5,7 +5,7 @@ import numpy as np
 
 from boxcal.calib.errors import CalibError
 from boxcal.calib.geometry.so3_se3 import Array
-from boxcal.detect.correspondences import StopView
+from boxcal.detect.correspondences import StopObservation
 from boxcal.detect.log.wheel_samples import Ids
 
 MIN_POINTS = 8
@@ -40,7 +40,7 @@ def planar_groups(landmark_ids: Ids, p_box: Array) -> list[Ids]:
     return out
 
 
-def face_homographies(stop: StopView) -> list[Array]:
+def face_homographies(stop: StopObservation) -> list[Array]:
     """Return the homographies, (3, 3), from each well seen face (its own plane, m) to the image (px)."""
     out = []
     for rows in planar_groups(stop.landmark_ids, stop.p_box):

@@ -10,7 +10,7 @@ from boxcal.calib.geometry.so3_se3 import Array, inverse
 from boxcal.calib.likelihood.options import EstimateOptions
 from boxcal.calib.likelihood.target_deformation import box_shape
 from boxcal.calib.results.calibration import Calibration, StopResult
-from boxcal.detect.correspondences import Correspondences, StopView
+from boxcal.detect.correspondences import Correspondences, StopObservation
 from boxcal.detect.log.wheel_samples import Ids
 from boxcal.target.box import CORNERS, Target
 from boxcal.target.camera.camera_model import Lens, project_lens
@@ -44,7 +44,7 @@ class SeenStop:
     number: int
     label: str
     result: StopResult
-    view: StopView
+    view: StopObservation
     p_box: Array
     p_cam: Array
     face: Ids
@@ -98,7 +98,7 @@ def stops_seen(calibration: Calibration, drives: Sequence[Correspondences], targ
     return tuple(seen)
 
 
-def _landmarks(calibration: Calibration, target: Target, view: StopView) -> Array:
+def _landmarks(calibration: Calibration, target: Target, view: StopObservation) -> Array:
     """Return a stop's landmarks (L, 3), m, moved by what was estimated of the box' shape."""
     extra = calibration.detail.extra if calibration.detail else {}
     options = EstimateOptions(

@@ -11,7 +11,7 @@ from boxcal.calib.simulate.kinematics import arc_path, slipped, wheel_turns, wit
 from boxcal.calib.simulate.robot import Robot
 from boxcal.calib.simulate.route import KeepOut, route
 from boxcal.calib.simulate.viewpoints import choose_stops, decodable_tags
-from boxcal.detect.correspondences import Correspondences, StopView
+from boxcal.detect.correspondences import Correspondences, StopObservation
 from boxcal.detect.log.wheel_samples import Ids, WheelSamples
 from boxcal.target.box import CORNERS, Target
 from boxcal.target.camera.pinhole import project
@@ -220,7 +220,7 @@ def exact_correspondences(
         if sigma_px > 0 and rng is not None:
             uv_px = uv_px + sigma_px * rng.standard_normal(uv_px.shape)
         stops.append(
-            StopView(
+            StopObservation(
                 t_start_ns=int(t_start),
                 t_end_ns=int(t_end),
                 first_sample=first,

@@ -10,7 +10,7 @@ from boxcal.calib.four_steps.procedure import FourSteps
 from boxcal.calib.geometry.so3_se3 import Array, log_so3
 from boxcal.calib.likelihood import Estimate, EstimateOptions, estimate
 from boxcal.calib.results.diagnostics import ORDER, Growth
-from boxcal.detect.correspondences import Correspondences, StopView
+from boxcal.detect.correspondences import Correspondences, StopObservation
 
 STEPS = 6
 """How many numbers of stops are tried: estimates of all would cost more than the calibration itself."""
@@ -47,7 +47,7 @@ def _counts(stops: int) -> Sequence[int]:
     return [int(c) for c in counts if c < stops]
 
 
-def _first(drive: Correspondences, kept: tuple[int, ...], count: int) -> tuple[StopView, ...]:
+def _first(drive: Correspondences, kept: tuple[int, ...], count: int) -> tuple[StopObservation, ...]:
     return tuple(drive.stops[j] for j in kept[:count])
 
 

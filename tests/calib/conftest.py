@@ -10,7 +10,7 @@ from boxcal.calib.four_steps.step1_camera import CameraStep
 from boxcal.calib.geometry.diff_drive import Legs
 from boxcal.calib.geometry.so3_se3 import Array, exp_so3, inverse, planar, rigid, rot_y, rot_z, wrap
 from boxcal.calib.results.calibration import Wheels
-from boxcal.detect.correspondences import Correspondences, StopView
+from boxcal.detect.correspondences import Correspondences, StopObservation
 from boxcal.detect.log.wheel_samples import WheelSamples
 from boxcal.target.box import make_target
 from boxcal.target.camera.pinhole import Intrinsics, project
@@ -62,7 +62,7 @@ class ExactDrive:
             if rng is not None:
                 uv_px = uv_px + sigma_px * rng.normal(size=uv_px.shape)
             stops.append(
-                StopView(
+                StopObservation(
                     t_start_ns=end * 20_000_000,
                     t_end_ns=end * 20_000_000,
                     first_sample=end,
