@@ -87,8 +87,10 @@ def _check_one_robot(job: Job, steps: Sequence[FourSteps]) -> None:
         ):
             if abs(found / first - 1) > limit:
                 raise CalibError(
-                    f"{log.name}: not drives of one robot with one lens setting: {what} {found:.4g}, "
-                    f"{job.logs[0].name} has {first:.4g}; leave it out or calibrate each by itself"
+                    f"not drives of one robot with one lens setting: {what} {found:.4g}, "
+                    f"{job.logs[0].name} has {first:.4g}",
+                    source=log.name,
+                    remedy="leave it out or calibrate each by itself",
                 )
 
 
@@ -120,7 +122,8 @@ def placed(drive: Correspondences, target: Target) -> Correspondences:
         stops = tuple(replace(stop, p_box=target.p_box(stop.landmark_ids)) for stop in drive.stops)
     except KeyError as error:
         raise CalibError(
-            f"tag {error} was seen, the target does not carry it; give the target.json that the log was read with"
+            f"tag {error} was seen, the target does not carry it",
+            remedy="give the target.json that the log was read with",
         ) from error
     return replace(drive, stops=stops, source=replace(drive.source, target_sha256=target_sha256(target)))
 

@@ -1,8 +1,7 @@
 """Errors of the calib package."""
 
+from boxcal.target.errors import BoxcalError
 
-class CalibError(ValueError):
-    """A drive that does not determine the calibration, or a result that cannot be read.
 
-    The message says what was found, what was needed and what to do.
-    """
+class CalibError(BoxcalError):
+    """A drive that does not determine the calibration, or a result that cannot be read."""

@@ -146,7 +146,7 @@ def robot_name(log: Path) -> str:
     """
     name = log.parent.name if log.name == f"correspondences{CORRESPONDENCES}" else log.stem
     if name in {"", ".", ".."} or not name.isprintable():
-        raise CalibError(f"{log.name!r}: no name for a robot can be made of it; rename the file")
+        raise CalibError(f"{log.name!r}: no name for a robot can be made of it", remedy="rename the file")
     return name
 
 

@@ -1,8 +1,7 @@
 """Errors of the detect package."""
 
+from boxcal.target.errors import BoxcalError
 
-class DetectError(ValueError):
-    """A log, an image or a correspondence file that cannot be used.
 
-    The message says which input, what was found, what was needed and what to do.
-    """
+class DetectError(BoxcalError):
+    """A log, or images in it, that cannot be used."""

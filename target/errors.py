@@ -1,8 +1,34 @@
-"""Errors of the target package."""
+"""Errors of the target package, and what the errors of all packages have in common."""
+
+from typing import Self
 
 
-class TargetError(ValueError):
-    """A box, a target file or a sheet that cannot be made or read.
+class BoxcalError(ValueError):
+    """An input that cannot be used, said in one line: **which input: found, needed; what to do**.
 
-    The message says which input, what was found, what was needed and what to do.
+    Parameters
+    ----------
+    found
+        What was found.
+    source
+        Which input: a file (name or path), a topic, an option.
+    needed
+        What was needed, where what was found does not say it.
+    remedy
+        What to do, without a full stop.
     """
+
+    def __init__(self, found: str, *, source: object = "", needed: str = "", remedy: str = "") -> None:
+        self.found, self.source, self.needed, self.remedy = found, str(source), needed, remedy
+        text = f"{found}, {needed}" if needed else found
+        text = f"{text}; {remedy}" if remedy else text
+        super().__init__(f"{self.source}: {text}" if self.source else text)
+
+    def of(self, source: str) -> Self:
+        """Return the same error, said of an input that whoever raised it did not know."""
+        inner = f"{source}: {self.source}" if self.source else source
+        return type(self)(self.found, source=inner, needed=self.needed, remedy=self.remedy)
+
+
+class TargetError(BoxcalError):
+    """A box, a target file or a sheet that cannot be made or read."""

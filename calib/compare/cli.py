@@ -56,7 +56,8 @@ def _run(args: argparse.Namespace) -> int:
         if a.robot != b.robot and not args.any_robot:
             raise CalibError(
                 f"{args.a} is of robot {printable(a.robot)}, {args.b} of {printable(b.robot)}: two calibrations of one "
-                "robot are needed; give --any-robot if they are one"
+                "robot are needed",
+                remedy="give --any-robot if they are one",
             )
         found = difference(a, b)
     except CalibError as error:

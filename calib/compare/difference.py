@@ -87,12 +87,14 @@ def difference(a: Calibration, b: Calibration) -> Difference:
     """
     if a.image_size != b.image_size:
         sizes = " and ".join(f"{w} x {h}" for w, h in (a.image_size, b.image_size))
-        raise CalibError(f"images of {sizes} px, one size is needed; calibrate both with one camera mode")
+        raise CalibError(f"images of {sizes} px, one size is needed", remedy="calibrate both with one camera mode")
     if lens_of(a)[0] != lens_of(b)[0]:
-        raise CalibError(f"lens models {lens_of(a)[0]} and {lens_of(b)[0]}, one is needed; calibrate both with one")
+        raise CalibError(
+            f"lens models {lens_of(a)[0]} and {lens_of(b)[0]}, one is needed", remedy="calibrate both with one"
+        )
     for which, c in (("A", a), ("B", b)):
         if min(c.wheels.rR, c.wheels.rL, c.wheels.b, c.camera.fu, c.camera.fv) <= 0:
-            raise CalibError(f"calibration {which} has a length that is not positive; calibrate again")
+            raise CalibError(f"calibration {which} has a length that is not positive", remedy="calibrate again")
     values, ground = parameter_difference(a, b), ground_difference(a, b)
     missing = [which for which, c in (("A", a), ("B", b)) if c.detail is None]
     if a.detail is None or b.detail is None:
@@ -100,7 +102,7 @@ def difference(a: Calibration, b: Calibration) -> Difference:
         return Difference(values=values, sigma=None, chi2=None, dof=0, p_value=None, why_not=why_not, ground=ground)
     cov = a.detail.covariance.matrix + b.detail.covariance.matrix
     if not np.all(np.diag(cov) > 0):
-        raise CalibError("a covariance holds variances that are not positive; calibrate again")
+        raise CalibError("a covariance holds variances that are not positive", remedy="calibrate again")
     sigma = np.sqrt(np.diag(cov))
     shared = set(_logs(a)) & set(_logs(b))
     why_not = "both were calibrated from the same log, so their errors are not independent" if shared else ""
@@ -186,10 +188,10 @@ def _chi_square(values: Array, cov: Array) -> tuple[float, int]:
     scale = np.sqrt(np.diag(C))
     correlation = C / np.outer(scale, scale)
     if not np.all(np.isfinite(correlation)):
-        raise CalibError("a covariance has gaps between parameters that it determines; calibrate again")
+        raise CalibError("a covariance has gaps between parameters that it determines", remedy="calibrate again")
     variance, axes = np.linalg.eigh((correlation + correlation.T) / 2)
     if variance[0] < -_SINGULAR:
-        raise CalibError("a covariance has a direction of negative variance; calibrate again")
+        raise CalibError("a covariance has a direction of negative variance", remedy="calibrate again")
     kept = variance > _SINGULAR
     along = axes.T @ (d / scale)
     return float(np.sum(along[kept] ** 2 / variance[kept])), int(np.sum(kept))

@@ -79,7 +79,9 @@ def load_truth(path: Path) -> Truth:
     """
     try:
         if path.stat().st_size > MAX_FILE_BYTES:
-            raise CalibError(f"{path.name}: larger than {MAX_FILE_BYTES} bytes; not a truth file")
+            raise CalibError(
+                f"larger than {MAX_FILE_BYTES} bytes, no truth file is", source=path.name, remedy="leave out --truth"
+            )
         document: dict[str, Any] = json.loads(path.read_bytes())
         camera = {name: float(document["camera"][name]) for name in ("fu", "fv", "cu", "cv", "kr")}
         T = np.array(document["T_vehicle_camera"], dtype=np.float64)
@@ -91,9 +93,11 @@ def load_truth(path: Path) -> Truth:
             T_body_cam=T,
         )
     except OSError as error:
-        raise CalibError(f"{path.name}: cannot be read ({error.strerror or error}); leave out --truth") from error
+        raise CalibError(
+            f"cannot be read ({error.strerror or error})", source=path.name, remedy="leave out --truth"
+        ) from error
     except (ValueError, KeyError, TypeError, RecursionError) as error:
-        raise CalibError(f"{path.name}: not a truth file ({error!r}); leave out --truth") from error
+        raise CalibError(f"not a truth file ({error!r})", source=path.name, remedy="leave out --truth") from error
 
 
 def compare(result: Calibration, truth: Truth) -> Errors:

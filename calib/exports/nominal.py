@@ -47,16 +47,21 @@ def load_nominal(path: Path) -> Nominal:
         size = path.stat().st_size
         if size > limit:
             raise CalibError(
-                f"{path.name}: {size} bytes, at most {limit} are read; give wheel_radius and "
-                "wheel_separation in a YAML file of their own"
+                f"{size} bytes, at most {limit} are read",
+                source=path.name,
+                remedy="give wheel_radius and wheel_separation in a YAML file of their own",
             )
         content = path.read_bytes()
     except OSError as error:
-        raise CalibError(f"{path.name}: cannot be read ({error.strerror or error}); check --nominal") from error
+        raise CalibError(
+            f"cannot be read ({error.strerror or error})", source=path.name, remedy="check --nominal"
+        ) from error
     radius, separation = urdf_wheels(content, path.name) if urdf else _yaml_wheels(content, path.name)
     for name, value in (("wheel_radius", radius), ("wheel_separation", separation)):
         if not (math.isfinite(value) and 0 < value < 100):
-            raise CalibError(f"{path.name}: {name} is {value:g}, a positive number of metres is needed; correct it")
+            raise CalibError(
+                f"{name} is {value:g}, a positive number of metres is needed", source=path.name, remedy="correct it"
+            )
     return Nominal(wheel_radius=radius, wheel_separation=separation, source=path.name)
 
 
@@ -72,12 +77,14 @@ def _yaml_wheels(content: bytes, name: str) -> tuple[float, float]:
             depth += isinstance(event, CollectionStartEvent) - isinstance(event, CollectionEndEvent)
             if isinstance(event, AliasEvent) or depth > _MAX_DEPTH:
                 raise CalibError(
-                    f"{name}: nested deeply or with YAML aliases, which are not read; write the values out"
+                    "nested deeply or with YAML aliases, which are not read", source=name, remedy="write the values out"
                 )
         document = yaml.load(content)
     except (YAMLError, ValueError, RecursionError, TypeError) as error:
         line = str(error).splitlines()[0] if str(error) else type(error).__name__
-        raise CalibError(f"{name}: not YAML ({line}); give wheel_radius and wheel_separation, in metres") from error
+        raise CalibError(
+            f"not YAML ({line})", source=name, remedy="give wheel_radius and wheel_separation, in metres"
+        ) from error
     pairs = {
         (_metres(m["wheel_radius"], name), _metres(m["wheel_separation"], name))
         for m in _mappings(document)
@@ -85,7 +92,9 @@ def _yaml_wheels(content: bytes, name: str) -> tuple[float, float]:
     }
     if len(pairs) != 1:
         found = "no wheel_radius with a wheel_separation" if not pairs else f"{len(pairs)} different pairs of them"
-        raise CalibError(f"{name}: {found}, one of each side by side is needed; give a file with just these two")
+        raise CalibError(
+            f"{found}, one of each side by side is needed", source=name, remedy="give a file with just these two"
+        )
     return pairs.pop()
 
 
@@ -103,8 +112,8 @@ def _mappings(document: object) -> Iterator[dict[object, object]]:
 
 def _metres(value: object, name: str) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float):
-        raise CalibError(f"{name}: {str(value)[:40]!r} is no number, metres are needed; correct it")
+        raise CalibError(f"{str(value)[:40]!r} is no number, metres are needed", source=name, remedy="correct it")
     try:
         return float(value)
     except OverflowError as error:
-        raise CalibError(f"{name}: a length of over 1e308 m; correct it") from error
+        raise CalibError("a length of over 1e308 m", source=name, remedy="correct it") from error

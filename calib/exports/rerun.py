@@ -38,7 +38,7 @@ def rerun_recording(scene: Scene, images: Images) -> bytes:
         rr = import_module("rerun")
     except ImportError as error:
         raise CalibError(
-            "the rerun package is not installed; pip install 'boxcal[rerun]' or leave out --rerun"
+            "the rerun package is not installed", remedy="pip install 'boxcal[rerun]' or leave out --rerun"
         ) from error
     stream = rr.RecordingStream("boxcal", recording_id=f"boxcal-{secrets.token_hex(8)}")
     memory = stream.memory_recording()

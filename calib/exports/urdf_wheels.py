@@ -39,26 +39,29 @@ def urdf_wheels(content: bytes, name: str) -> tuple[float, float]:
         if len(found) != 1:
             turning = [n for n, j in joints.items() if j.get("type") == "continuous"]
             raise CalibError(
-                f"{name}: {len(found)} {side} wheel joints (continuous joints: {listed(turning)}), one is needed; "
-                f"{_REMEDY}"
+                f"{len(found)} {side} wheel joints (continuous joints: {listed(turning)}), one is needed",
+                source=name,
+                remedy=_REMEDY,
             )
         wheels[side] = joints[found[0]]
     radii = [_radius(root, _link(wheels[side], "child"), name) for side in ("left", "right")]
     if abs(radii[0] - radii[1]) > _SAME:
         raise CalibError(
-            f"{name}: wheels of radius {radii[0]:g} and {radii[1]:g} m, one nominal radius is needed; {_REMEDY}"
+            f"wheels of radius {radii[0]:g} and {radii[1]:g} m, one nominal radius is needed",
+            source=name,
+            remedy=_REMEDY,
         )
     T_left, T_right = (_pose(wheels[side], by_child, name) for side in ("left", "right"))
     axis = _triple(_attribute(wheels["right"], "axis", "xyz"), (1.0, 0.0, 0.0), name)
     if not np.linalg.norm(axis) > 0:
-        raise CalibError(f"{name}: the right wheel's axis has no length; {_REMEDY}")
+        raise CalibError("the right wheel's axis has no length", source=name, remedy=_REMEDY)
     axis = T_right[:3, :3] @ axis / np.linalg.norm(axis)
     return radii[1], float(abs(axis @ (T_left[:3, 3] - T_right[:3, 3])))
 
 
 def _parse(content: bytes, name: str) -> ET.Element:
     def refuse(*_: object) -> None:
-        raise CalibError(f"{name}: declares a document type, a plain URDF is needed; {_REMEDY}")
+        raise CalibError("declares a document type, a plain URDF is needed", source=name, remedy=_REMEDY)
 
     scout = expat.ParserCreate()
     scout.StartDoctypeDeclHandler = refuse
@@ -66,11 +69,11 @@ def _parse(content: bytes, name: str) -> ET.Element:
         scout.Parse(content, True)
         root = ET.fromstring(content)  # noqa: S314  (no document type, so no entities: checked above)
     except (expat.ExpatError, ET.ParseError, ValueError, LookupError) as error:
-        raise CalibError(f"{name}: not a whole URDF ({error}); {_REMEDY}") from error
+        raise CalibError(f"not a whole URDF ({error})", source=name, remedy=_REMEDY) from error
     if any(str(element.tag).startswith(_XACRO) for element in root.iter()):
-        raise CalibError(f"{name}: holds xacro macros, a plain URDF is needed; expand it with xacro first")
+        raise CalibError("holds xacro macros, a plain URDF is needed", source=name, remedy="expand it with xacro first")
     if root.tag != "robot":
-        raise CalibError(f"{name}: its root is {printable(root.tag)}, robot is needed; {_REMEDY}")
+        raise CalibError(f"its root is {printable(root.tag)}, robot is needed", source=name, remedy=_REMEDY)
     return root
 
 
@@ -82,7 +85,11 @@ def _radius(root: ET.Element, link: str, name: str) -> float:
                     found = element.find(f"{kind}/geometry/{shape}")
                     if found is not None:
                         return _number(found.get("radius", ""), name)
-    raise CalibError(f"{name}: link {printable(link)} has no cylinder or sphere, a wheel's radius is needed; {_REMEDY}")
+    raise CalibError(
+        f"link {printable(link)} has no cylinder or sphere, a wheel's radius is needed",
+        source=name,
+        remedy=_REMEDY,
+    )
 
 
 def _pose(joint: ET.Element, by_child: dict[str, ET.Element], name: str) -> Array:
@@ -94,7 +101,7 @@ def _pose(joint: ET.Element, by_child: dict[str, ET.Element], name: str) -> Arra
             return T
         joint = above
         T = _origin(joint, name) @ T
-    raise CalibError(f"{name}: its joints form a ring, a tree is needed; {_REMEDY}")
+    raise CalibError("its joints form a ring, a tree is needed", source=name, remedy=_REMEDY)
 
 
 def _origin(joint: ET.Element, name: str) -> Array:
@@ -116,7 +123,7 @@ def _link(joint: ET.Element, end: str) -> str:
 def _triple(text: str | None, default: Iterable[float], name: str) -> Array:
     values = list(default) if text is None else [_number(word, name) for word in text.split()[:4]]
     if len(values) != 3:
-        raise CalibError(f"{name}: {printable(text or '')!r} are not three numbers; {_REMEDY}")
+        raise CalibError(f"{printable(text or '')!r} are not three numbers", source=name, remedy=_REMEDY)
     return np.array(values)
 
 
@@ -127,5 +134,5 @@ def _number(text: str, name: str) -> float:
         value = math.nan
     if not math.isfinite(value):
         hint = "expand it with xacro first" if "$" in text else _REMEDY
-        raise CalibError(f"{name}: {printable(text)!r} is no number; {hint}")
+        raise CalibError(f"{printable(text)!r} is no number", source=name, remedy=hint)
     return value

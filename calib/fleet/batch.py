@@ -49,7 +49,7 @@ def calibrate_robot(job: Job, progress: Callable[[str], None] | None = None) -> 
     try:
         result = solve(job, drives)
     except CalibError as error:
-        raise CalibError(f"{listed(job.logs)}: {error}") from error
+        raise error.of(listed(job.logs)) from error
     judged = judge(result, drives, job.target)
     if job.out is not None:
         folder = job.out / job.robot
@@ -87,7 +87,7 @@ def read_drive(log: Path, job: Job, progress: Callable[[str], None] | None = Non
         try:
             return placed(load_correspondences(log), job.target)
         except CalibError as error:
-            raise CalibError(f"{log.name}: {error}") from error
+            raise error.of(log.name) from error
     settings = ExtractSettings(bits=job.settings.bits)
     return extract(log, job.target, topics=job.settings.topics, settings=settings, progress=progress)
 
@@ -107,11 +107,14 @@ def check_folder(out: Path, target: Target) -> None:
     try:
         found = str(json.loads(content)["target"])
     except (ValueError, KeyError, TypeError, RecursionError) as error:
-        raise CalibError(f"{out / FLEET}: not what fleet-calibrate writes; give another folder with --out") from error
+        raise CalibError(
+            "not what fleet-calibrate writes", source=out / FLEET, remedy="give another folder with --out"
+        ) from error
     if found != target_sha256(target):
         raise CalibError(
-            f"{out}: holds the results of a fleet with another target ({found[:8]}, now {target_sha256(target)[:8]}); "
-            "give another folder with --out"
+            f"holds the results of a fleet with another target ({found[:8]}, now {target_sha256(target)[:8]})",
+            source=out,
+            remedy="give another folder with --out",
         )
 
 

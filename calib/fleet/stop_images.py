@@ -66,7 +66,9 @@ def draw_stops(
     seen = {(s.drive, s.number): s for s in stops_seen(calibration, drives, target)} if calibration else {}
     for d, log in enumerate(logs):
         if log.suffix != ".mcap":
-            raise CalibError(f"{log.name}: holds no images, a recording (.mcap) is needed to draw its stops; give that")
+            raise CalibError(
+                "holds no images, a recording (.mcap) is needed to draw its stops", source=log.name, remedy="give that"
+            )
         recording = open_recording(log, topics)
         views: Sequence[StopObservation | Stop] = (
             drives[d].stops if calibration else find_stops(recording.wheels, None, recording.encoder_steps)

@@ -38,7 +38,7 @@ def page(template: str, *, scripts: tuple[str, ...], data: Mapping[str, Any], **
     try:
         import jinja2  # noqa: PLC0415  an extra: only who asks for a report needs it
     except ImportError as error:
-        raise CalibError("the report needs jinja2; install it with: pip install 'boxcal[report]'") from error
+        raise CalibError("the report needs jinja2", remedy="install it with: pip install 'boxcal[report]'") from error
     static = resources.files("boxcal.calib.report") / "static"
     css = (static / "style.css").read_text(encoding="utf-8")
     js = "\n".join((static / name).read_text(encoding="utf-8") for name in scripts)

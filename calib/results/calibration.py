@@ -211,16 +211,20 @@ def load_calibration(path: Path) -> Calibration:
     """
     try:
         if path.stat().st_size > MAX_FILE_BYTES:
-            raise CalibError(f"{path}: larger than {MAX_FILE_BYTES} bytes; not a calibration")
+            raise CalibError(
+                f"larger than {MAX_FILE_BYTES} bytes, no calibration is", source=path, remedy="check the path"
+            )
         document = json.loads(path.read_bytes())
     except OSError as error:
-        raise CalibError(f"{path}: cannot be read ({error.strerror or error})") from error
+        raise CalibError(f"cannot be read ({error.strerror or error})", source=path) from error
     except (ValueError, RecursionError) as error:
-        raise CalibError(f"{path}: not a whole JSON file ({error}); calibrate again") from error
+        raise CalibError(f"not a whole JSON file ({error})", source=path, remedy="calibrate again") from error
     if not isinstance(document, dict) or "schema" not in document:
-        raise CalibError(f"{path}: no calibration in it; calibrate again")
+        raise CalibError("no calibration in it", source=path, remedy="calibrate again")
     if document["schema"] != SCHEMA:
-        raise CalibError(f"{path}: schema {document['schema']!r}, this version reads {SCHEMA}; calibrate again")
+        raise CalibError(
+            f"schema {document['schema']!r}, this version reads {SCHEMA}", source=path, remedy="calibrate again"
+        )
     try:
         return Calibration(
             robot=str(document["robot"]),
@@ -236,7 +240,7 @@ def load_calibration(path: Path) -> Calibration:
             detail=read_detail(document),
         )
     except (KeyError, TypeError, ValueError, AttributeError, IndexError) as error:
-        raise CalibError(f"{path}: not a calibration ({error!r}); calibrate again") from error
+        raise CalibError(f"not a calibration ({error!r})", source=path, remedy="calibrate again") from error
 
 
 def _number(value: object) -> float:
