@@ -50,7 +50,7 @@ $(ALL_INSTALLED): $(INSTALLED)
 $(TREE): Makefile
 	mkdir -p $(TREE)/boxcal
 	cd $(TREE)/boxcal && ln -sfn ../../../target target && ln -sfn ../../../detect detect && ln -sfn ../../../calib calib
-	cd $(TREE)/boxcal && for file in __init__.py __main__.py py.typed; do ln -sfn ../../../boxcal/$$file $$file; done
+	cd $(TREE)/boxcal && for file in ../../../boxcal/*.py ../../../boxcal/py.typed; do ln -sfn $$file .; done
 	touch $(TREE)
 
 clean:

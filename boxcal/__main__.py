@@ -1,1 +1,69 @@
-"""``python -m boxcal``: all commands under one name."""
+"""The command ``boxcal``: all commands under one name, also as ``python -m boxcal``."""
+
+import sys
+from collections.abc import Sequence
+from importlib import import_module
+from typing import Protocol, cast
+
+from boxcal.command_line import CommandParser, did_you_mean
+
+COMMANDS = {
+    "make-target": ("boxcal.target.cli", "print files, landmark table and models of a box"),
+    "measure-target": ("boxcal.target.measure.cli", "correct the landmark table by what a ruler reads on the box"),
+    "detect-tags": ("boxcal.detect.cli", "find the box's tags in pictures"),
+    "fleet-calibrate": ("boxcal.calib.cli", "calibrate robots from their logs"),
+    "compare-calibrations": ("boxcal.calib.compare.cli", "tell whether two calibrations of a robot differ"),
+    "simulate-fleet": ("boxcal.calib.simulate.cli", "drive simulated robots around the box and write their logs"),
+}
+"""Module and summary of each command, by the name under which it is installed."""
+SHORT = {
+    "calibrate": "fleet-calibrate",
+    "compare": "compare-calibrations",
+    "simulate": "simulate-fleet",
+    "detect": "detect-tags",
+}
+"""Shorter names that ``boxcal`` also takes."""
+
+
+class _Command(Protocol):
+    def main(self, argv: Sequence[str] | None = None) -> int:
+        """Run the command; return its exit status."""
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run ``boxcal COMMAND ...``; return the command's exit status (2 for no or an unknown command)."""
+    words = list(sys.argv[1:] if argv is None else argv)
+    parser = _parser()
+    if not words:
+        parser.print_help()
+        return 2
+    if words[0] == "help":
+        words = [*words[1:2], "--help"]
+    if words[0].startswith("-"):
+        parser.parse_args(words[:1])
+    name = SHORT.get(words[0], words[0])
+    if name not in COMMANDS:
+        hint = did_you_mean(words[0], [*COMMANDS, *SHORT])
+        parser.error(f"unknown command {words[0]!r}; {hint or 'boxcal --help lists them'}")
+    command = cast("_Command", import_module(COMMANDS[name][0]))
+    return command.main(words[1:])
+
+
+def _parser() -> CommandParser:
+    short = {name: alias for alias, name in SHORT.items()}
+    rows = [(f"{short[name]}, {name}" if name in short else name, summary) for name, (_, summary) in COMMANDS.items()]
+    width = max(len(names) for names, _ in rows)
+    return CommandParser(
+        "boxcal",
+        usage="boxcal COMMAND [arguments]",
+        description="Calibrate every robot of a team from one AprilTag box and each robot's log.\n\n"
+        "commands:\n" + "\n".join(f"  {names:<{width}}  {summary}" for names, summary in rows),
+        epilog="example:\n"
+        "  boxcal make-target box\n"
+        "  boxcal calibrate robots/*.mcap --target box/target.json\n\n"
+        "Each command is also installed under its own name. boxcal COMMAND --help says more about it.",
+    )
+
+
+if __name__ == "__main__":
+    sys.exit(main())

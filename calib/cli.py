@@ -8,6 +8,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from boxcal.command_line import CommandParser
+
 if TYPE_CHECKING:
     from boxcal.calib.settings import Outcome, Settings
     from boxcal.target.box import Target
@@ -38,13 +40,11 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="fleet-calibrate",
+    parser = CommandParser(
+        "fleet-calibrate",
         usage="fleet-calibrate LOG [LOG ...] [options]",
         description="Calibrate the camera, the wheels and the camera's mounting of every robot from its log.",
         epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-        allow_abbrev=False,
     )
     parser.add_argument(
         "logs", nargs="+", type=Path, metavar="LOG", help="recording (.mcap), or correspondences saved before (.npz)"
@@ -110,21 +110,7 @@ def _parser() -> argparse.ArgumentParser:
     model.add_argument("--slip-mm", type=_size, metavar="MM", help="of a wheel per root metre; estimated if not given")
     parser.add_argument("--jobs", type=_positive, metavar="N", help="robots worked on at once (as many as cores)")
     parser.add_argument("--quiet", action="store_true", help="no progress, only results and errors")
-    parser.add_argument("--version", action=_Version)
     return parser
-
-
-class _Version(argparse.Action):
-    """Prints the version; looked up only when asked for."""
-
-    def __init__(self, option_strings: Sequence[str], dest: str) -> None:
-        super().__init__(option_strings, dest, nargs=0, help="print the version and leave")
-
-    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
-        from importlib.metadata import version
-
-        print(f"boxcal {version('boxcal')}")
-        parser.exit()
 
 
 def _positive(text: str) -> int:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from boxcal.command_line import CommandParser
 from boxcal.detect.errors import DetectError
 from boxcal.target.errors import TargetError
 from boxcal.target.files.atomic_write import write_atomically
@@ -45,10 +46,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="detect-tags",
-        allow_abbrev=False,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+    parser = CommandParser(
+        "detect-tags",
         description="example:\n"
         "  detect-tags photo.jpg                      the default box: how many tags, how sharp, how sure\n"
         "  detect-tags *.png --target box/target.json --draw seen --json corners.json\n\n"

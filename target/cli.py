@@ -8,6 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from boxcal.command_line import CommandParser
 from boxcal.target.errors import TargetError
 from boxcal.target.files.atomic_write import write_together
 from boxcal.target.models.products import missing_modules, products
@@ -63,10 +64,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _parser() -> argparse.ArgumentParser:
     figures = PRESETS["default"].figures
-    parser = argparse.ArgumentParser(
-        prog="make-target",
-        allow_abbrev=False,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+    parser = CommandParser(
+        "make-target",
         description="example:\n"
         "  make-target box            the default box: box/target.json, sheets and guide on A4 and US Letter\n"
         "  make-target small --width 120 --depth 120 --height 120 --columns 3 --rows 3 --paper a4\n"

@@ -7,9 +7,13 @@ import subprocess
 import sys
 import tomllib
 import venv
+from importlib import import_module
 from pathlib import Path
 
 import pytest
+
+import boxcal
+import boxcal.__main__ as umbrella
 
 ROOT = Path(__file__).resolve().parents[1]
 PARTS = ("target", "detect", "calib")
@@ -71,6 +75,46 @@ def test_help_is_answered_without_heavy_imports(script: str) -> None:
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT, check=False)
     assert done.returncode == 0, done.stderr
     assert "example" in done.stdout
+
+
+@pytest.mark.parametrize("script", _scripts())
+def test_every_command_tells_its_version(script: str, capsys: pytest.CaptureFixture[str]) -> None:
+    command = import_module(_scripts()[script].split(":")[0])
+    with pytest.raises(SystemExit) as leave:
+        command.main(["--version"])
+    assert not leave.value.code
+    assert capsys.readouterr().out == f"boxcal {boxcal.__version__}\n"
+
+
+def test_the_umbrella_runs_every_installed_command_and_its_short_names(capsys: pytest.CaptureFixture[str]) -> None:
+    assert set(umbrella.COMMANDS) == set(_scripts()) - {"boxcal"}
+    assert set(umbrella.SHORT.values()) <= set(umbrella.COMMANDS)
+    for name in [*umbrella.COMMANDS, *umbrella.SHORT]:
+        script = umbrella.SHORT.get(name, name)
+        assert _scripts()[script] == f"{umbrella.COMMANDS[script][0]}:main"
+        with pytest.raises(SystemExit) as leave:
+            umbrella.main(["help", name])
+        assert not leave.value.code
+        assert f"usage: {script}" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("words", "meant"),
+    [
+        (["calibrat"], "did you mean calibrate?"),
+        (["make-targets"], "did you mean make-target?"),
+        (["calibrate", "a.mcap", "--sameroot"], "did you mean --same-robot?"),
+        (["simulate", "robots", "--slipp=0.1"], "did you mean --slip?"),
+        (["detect", "a.png", "--tone", "sgrb"], "did you mean srgb?"),
+    ],
+)
+def test_mistyped_words_are_answered_with_the_one_that_was_meant(
+    words: list[str], meant: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as leave:
+        umbrella.main(words)
+    assert leave.value.code == 2
+    assert meant in capsys.readouterr().err
 
 
 @pytest.mark.slow

@@ -5,6 +5,8 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from boxcal.command_line import CommandParser
+
 _EPILOG = """\
 example:
   compare-calibrations monday/r01/calibration.json friday/r01/calibration.json
@@ -21,13 +23,11 @@ covariance is missing, wrong usage)
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Compare two calibrations; returns the exit status."""
-    parser = argparse.ArgumentParser(
-        prog="compare-calibrations",
+    parser = CommandParser(
+        "compare-calibrations",
         usage="compare-calibrations A.json B.json [options]",
         description="Tell whether two calibrations of a robot differ, and by what.",
         epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-        allow_abbrev=False,
     )
     parser.add_argument("a", type=Path, metavar="A.json", help="the robot's calibration")
     parser.add_argument("b", type=Path, metavar="B.json", help="another of its calibrations")

@@ -8,6 +8,8 @@ from dataclasses import replace
 from math import isfinite, radians
 from pathlib import Path
 
+from boxcal.command_line import CommandParser
+
 _DESCRIPTION = """\
 example:
   simulate-fleet robots --robots 3 --stops 10      robots/r01.mcap, robots/r01.truth.json, robots/r02.mcap, ...
@@ -82,13 +84,11 @@ def _failed(message: str) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="simulate-fleet",
+    parser = CommandParser(
+        "simulate-fleet",
         usage="simulate-fleet FOLDER [options]",
         description=_DESCRIPTION,
         epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-        allow_abbrev=False,
     )
 
     def add(name: str, kind: Callable[[str], object], default: object, meaning: str, metavar: str = "N") -> None:

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from boxcal.command_line import CommandParser
 from boxcal.target.errors import TargetError
 
 if TYPE_CHECKING:
@@ -68,10 +69,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="measure-target",
-        allow_abbrev=False,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+    parser = CommandParser(
+        "measure-target",
         description="example:\n"
         "  measure-target box/target.json --bar-x 99.7 --bar-y 99.6 --width 250.4 --depth 249.8 --height 200.3\n"
         "  measure-target box/target.json --tags-x 237.2 237.3 --tags-x-sigma 0.1 --out box/measured.json\n\n"

@@ -1,0 +1,72 @@
+"""The argument parser that all commands share: a version, and suggestions for what was mistyped."""
+
+import argparse
+import re
+import sys
+from collections.abc import Iterable, Sequence
+from difflib import get_close_matches
+from typing import NoReturn
+
+
+class CommandParser(argparse.ArgumentParser):
+    """An argument parser with ``--version`` that suggests the option, choice or command that was meant.
+
+    Help keeps the line breaks of its description and epilog. Options are never abbreviated, so that an option added
+    later cannot change what a script means.
+
+    Parameters
+    ----------
+    prog
+        Name of the command.
+    usage, description, epilog
+        As argparse has them.
+    """
+
+    def __init__(
+        self, prog: str, *, usage: str | None = None, description: str | None = None, epilog: str | None = None
+    ) -> None:
+        super().__init__(
+            prog=prog,
+            usage=usage,
+            description=description,
+            epilog=epilog,
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+            allow_abbrev=False,
+        )
+        self.add_argument("--version", action=_Version)
+
+    def parse_args(self, args: Sequence[str] | None = None, namespace: None = None) -> argparse.Namespace:  # type: ignore[override]
+        """Return the arguments; an unknown option ends the program with status 2 and a suggestion."""
+        found, unknown = self.parse_known_args(args, namespace)
+        if unknown:
+            known = [option for action in self._actions for option in action.option_strings]
+            hints = [hint for word in unknown if word.startswith("-") if (hint := did_you_mean(word, known))]
+            self.error("; ".join([f"unrecognized arguments: {' '.join(unknown)}", *hints]))
+        return found
+
+    def error(self, message: str) -> NoReturn:
+        """Print usage and the message, with a suggestion where a choice was mistyped, and exit with status 2."""
+        choice = re.search(r"invalid choice: '(.*)' \(choose from (.*)\)$", message, flags=re.DOTALL)
+        if choice:
+            hint = did_you_mean(choice[1], [word.strip(" '") for word in choice[2].split(",")])
+            message += f"; {hint}" if hint else ""
+        super().error(message)
+
+
+def did_you_mean(word: str, known: Iterable[str]) -> str:
+    """Return a question that names the known word most like this one, or an empty text if none is like it."""
+    close = get_close_matches(word.partition("=")[0], list(known), n=1)
+    return f"did you mean {close[0]}?" if close else ""
+
+
+class _Version(argparse.Action):
+    """Prints the version and leaves; it is looked up only when asked for."""
+
+    def __init__(self, option_strings: Sequence[str], dest: str) -> None:
+        super().__init__(option_strings, dest, nargs=0, help="print the version and leave")
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
+        from boxcal import __version__
+
+        sys.stdout.write(f"boxcal {__version__}\n")
+        parser.exit()
