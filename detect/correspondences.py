@@ -3,19 +3,20 @@
 import io
 import json
 import zipfile
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from boxcal.detect.errors import DetectError
-from boxcal.detect.log.wheel_samples import Array, Ids, WheelSamples
+from boxcal.detect.log.wheel_samples import Array, Flags, Ids, WheelSamples
+from boxcal.target.box import CORNERS, FACES
 from boxcal.target.files.atomic_write import write_atomically
 
 SCHEMA = 1
 MAX_FILE_BYTES = 1 << 30
-_STOP_ARRAYS = ("landmark_ids", "p_box", "uv_px", "cov_px2")
+_STOP_ARRAYS = ("landmark_ids", "p_box", "uv_px", "cov_px2", "faces")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -34,6 +35,8 @@ class StopObservation:
         ``4 * tag id + corner``, ascending, each once.
     p_box : (L, 3), m
         The landmarks in frame ``box``.
+    faces : (L,)
+        The face of the box that carries each landmark; told from the normals of the tags in ``p_box`` if not given.
     uv_px : (L, 2), px
         Where they were seen, mean over the frames of the stop; pixel (0, 0) is the centre of the top-left pixel.
     cov_px2 : (L, 2, 2), px^2
@@ -53,6 +56,7 @@ class StopObservation:
     uv_px: Array
     cov_px2: Array
     frames: int
+    faces: Ids = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
 
     def __post_init__(self) -> None:
         n = self.landmark_ids.shape[0]
@@ -63,6 +67,10 @@ class StopObservation:
             )
         if not all(np.all(np.isfinite(a)) for a in (self.p_box, self.uv_px, self.cov_px2)):
             raise DetectError("a stop's landmarks: a coordinate is not finite; drop such landmarks")
+        if self.faces.size == 0:
+            object.__setattr__(self, "faces", faces_by_normal(self.landmark_ids, self.p_box))
+        elif self.faces.shape != (n,):
+            raise DetectError(f"a stop's landmarks: {n} ids with faces of shape {self.faces.shape}; (L,) needed")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -130,6 +138,15 @@ class Correspondences:
             np.concatenate([[a.phi_L], self.wheels.phi_L[inner], [b.phi_L]]),
         )
 
+    @property
+    def legs_covered(self) -> Flags:
+        """Whether the wheels tell the whole way from each stop to the next, (P - 1,) bool.
+
+        A leg that is not covered carries no wheel information: readings are missing, or its counter was reset.
+        """
+        spans = [(a.last_sample + 1, b.first_sample + 1) for a, b in zip(self.stops, self.stops[1:], strict=False)]
+        return np.array([bool(np.all(self.wheels.covered[first:end])) for first, end in spans], dtype=np.bool_)
+
     def save(self, path: Path) -> None:
         """Write one ``.npz`` file (atomically)."""
         header: dict[str, Any] = {
@@ -137,6 +154,7 @@ class Correspondences:
             "robot": self.robot,
             "image_size": list(self.image_size),
             "source": asdict(self.source),
+            "encoder_steps": list(self.wheels.encoder_steps),
             "stops": [
                 {
                     name: getattr(s, name)
@@ -158,6 +176,7 @@ class Correspondences:
             "t_ns": self.wheels.t_ns,
             "phi_R": self.wheels.phi_R,
             "phi_L": self.wheels.phi_L,
+            "covered": self.wheels.covered,
         }
         for j, stop in enumerate(self.stops):
             arrays.update({f"stop{j}_{name}": getattr(stop, name) for name in _STOP_ARRAYS})
@@ -188,13 +207,13 @@ def load_correspondences(path: Path) -> Correspondences:
                     f"{path.name}: schema {header['schema']!r}, this version reads {SCHEMA}; extract it again"
                 )
             stops = tuple(
-                StopObservation(**stop, **{name: data[f"stop{j}_{name}"] for name in _STOP_ARRAYS})
+                StopObservation(**stop, **{k: data[f"stop{j}_{k}"] for k in _STOP_ARRAYS if f"stop{j}_{k}" in data})
                 for j, stop in enumerate(header["stops"])
             )
             return Correspondences(
                 robot=str(header["robot"]),
                 image_size=(int(header["image_size"][0]), int(header["image_size"][1])),
-                wheels=WheelSamples(t_ns=data["t_ns"], phi_R=data["phi_R"], phi_L=data["phi_L"]),
+                wheels=_wheels(data, header),
                 stops=stops,
                 source=Source(**header["source"]),
             )
@@ -204,3 +223,41 @@ def load_correspondences(path: Path) -> Correspondences:
         raise DetectError(f"{path.name}: cannot be read ({error.strerror or error})") from error
     except (ValueError, KeyError, TypeError, IndexError, EOFError, zipfile.BadZipFile) as error:
         raise DetectError(f"{path.name}: not a correspondence file ({error}); extract it again") from error
+
+
+def _wheels(data: Any, header: dict[str, Any]) -> WheelSamples:
+    """Return the wheel samples of a file; what files of the first versions lack is read off the angles."""
+    known: dict[str, Any] = {}
+    if "encoder_steps" in header:
+        right, left = header["encoder_steps"]
+        known["encoder_steps"] = (float(right), float(left))
+    if "covered" in data:
+        known["covered"] = data["covered"].astype(np.bool_)
+    return WheelSamples(t_ns=data["t_ns"], phi_R=data["phi_R"], phi_L=data["phi_L"], **known)
+
+
+def faces_by_normal(landmark_ids: Ids, p_box: Array) -> Ids:
+    """Return the faces that carry landmarks, (L,), told from the outward normals of the tags.
+
+    A tag of which fewer than three corners were seen has no normal; it is on the face whose tags' plane is nearest.
+
+    Parameters
+    ----------
+    landmark_ids : (L,)
+        ``4 * tag id + corner``, ascending.
+    p_box : (L, 3), m
+    """
+    tags, starts, counts = np.unique(landmark_ids // CORNERS, return_index=True, return_counts=True)
+    faces = np.zeros(len(tags), dtype=np.int64)
+    planes: dict[int, tuple[Array, float]] = {}
+    whole = counts >= 3
+    for k in np.flatnonzero(whole):
+        a, b, c = p_box[starts[k] : starts[k] + 3]  # three corners in their order turn clockwise, seen from outside
+        normal = np.cross(c - b, b - a)
+        normal /= np.linalg.norm(normal)
+        faces[k] = round(float(np.arctan2(normal[1], normal[0])) / (np.pi / 2)) % FACES
+        planes[int(faces[k])] = (normal, float(normal @ a))
+    for k in np.flatnonzero(~whole):
+        off = {f: abs(float(normal @ p_box[starts[k]]) - d) for f, (normal, d) in planes.items()}
+        faces[k] = min(off, key=lambda f: off[f], default=0)
+    return np.repeat(faces, counts)

@@ -103,7 +103,7 @@ def extract(
     settings = settings or ExtractSettings()
     tell = progress or _silent
     recording = open_recording(path, topics)
-    stops = find_stops(recording.wheels, settings.stops, recording.encoder_steps)
+    stops = find_stops(recording.wheels, settings.stops)
     settings = replace(settings, bits=_bits(recording, stops, settings))
     look = _Look(recording, target, replace(settings, tags=_with_tone(recording, stops, target, settings)))
     seen: list[tuple[Stop, Sighting]] = []
@@ -241,6 +241,7 @@ def _view(stop: Stop, sighting: Sighting, cov_px2: Array, target: Target) -> Sto
         phi_R=stop.phi_R,
         phi_L=stop.phi_L,
         landmark_ids=sighting.landmark_ids,
+        faces=target.faces(sighting.landmark_ids),
         p_box=target.p_box(sighting.landmark_ids),
         uv_px=sighting.uv_px,
         cov_px2=cov_px2,

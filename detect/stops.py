@@ -11,7 +11,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from boxcal.detect.errors import DetectError
-from boxcal.detect.log.encoder import encoder_step
 from boxcal.detect.log.wheel_samples import Array, WheelSamples
 
 _BAND_STEPS = 1.5
@@ -66,9 +65,7 @@ class Stop:
     phi_L: float
 
 
-def find_stops(
-    wheels: WheelSamples, settings: StopSettings | None = None, encoder_steps: tuple[float, float] | None = None
-) -> tuple[Stop, ...]:
+def find_stops(wheels: WheelSamples, settings: StopSettings | None = None) -> tuple[Stop, ...]:
     """Return the stops in order of time.
 
     Parameters
@@ -77,14 +74,11 @@ def find_stops(
         Samples at any rate, with or without gaps.
     settings
         The defaults if None.
-    encoder_steps : rad
-        Of the right and left encoder; read off the samples if None.
     """
     settings = settings or StopSettings()
     if len(wheels) < 2:
         return ()
-    steps = encoder_steps or (encoder_step(wheels.phi_R), encoder_step(wheels.phi_L))
-    band = np.maximum(settings.max_angle, _BAND_STEPS * np.array(steps))
+    band = np.maximum(settings.max_angle, _BAND_STEPS * np.array(wheels.encoder_steps))
     t = (wheels.t_ns - wheels.t_ns[0]) / 1e9
     q = np.stack([wheels.phi_R, wheels.phi_L], axis=1) / band  # in bands: still means a range of at most 1
     runs = [run for run in _still_runs(t, q, settings.min_stand) if t[run[1]] - t[run[0]] >= settings.min_stand]

@@ -170,6 +170,10 @@ class Target:
         rows = np.array([self._rows[int(i) // CORNERS] for i in landmark_ids], dtype=np.int64)
         return np.asarray(self.tag_corners[rows, np.asarray(landmark_ids) % CORNERS])
 
+    def faces(self, landmark_ids: Ids) -> Ids:
+        """Return the faces that carry landmarks, (N,), for (N,) landmark ids (KeyError for one it does not carry)."""
+        return self.tag_faces[[self._rows[int(i) // CORNERS] for i in landmark_ids]]
+
 
 def make_target(box: Box | None = None, measured: Measured | None = None) -> Target:
     """Return the landmark table of a box as designed (the default box if none is given), or as measured.

@@ -70,9 +70,7 @@ def draw_stops(
                 "holds no images, a recording (.mcap) is needed to draw its stops", source=log.name, remedy="give that"
             )
         recording = open_recording(log, topics)
-        views: Sequence[StopObservation | Stop] = (
-            drives[d].stops if calibration else find_stops(recording.wheels, None, recording.encoder_steps)
-        )
+        views: Sequence[StopObservation | Stop] = drives[d].stops if calibration else find_stops(recording.wheels)
         for j, view in enumerate(views):
             frame = stop_frame(recording, view.t_start_ns, view.t_end_ns)
             if frame is None:

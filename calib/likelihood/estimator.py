@@ -29,7 +29,6 @@ from boxcal.calib.likelihood.variance_components import (
     smallest_factor,
 )
 from boxcal.detect.correspondences import Correspondences
-from boxcal.detect.log.encoder import encoder_step
 from boxcal.detect.log.wheel_samples import Ids
 
 MIN_STOPS = 3
@@ -122,10 +121,10 @@ def _log_evidence(fit: Fit) -> float:
 
 
 def step_of(drives: Sequence[Correspondences], options: EstimateOptions) -> float:
-    """Return the encoders' step, rad: given, or the coarsest that any wheel of any drive shows; 0 if there is none."""
+    """Return the encoders' step, rad: given, or the coarsest of any wheel of any drive; 0 if there is none."""
     if options.encoder_step is not None:
         return options.encoder_step
-    return max(encoder_step(phi) for d in drives for phi in (d.wheels.phi_R, d.wheels.phi_L))
+    return max(step for drive in drives for step in drive.wheels.encoder_steps)
 
 
 def solve_likelihood(problem: Problem, state: State, options: EstimateOptions) -> Fit:

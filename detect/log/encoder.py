@@ -5,12 +5,11 @@ from typing import NamedTuple
 import numpy as np
 
 from boxcal.detect.errors import DetectError
+from boxcal.detect.log.encoder_step import encoder_step
 from boxcal.detect.log.wheel_samples import Array, Ids, WheelSamples
 
 MAX_ANGLE = 1e9
 """Largest wheel angle that is believed, rad."""
-_FLOAT_NOISE = 1e-7
-"""Readings closer than this are one level, rad."""
 _RESET_SPEED = 20.0
 _RESET_ANGLE = 1.0
 _FEWEST_COUNTS = 256
@@ -23,34 +22,6 @@ class Encoder(NamedTuple):
     t_ns: Ids
     phi: Array
     step: float
-
-
-def encoder_step(phi: Array) -> float:
-    """Return an encoder's step, rad; 0 where the readings show none (a simulated, continuous joint).
-
-    The levels that occur are sorted; where the smallest gap between two of them divides (nearly) all others, it is the
-    step, refined by a straight line through the levels.
-
-    Parameters
-    ----------
-    phi : (S,), rad
-        Readings of one wheel.
-    """
-    levels = np.unique(phi)
-    if levels.size < 3:
-        return 0.0
-    levels = levels[np.concatenate([[True], np.diff(levels) > _FLOAT_NOISE])]
-    gaps = np.diff(levels)
-    if gaps.size < 2:
-        return 0.0
-    step = float(gaps.min())
-    small = gaps[gaps < 4.5 * step]
-    step = float(small.sum() / np.round(small / step).sum())
-    multiples = np.round(gaps / step)
-    if np.mean(np.abs(gaps / step - multiples) < 0.1) < 0.95:
-        return 0.0
-    count = np.concatenate([[0.0], np.cumsum(multiples)])
-    return float(np.polyfit(count, levels - levels[0], 1)[0])
 
 
 def clean(t_ns: Ids, phi: Array, who: str) -> Encoder:
@@ -104,8 +75,9 @@ def join(right: Encoder, left: Encoder, who: str) -> WheelSamples:
     DetectError
         If the two do not overlap in time.
     """
+    steps = (right.step, left.step)
     if np.array_equal(right.t_ns, left.t_ns):
-        return WheelSamples(t_ns=right.t_ns, phi_R=right.phi, phi_L=left.phi)
+        return WheelSamples(t_ns=right.t_ns, phi_R=right.phi, phi_L=left.phi, encoder_steps=steps)
     start, end = max(right.t_ns[0], left.t_ns[0]), min(right.t_ns[-1], left.t_ns[-1])
     t_ns = np.union1d(right.t_ns, left.t_ns)
     t_ns = t_ns[(t_ns >= start) & (t_ns <= end)]
@@ -116,7 +88,7 @@ def join(right: Encoder, left: Encoder, who: str) -> WheelSamples:
         )
     at = (t_ns - start).astype(np.float64)
     phi_R, phi_L = (np.interp(at, (e.t_ns - start).astype(np.float64), e.phi) for e in (right, left))
-    return WheelSamples(t_ns=t_ns, phi_R=phi_R, phi_L=phi_L)
+    return WheelSamples(t_ns=t_ns, phi_R=phi_R, phi_L=phi_L, encoder_steps=steps)
 
 
 def span(t_ns: Ids) -> str:

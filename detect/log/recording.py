@@ -39,8 +39,6 @@ class Recording:
         Topic and joint of each wheel.
     wheels
         All wheel samples.
-    encoder_steps : rad
-        The step of the right and of the left encoder, 0 where none shows.
     frame_t_ns : (F,) ns
         Header stamps of the images, strictly ascending.
     frame_places : (F, 2)
@@ -53,7 +51,6 @@ class Recording:
     left: Joint
     right: Joint
     wheels: WheelSamples
-    encoder_steps: tuple[float, float]
     frame_t_ns: Ids
     frame_places: Ids
 
@@ -196,7 +193,6 @@ def _assembled(scan: Scan, path: Path) -> Recording:
         left=left,
         right=right,
         wheels=wheels,
-        encoder_steps=(encoders[0].step, encoders[1].step),
         frame_t_ns=t_ns,
         frame_places=places[first],
     )

@@ -1,14 +1,16 @@
 """Wheel samples: what the encoders of one robot read, and when."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from boxcal.detect.errors import DetectError
+from boxcal.detect.log.encoder_step import encoder_step
 
 Array = NDArray[np.float64]
 Ids = NDArray[np.int64]
+Flags = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -21,22 +23,37 @@ class WheelSamples:
         Header stamps, strictly ascending.
     phi_R, phi_L : (S,), rad
         Right and left wheel, unwrapped (not modulo a turn).
+    encoder_steps : (right, left), rad
+        Angle between neighbouring readings of each encoder as it was found in the log, 0 where there is none. Read off
+        the angles if not given, which is right only where they are the encoders' own readings, not interpolated.
+    covered : (S,) bool
+        Whether the travel since the sample before is known: False after a time without readings, a reset of the
+        counter, or a stray. The first sample counts as covered, and all do if not given.
     """
 
     t_ns: Ids
     phi_R: Array
     phi_L: Array
+    encoder_steps: tuple[float, float] = (np.nan, np.nan)
+    covered: Flags = field(default_factory=lambda: np.zeros(0, dtype=np.bool_))
 
     def __post_init__(self) -> None:
-        if not (self.t_ns.ndim == 1 and self.t_ns.shape == self.phi_R.shape == self.phi_L.shape):
+        if self.covered.size == 0:
+            object.__setattr__(self, "covered", np.ones(self.t_ns.shape, dtype=np.bool_))
+        if not (self.t_ns.ndim == 1 and self.t_ns.shape == self.phi_R.shape == self.phi_L.shape == self.covered.shape):
             raise DetectError(
-                f"wheel samples: found shapes {self.t_ns.shape}, {self.phi_R.shape} and {self.phi_L.shape}; "
-                "three vectors of one length are needed"
+                f"wheel samples: found shapes {self.t_ns.shape}, {self.phi_R.shape}, {self.phi_L.shape} and "
+                f"{self.covered.shape}; vectors of one length are needed"
             )
         if self.t_ns.size > 1 and not np.all(np.diff(self.t_ns) > 0):
             raise DetectError("wheel samples: times do not ascend; sort the samples and drop repeated stamps")
         if not (np.all(np.isfinite(self.phi_R)) and np.all(np.isfinite(self.phi_L))):
             raise DetectError("wheel samples: an angle is not finite; drop such samples")
+        if any(np.isnan(step) for step in self.encoder_steps):
+            steps = (encoder_step(self.phi_R), encoder_step(self.phi_L))
+            object.__setattr__(self, "encoder_steps", steps)
+        elif not all(np.isfinite(step) and step >= 0 for step in self.encoder_steps):
+            raise DetectError(f"wheel samples: encoder steps {self.encoder_steps}, two numbers from 0 on are needed")
 
     def __len__(self) -> int:
         return int(self.t_ns.size)

@@ -5,7 +5,8 @@ import pytest
 from small_logs import STEP, T0_NS, drive
 
 from boxcal.detect.errors import DetectError
-from boxcal.detect.log.encoder import Encoder, clean, encoder_step, join
+from boxcal.detect.log.encoder import Encoder, clean, join
+from boxcal.detect.log.encoder_step import encoder_step
 from boxcal.detect.log.wheel_samples import Array
 
 

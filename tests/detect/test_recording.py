@@ -38,7 +38,7 @@ def _check(recording: Recording) -> None:
     np.testing.assert_array_equal(recording.wheels.t_ns, t_ns)
     np.testing.assert_array_equal(recording.wheels.phi_R, phi_R)
     np.testing.assert_array_equal(recording.wheels.phi_L, phi_L)
-    assert recording.encoder_steps == pytest.approx((STEP, STEP), rel=1e-9)
+    assert recording.wheels.encoder_steps == pytest.approx((STEP, STEP), rel=1e-9)
     frames = list(recording.read_frames(range(4)))
     assert [t for t, _ in frames] == [T0_NS + round((0.5 + 2 * k) * 1e9) for k in range(4)]
     for k, (_, image) in enumerate(frames):
