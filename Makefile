@@ -11,7 +11,7 @@ TREE := build/tree
 EXTRAS ?= dev,fast,cad,models-test
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable
 
-.PHONY: demo test lint format printables clean
+.PHONY: demo test lint format printables dist docker clean
 
 # The main job without hardware: print files, three simulated robots and their logs, three calibrations.
 demo: $(INSTALLED)
@@ -36,6 +36,14 @@ format: $(ALL_INSTALLED)
 # The default box's sheets and landmark table, as they are kept in the repository.
 printables: $(INSTALLED)
 	$(BIN)/make-target printables
+
+# The source distribution, and the wheel from it: nothing that lies about in build/ gets in.
+dist: $(ALL_INSTALLED)
+	rm -rf dist
+	$(BIN)/python -m build --no-isolation --outdir dist .
+
+docker:
+	docker build --tag boxcal .
 
 $(INSTALLED): pyproject.toml constraints.txt
 	$(PYTHON) -c 'import sys; sys.exit("Python 3.11 or newer is needed: make PYTHON=python3.11 ...") if sys.version_info < (3, 11) else None'

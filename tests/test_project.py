@@ -1,12 +1,10 @@
 """What holds for the project as a whole: how imports run, and that its commands work where only the wheel is."""
 
 import ast
-import os
 import re
 import subprocess
 import sys
 import tomllib
-import venv
 from importlib import import_module
 from pathlib import Path
 
@@ -115,42 +113,6 @@ def test_mistyped_words_are_answered_with_the_one_that_was_meant(
         umbrella.main(words)
     assert leave.value.code == 2
     assert meant in capsys.readouterr().err
-
-
-@pytest.mark.slow
-def test_the_wheel_alone_installs_and_every_command_answers(tmp_path: Path) -> None:
-    """The built wheel in an empty environment, away from the sources: every command prints its help."""
-    quiet = [sys.executable, "-m", "pip", "--disable-pip-version-check", "--quiet"]
-    subprocess.run(
-        [*quiet, "wheel", "--no-deps", "--no-build-isolation", "--wheel-dir", str(tmp_path), str(ROOT)], check=True
-    )
-    (wheel,) = tmp_path.glob("boxcal-*.whl")
-    home = tmp_path / "empty"
-    venv.create(home, with_pip=True)
-    python = home / ("Scripts" if os.name == "nt" else "bin") / "python"
-    subprocess.run(
-        [str(python), *quiet[1:], "install", "--constraint", str(ROOT / "constraints.txt"), str(wheel)], check=True
-    )
-    clean = {k: v for k, v in os.environ.items() if k not in {"PYTHONPATH", "VIRTUAL_ENV"}}
-    for script, place in _scripts().items():
-        done = subprocess.run(
-            [str(python.parent / script), "--help"],
-            capture_output=True,
-            text=True,
-            cwd=tmp_path,
-            env=clean,
-            check=False,
-        )
-        assert done.returncode == 0, done.stderr
-        assert script in done.stdout
-        # and everything that the command needs to work is there, too
-        module = place.split(":")[0]
-        subprocess.run(
-            [str(python), "-c", f"import {module}, boxcal.calib.fleet.batch, boxcal.target.print.sheets"],
-            cwd=tmp_path,
-            env=clean,
-            check=True,
-        )
 
 
 def test_constraints_name_packages_and_versions_only() -> None:
