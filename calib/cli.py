@@ -62,6 +62,17 @@ def _parser() -> argparse.ArgumentParser:
     names.add_argument("--left-joint", metavar="NAME", help="left wheel")
     names.add_argument("--right-joint", metavar="NAME", help="right wheel")
     names.add_argument(
+        "--joint-unit",
+        choices=("rad", "deg", "ticks", "turns", "m"),
+        default="rad",
+        help="unit of the wheels' positions (rad); m is the rim's travel",
+    )
+    names.add_argument("--ticks-per-turn", type=float, metavar="N", help="of a wheel, with --joint-unit ticks")
+    names.add_argument(
+        "--reverse-left", action="store_true", help="the left wheel's positions fall as it rolls forward"
+    )
+    names.add_argument("--reverse-right", action="store_true", help="the right wheel's likewise")
+    names.add_argument(
         "--bits", type=int, choices=(8, 10, 12, 14, 16), help="used bits of 16-bit frames (told from the frames)"
     )
     parser.add_argument(
@@ -131,6 +142,7 @@ def _run(args: argparse.Namespace, command: str) -> int:
     from boxcal.calib.errors import CalibError
     from boxcal.calib.fleet.batch import FLEET, calibrate_fleet, check_folder, fleet_record
     from boxcal.calib.settings import Job, listed, robot_name
+    from boxcal.detect.errors import DetectError
     from boxcal.target.errors import TargetError
     from boxcal.target.files.atomic_write import write_atomically
 
@@ -161,7 +173,7 @@ def _run(args: argparse.Namespace, command: str) -> int:
     try:
         check_folder(args.out, target)
         settings = _settings(args, target)
-    except CalibError as error:
+    except (CalibError, DetectError) as error:
         print(f"fleet-calibrate: {error}", file=sys.stderr)
         return 2
     jobs = [
@@ -192,6 +204,7 @@ def _settings(args: argparse.Namespace, target: "Target") -> "Settings":
     from boxcal.calib.likelihood import Lens
     from boxcal.calib.settings import Settings
     from boxcal.detect.log.topics import Topics
+    from boxcal.detect.log.wheel_samples import JointUnit, WheelUnits
 
     half_face = max(target.box.width, target.box.depth) / 2
     return Settings(
@@ -200,6 +213,12 @@ def _settings(args: argparse.Namespace, target: "Target") -> "Settings":
             joint_topic=args.joint_topic,
             left_joint=args.left_joint,
             right_joint=args.right_joint,
+        ),
+        wheel_units=WheelUnits(
+            unit=JointUnit(args.joint_unit),
+            ticks_per_turn=args.ticks_per_turn,
+            reverse_left=args.reverse_left,
+            reverse_right=args.reverse_right,
         ),
         bits=args.bits,
         camera_mode=CameraMode.PER_STOP if args.per_stop else CameraMode.JOINT,

@@ -12,6 +12,7 @@ from boxcal.calib.four_steps.step1_camera import CameraMode
 from boxcal.calib.likelihood import Lens
 from boxcal.calib.results.calibration import Calibration
 from boxcal.detect.log.topics import Topics
+from boxcal.detect.log.wheel_samples import WheelUnits
 from boxcal.target.box import Target
 
 CORRESPONDENCES = ".npz"
@@ -26,6 +27,8 @@ class Settings:
     ----------
     topics
         Topics and joints, where their names do not tell.
+    wheel_units
+        What the wheel readings mean.
     bits
         Used bits of frames stored in 16; told from the frames if None.
     camera_mode
@@ -61,6 +64,7 @@ class Settings:
     """
 
     topics: Topics = field(default_factory=Topics)
+    wheel_units: WheelUnits = field(default_factory=WheelUnits)
     bits: int | None = None
     camera_mode: CameraMode = CameraMode.JOINT
     closed_form: bool = False

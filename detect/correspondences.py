@@ -3,14 +3,14 @@
 import io
 import json
 import zipfile
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from boxcal.detect.errors import DetectError
-from boxcal.detect.log.wheel_samples import Array, Flags, Ids, WheelSamples
+from boxcal.detect.log.wheel_samples import Array, Flags, Ids, JointUnit, WheelSamples, WheelUnits
 from boxcal.target.box import CORNERS, FACES
 from boxcal.target.files.atomic_write import write_atomically
 
@@ -108,6 +108,8 @@ class Correspondences:
         In order of time.
     source
         Provenance.
+    units
+        What the wheel readings were taken for; the angles here are rad.
     """
 
     robot: str
@@ -115,6 +117,7 @@ class Correspondences:
     wheels: WheelSamples
     stops: tuple[StopObservation, ...]
     source: Source = Source()
+    units: WheelUnits = field(default_factory=WheelUnits)
 
     def __post_init__(self) -> None:
         last = -1
@@ -155,6 +158,7 @@ class Correspondences:
             "image_size": list(self.image_size),
             "source": asdict(self.source),
             "encoder_steps": list(self.wheels.encoder_steps),
+            "units": asdict(self.units),
             "stops": [
                 {
                     name: getattr(s, name)
@@ -216,6 +220,7 @@ def load_correspondences(path: Path) -> Correspondences:
                 wheels=_wheels(data, header),
                 stops=stops,
                 source=Source(**header["source"]),
+                units=_units(header.get("units", {})),
             )
     except DetectError:
         raise
@@ -261,3 +266,23 @@ def faces_by_normal(landmark_ids: Ids, p_box: Array) -> Ids:
         off = {f: abs(float(normal @ p_box[starts[k]]) - d) for f, (normal, d) in planes.items()}
         faces[k] = min(off, key=lambda f: off[f], default=0)
     return np.repeat(faces, counts)
+
+
+def _units(saved: dict[str, Any]) -> WheelUnits:
+    return WheelUnits(**{**saved, "unit": JointUnit(saved.get("unit", JointUnit.RADIANS))})
+
+
+def taken_as(drive: Correspondences, units: WheelUnits) -> Correspondences:
+    """Return a drive with its wheel readings taken in other units than they were when it was made."""
+    if units == drive.units:
+        return drive
+    right, left = (new / old for new, old in zip(units.factors, drive.units.factors, strict=True))
+    step_R, step_L = drive.wheels.encoder_steps
+    wheels = replace(
+        drive.wheels,
+        phi_R=right * drive.wheels.phi_R,
+        phi_L=left * drive.wheels.phi_L,
+        encoder_steps=(abs(right) * step_R, abs(left) * step_L),
+    )
+    stops = tuple(replace(stop, phi_R=right * stop.phi_R, phi_L=left * stop.phi_L) for stop in drive.stops)
+    return replace(drive, wheels=wheels, stops=stops, units=units)

@@ -14,7 +14,7 @@ from boxcal.detect.log.messages import Grey
 from boxcal.detect.log.recording import Recording, file_sha256, open_recording
 from boxcal.detect.log.safe_text import listed, printable
 from boxcal.detect.log.topics import Topics
-from boxcal.detect.log.wheel_samples import Array, Ids
+from boxcal.detect.log.wheel_samples import Array, Ids, WheelUnits
 from boxcal.detect.stops import Stop, StopSettings, find_stops
 from boxcal.detect.tags.averaging import FLOOR_PX, Sighting, combine, covariances
 from boxcal.detect.tags.detections import Tags, TagSettings, find_tags, other_family
@@ -75,6 +75,7 @@ def extract(
     target: Target,
     *,
     topics: Topics | None = None,
+    units: WheelUnits | None = None,
     settings: ExtractSettings | None = None,
     progress: Progress | None = None,
 ) -> Correspondences:
@@ -90,6 +91,8 @@ def extract(
         The box that the robot looked at.
     topics
         Names where the log is ambiguous.
+    units
+        What the wheel readings mean; rad, rolling forward, if None.
     settings
         The defaults if None.
     progress
@@ -102,7 +105,7 @@ def extract(
     """
     settings = settings or ExtractSettings()
     tell = progress or _silent
-    recording = open_recording(path, topics)
+    recording = open_recording(path, topics, units)
     stops = find_stops(recording.wheels, settings.stops)
     settings = replace(settings, bits=_bits(recording, stops, settings))
     look = _Look(recording, target, replace(settings, tags=_with_tone(recording, stops, target, settings)))
@@ -125,6 +128,7 @@ def extract(
         wheels=recording.wheels,
         stops=tuple(_view(stop, sighting, cov, target) for (stop, sighting), cov in zip(seen, covs, strict=True)),
         source=Source(log=path.name, sha256=file_sha256(path), target_sha256=target_sha256(target)),
+        units=units or WheelUnits(),
     )
 
 

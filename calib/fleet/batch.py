@@ -22,7 +22,7 @@ from boxcal.calib.fleet.stop_images import draw_stops, stop_jpegs
 from boxcal.calib.report.robot import judge, robot_report
 from boxcal.calib.results.calibration import Calibration, save_calibration
 from boxcal.calib.settings import CORRESPONDENCES, Job, Outcome, listed
-from boxcal.detect.correspondences import Correspondences, load_correspondences
+from boxcal.detect.correspondences import Correspondences, load_correspondences, taken_as
 from boxcal.detect.errors import DetectError
 from boxcal.detect.extract import ExtractSettings, extract
 from boxcal.target.box import Target
@@ -85,11 +85,18 @@ def read_drive(log: Path, job: Job, progress: Callable[[str], None] | None = Non
     """Return what a robot saw and did in one drive."""
     if log.suffix == CORRESPONDENCES:
         try:
-            return placed(load_correspondences(log), job.target)
+            return placed(taken_as(load_correspondences(log), job.settings.wheel_units), job.target)
         except CalibError as error:
             raise error.of(log.name) from error
     settings = ExtractSettings(bits=job.settings.bits)
-    return extract(log, job.target, topics=job.settings.topics, settings=settings, progress=progress)
+    return extract(
+        log,
+        job.target,
+        topics=job.settings.topics,
+        units=job.settings.wheel_units,
+        settings=settings,
+        progress=progress,
+    )
 
 
 def check_folder(out: Path, target: Target) -> None:

@@ -13,7 +13,7 @@ from boxcal.calib.simulate.robot import Robot
 from boxcal.calib.simulate.route import KeepOut, route
 from boxcal.calib.simulate.viewpoints import choose_stops, decodable_tags
 from boxcal.detect.correspondences import Correspondences, StopObservation
-from boxcal.detect.log.wheel_samples import WheelSamples
+from boxcal.detect.log.wheel_samples import Ids, WheelSamples
 from boxcal.target.box import CORNERS, FACES, Target
 from boxcal.target.camera.camera_model import Lens, project_lens
 
@@ -81,7 +81,8 @@ def imperfect_drive(
     if options.encoder_step:
         read = np.floor(read / options.encoder_step) * options.encoder_step
     wheels = WheelSamples(t_ns=t_ns[every], phi_R=read[:, 0].copy(), phi_L=read[:, 1].copy())
-    stops = _stops(robot, target, faults, np.concatenate(path), t_ns, np.array(ends), wheels, rng)
+    motion = _Motion(t_ns=t_ns, path=np.concatenate(path), ends=np.array(ends), wheels=wheels)
+    stops = _stops(robot, target, faults, motion, rng)
     seen = Correspondences(robot=robot.name, image_size=robot.image_size, wheels=wheels, stops=stops)
     return ImperfectDrive(seen=seen, robot=robot, faults=faults)
 
@@ -160,21 +161,25 @@ def as_built(target: Target, box: BoxFaults) -> Target:
     return replace(target, tag_corners=corners, tag_faces=faces)
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Motion:
+    """Where the robot was (M, 3) at times (M,), ns; first and last row of each stop (P, 2); what the wheels read."""
+
+    t_ns: Ids
+    path: Array
+    ends: Ids
+    wheels: WheelSamples
+
+
 def _stops(
-    robot: Robot,
-    target: Target,
-    faults: Imperfections,
-    path: Array,
-    t_ns: Array,
-    ends: Array,
-    wheels: WheelSamples,
-    rng: np.random.Generator,
+    robot: Robot, target: Target, faults: Imperfections, motion: _Motion, rng: np.random.Generator
 ) -> tuple[StopObservation, ...]:
+    t_ns, path, wheels = motion.t_ns, motion.path, motion.wheels
     built = as_built(target, faults.box)
     floor = rigid(exp_so3(np.array([*faults.tilt, 0.0])), np.zeros(3))
     T_floor_box = np.eye(4) if faults.box.standing is None else faults.box.standing
     out = []
-    for j, (a, b) in enumerate(ends):
+    for j, (a, b) in enumerate(motion.ends):
         lean = rigid(exp_so3(np.array([*(faults.lean * rng.standard_normal(2)), 0.0])), np.zeros(3))
         T_body_cam = robot.T_body_cam
         if faults.camera.knocked is not None and j >= faults.camera.knocked[0]:
@@ -185,7 +190,7 @@ def _stops(
         late = faults.camera.late + faults.camera.drift * (t_ns[a] - t_ns[0]) * 1e-9
         rows = np.clip(np.searchsorted(t_ns, when - late * 1e9), 0, len(path) - 1)
         views = [inverse(T_floor_box) @ floor @ planar(*path[k]) @ lean @ T_body_cam for k in rows]
-        seen = _look(robot, built, faults.camera, j, views, rng)
+        seen = _look(robot, built, (faults.camera, j), views, rng)
         if seen is None:
             continue
         first = int(np.searchsorted(wheels.t_ns, t_ns[a], side="left"))
@@ -210,17 +215,17 @@ def _stops(
 
 
 def _look(
-    robot: Robot, built: Target, camera: CameraFaults, stop: int, views: list[Array], rng: np.random.Generator
-) -> tuple[Array, Array, Array] | None:
+    robot: Robot, built: Target, at: tuple[CameraFaults, int], views: list[Array], rng: np.random.Generator
+) -> tuple[Ids, Array, Array] | None:
     """Return landmarks, pixels and their covariances, mean over the pictures of one stop; None if no tag is seen."""
-    here = robot
+    camera, stop = at
     values = np.array([*(getattr(robot.camera, n) for n in ("fu", "fv", "cu", "cv", "kr")), *camera.lens])
     scale, right, down = (1.0, 0.0, 0.0) if camera.focus is None or stop < camera.focus[0] else camera.focus[1:]
     scale *= 1 + camera.autofocus * rng.standard_normal()
     centre = (np.array(robot.image_size) - 1) / 2
     values[:2] *= scale
     values[2:4] = centre + scale * (values[2:4] - centre) + (right, down)
-    tags = [set(decodable_tags(here, built, T).tolist()) for T in views]
+    tags = [set(decodable_tags(robot, built, T).tolist()) for T in views]
     ids = np.array(sorted(set.intersection(*tags)), dtype=np.int64)
     if not len(ids):
         return None

@@ -22,7 +22,7 @@ from boxcal.detect.log.messages import DECODERS, Grey, header_stamp_ns
 from boxcal.detect.log.safe_text import printable
 from boxcal.detect.log.scan import Scan
 from boxcal.detect.log.topics import Joint, Topics, choose_camera, choose_wheels
-from boxcal.detect.log.wheel_samples import Ids, WheelSamples
+from boxcal.detect.log.wheel_samples import Ids, WheelSamples, WheelUnits
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -126,7 +126,7 @@ class Recording:
             raise DetectError(f"{name}: cannot be read ({error.strerror or error}); check the disk") from error
 
 
-def open_recording(path: Path, topics: Topics | None = None) -> Recording:
+def open_recording(path: Path, topics: Topics | None = None, units: WheelUnits | None = None) -> Recording:
     """Read a ROS 2 log in MCAP: all joints, and where the images are.
 
     Parameters
@@ -135,6 +135,8 @@ def open_recording(path: Path, topics: Topics | None = None) -> Recording:
         The log.
     topics
         Names where the log is ambiguous.
+    units
+        What the wheel readings mean; rad, rolling forward, if None.
 
     Raises
     ------
@@ -153,7 +155,7 @@ def open_recording(path: Path, topics: Topics | None = None) -> Recording:
         raise DetectError(f"{name}: no such file, a log in MCAP is needed; check the path") from error
     except OSError as error:
         raise DetectError(f"{name}: cannot be read ({error.strerror or error}); check the file") from error
-    return _assembled(scan, path)
+    return _assembled(scan, path, units or WheelUnits())
 
 
 def file_sha256(path: Path) -> str:
@@ -165,18 +167,18 @@ def file_sha256(path: Path) -> str:
         raise DetectError(f"{path.name}: cannot be read ({error.strerror or error}); check the path") from error
 
 
-def _assembled(scan: Scan, path: Path) -> Recording:
+def _assembled(scan: Scan, path: Path, units: WheelUnits) -> Recording:
     scan.refuse_other_worlds()
     name, types = scan.name, scan.types()
     camera = choose_camera(name, scan.image_counts(), types, scan.topics.camera_topic)
     left, right = choose_wheels(name, scan.joints, types, scan.topics)
     encoders = []
-    for topic, joint in (right, left):
+    for (topic, joint), factor in zip((right, left), units.factors, strict=True):
         series = scan.joints[topic][joint]
         who = f"{name}: joint {printable(joint)} in {printable(topic)}"
         if not series.t_ns:
             raise DetectError(f"{who}: no positions, wheel angles in rad are needed; make the driver publish them")
-        encoders.append(clean(np.array(series.t_ns, dtype=np.int64), np.array(series.value), who))
+        encoders.append(clean(np.array(series.t_ns, dtype=np.int64), factor * np.array(series.value), who))
     wheels = join(encoders[0], encoders[1], name)
     kind, images = scan.images_of(camera)
     t_ns, first = np.unique(np.array(images.t_ns, dtype=np.int64), return_index=True)

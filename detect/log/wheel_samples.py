@@ -1,6 +1,8 @@
 """Wheel samples: what the encoders of one robot read, and when."""
 
 from dataclasses import dataclass, field
+from enum import StrEnum
+from math import isfinite, pi, radians
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,3 +59,56 @@ class WheelSamples:
 
     def __len__(self) -> int:
         return int(self.t_ns.size)
+
+
+class JointUnit(StrEnum):
+    """A unit of wheel readings. METRES is the rim's travel: the radius that is found is then a factor near 1."""
+
+    RADIANS = "rad"
+    DEGREES = "deg"
+    TICKS = "ticks"
+    TURNS = "turns"
+    METRES = "m"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WheelUnits:
+    """What a robot's wheel readings mean.
+
+    Attributes
+    ----------
+    unit
+        Unit of both wheels' readings.
+    ticks_per_turn
+        Readings in a turn of the wheel; needed for ticks.
+    reverse_left, reverse_right
+        Whether a wheel's readings fall while it rolls forward.
+    """
+
+    unit: JointUnit = JointUnit.RADIANS
+    ticks_per_turn: float | None = None
+    reverse_left: bool = False
+    reverse_right: bool = False
+
+    def __post_init__(self) -> None:
+        ticks = self.ticks_per_turn
+        if (self.unit is JointUnit.TICKS) != (ticks is not None):
+            raise DetectError(
+                f"wheel readings in {self.unit} with {ticks} ticks per turn",
+                needed="ticks per turn with ticks, and only with them",
+                remedy="give --joint-unit ticks --ticks-per-turn N",
+            )
+        if ticks is not None and not (isfinite(ticks) and ticks > 0):
+            raise DetectError(f"{ticks} ticks per turn", needed="a positive number")
+
+    @property
+    def factors(self) -> tuple[float, float]:
+        """What turns a reading of the right and of the left wheel into rad (rolling forward is positive)."""
+        size = {
+            JointUnit.RADIANS: 1.0,
+            JointUnit.DEGREES: radians(1.0),
+            JointUnit.TICKS: 2 * pi / (self.ticks_per_turn or 1.0),
+            JointUnit.TURNS: 2 * pi,
+            JointUnit.METRES: 1.0,
+        }[self.unit]
+        return (-size if self.reverse_right else size, -size if self.reverse_left else size)
