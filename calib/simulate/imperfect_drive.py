@@ -107,7 +107,7 @@ def _rolled(robot: Robot, w: WheelFaults, first: Array, dphi: Array, before: Arr
     return u * (1 + w.outer / 2 * outer), last
 
 
-def _take(turned: Array, rows: Array, backlash: float) -> None:
+def _take(turned: Array, rows: Ids, backlash: float) -> None:
     """Take dead travel off the first steps after a reversal."""
     for row in rows:
         if backlash <= 0:
