@@ -24,7 +24,7 @@ import cv2  # noqa: E402
 import numpy as np  # noqa: E402
 from numpy.typing import NDArray  # noqa: E402
 
-from boxcal.detect.alignment.detector import LocateSettings, locate_copies, locate_tags  # noqa: E402
+from boxcal.detect.alignment.detector import DetectorSettings, detect_copies, detect_tags  # noqa: E402
 from boxcal.detect.alignment.tag_patterns import family_patterns  # noqa: E402
 from boxcal.target.box import make_target  # noqa: E402
 from boxcal.target.camera.pinhole import Intrinsics, project  # noqa: E402
@@ -266,9 +266,9 @@ def apriltags(module: str) -> Detector:
     return detect
 
 
-def ours(settings: LocateSettings) -> Detector:
+def ours(settings: DetectorSettings) -> Detector:
     def detect(image: Grey) -> Found:
-        tags = locate_tags(image, TARGET, settings)
+        tags = detect_tags(image, TARGET, settings)
         return tags.ids, tags.corners_px, None if settings.fast else tags.cov_px2
 
     return detect
@@ -288,8 +288,8 @@ def detectors() -> tuple[dict[str, Detector], list[str]]:
             chosen[module.replace("_", "-")] = apriltags(module)
         except ImportError:
             absent.append(module)
-    chosen[FAST] = ours(LocateSettings(fast=True))
-    chosen[OURS] = ours(LocateSettings())
+    chosen[FAST] = ours(DetectorSettings(fast=True))
+    chosen[OURS] = ours(DetectorSettings())
     return chosen, absent
 
 
@@ -436,7 +436,7 @@ def real(chosen: dict[str, Detector]) -> None:
         table({k: v for k, v in chosen.items() if k != FAST}, made, 1)
     patterns = family_patterns("DICT_APRILTAG_36h11", np.arange(1))
     for path in sorted((DATA / "photos").glob("*.jpg")):
-        photograph(path, locate_copies(np.asarray(cv2.imread(str(path))), patterns).corners_px)
+        photograph(path, detect_copies(np.asarray(cv2.imread(str(path))), patterns).corners_px)
 
 
 def logged(log: Path) -> list[Scene]:

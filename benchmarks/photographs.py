@@ -17,15 +17,15 @@ from numpy.typing import NDArray
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from boxcal.detect.alignment.detector import LocateSettings, locate_copies
-from boxcal.detect.alignment.radial_camera import straight_lens
+from boxcal.detect.alignment.detector import DetectorSettings, detect_copies
+from boxcal.detect.alignment.radial_camera import no_distortion
 from boxcal.detect.alignment.registration.align import align, footprints
 from boxcal.detect.alignment.registration.image_model import differentiate
-from boxcal.detect.alignment.registration.parameters import LOG_SIGMA
+from boxcal.detect.alignment.registration.parameters import LOG_PSF
 from boxcal.detect.alignment.registration.tag_batch import Batch, Frame
 from boxcal.detect.alignment.tag_patterns import Patterns, family_patterns
 from boxcal.detect.image.gray import to_grey
-from boxcal.detect.image.response_curve import tone_table
+from boxcal.detect.image.response_curve import response_table
 
 Array = NDArray[np.float64]
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data" / "photos"
@@ -56,18 +56,16 @@ def matched(corners: Array, wanted: Array) -> Array:
 def redrawn(grey: NDArray[np.uint8], patterns: Patterns, corners: Array) -> tuple[NDArray[np.uint8], Array]:
     """Return the picture with what the model sees of the tags drawn over them, and their corners there."""
     levels, _ = to_grey(grey)
-    frame = Frame(grey=levels, tone=tone_table("linear"), lens=straight_lens((grey.shape[1], grey.shape[0])))
+    frame = Frame(grey=levels, response=response_table("linear"), lens=no_distortion((grey.shape[1], grey.shape[0])))
     tags = align(frame, patterns, np.zeros(len(corners), dtype=np.int64), corners, stop_px=1e-3, iterations=30)
-    boxes, margin, *_ = footprints(
-        frame, patterns, tags.corners_px, tags.theta[:, LOG_SIGMA], side_px=np.inf, edges=True
-    )
+    boxes, margin, *_ = footprints(frame, patterns, tags.corners_px, tags.theta[:, LOG_PSF], side_px=np.inf, edges=True)
     batch = Batch(
         frame=frame,
         cells=patterns.cells,
         rows=tags.rows,
         theta=tags.theta,
-        place=tags.place,
-        boxes=boxes,
+        normalisation=tags.normalisation,
+        bounding_boxes=boxes,
         margin=margin,
         stride=np.ones((len(tags), 3), dtype=np.int64),
     )
@@ -108,7 +106,7 @@ def main() -> int:
     seen: dict[str, list[Array]] = {k: [] for k in ("reference", "ours", "plain", "refined", "truth", "p", "r", "o")}
     for path in sorted(DATA.glob("*.jpg")):
         grey, reference = load(path)
-        found = locate_copies(grey, PATTERNS, LocateSettings(tone="linear")).corners_px
+        found = detect_copies(grey, PATTERNS, DetectorSettings(response="linear")).corners_px
         picture, drawn = redrawn(grey, PATTERNS, found)
         ours, truth = matched(found, reference), matched(drawn, reference)
         for key, corners, wanted in (
@@ -119,7 +117,7 @@ def main() -> int:
             ("truth", truth, truth),
             ("p", library(picture, refined=False), truth),
             ("r", library(picture, refined=True), truth),
-            ("o", locate_copies(picture, PATTERNS, LocateSettings(tone="linear")).corners_px, truth),
+            ("o", detect_copies(picture, PATTERNS, DetectorSettings(response="linear")).corners_px, truth),
         ):
             seen[key].append(matched(corners, wanted))
     every = {key: np.concatenate(parts) for key, parts in seen.items()}

@@ -13,7 +13,7 @@ from boxcal.target.errors import TargetError
 from boxcal.target.files.atomic_write import write_atomically
 
 if TYPE_CHECKING:
-    from boxcal.detect.alignment.detector import Located
+    from boxcal.detect.alignment.detector import DetectorOutput
     from boxcal.target.box import Target
 
 SCHEMA = 1
@@ -63,7 +63,7 @@ def _parser() -> argparse.ArgumentParser:
         "--tone",
         choices=("auto", "linear", "srgb"),
         default="auto",
-        help="the camera's tone curve (default: auto, told from the tags)",
+        help="the camera response function (default: auto, told from the tags)",
     )
     return parser
 
@@ -77,11 +77,11 @@ def _target(name: str | None) -> "Target":
 
 def _one(path: Path, target: "Target", args: argparse.Namespace, number: int) -> tuple[dict[str, Any], str]:
     """Return what a picture shows, as JSON and as a line of text; draw it if that is asked for."""
-    from boxcal.detect.alignment.detector import LocateSettings, locate_tags
+    from boxcal.detect.alignment.detector import DetectorSettings, detect_tags
 
     image = _read(path)
     try:
-        tags = locate_tags(image, target, LocateSettings(tone=args.tone, fast=args.fast))
+        tags = detect_tags(image, target, DetectorSettings(response=args.tone, fast=args.fast))
     except DetectError as error:
         raise DetectError(f"{path.name}: {error}") from error
     line = f"{path.name}: {_summary(tags, target)}"
@@ -118,7 +118,7 @@ def _read(path: Path) -> Any:
     return image
 
 
-def _summary(tags: "Located", target: "Target") -> str:
+def _summary(tags: "DetectorOutput", target: "Target") -> str:
     import numpy as np
 
     if len(tags.ids) == 0:
@@ -129,11 +129,11 @@ def _summary(tags: "Located", target: "Target") -> str:
     sigma = np.sqrt(np.median(np.trace(tags.cov_px2, axis1=2, axis2=3)) / 2)
     figures = f"corners to {sigma:.3f} px"
     if np.isfinite(tags.blur_px).all():
-        figures += f", blur {np.median(tags.blur_px):.2f} px, {tags.tone} tone curve"
+        figures += f", blur {np.median(tags.blur_px):.2f} px, {tags.response} response curve"
     return f"{len(tags.ids)} {noun} ({by_face}); {figures}"
 
 
-def _document(path: Path, image: Any, tags: "Located") -> dict[str, Any]:
+def _document(path: Path, image: Any, tags: "DetectorOutput") -> dict[str, Any]:
     import numpy as np
 
     found = [
@@ -151,7 +151,7 @@ def _document(path: Path, image: Any, tags: "Located") -> dict[str, Any]:
         "image": path.name,
         "width_px": int(image.shape[1]),
         "height_px": int(image.shape[0]),
-        "tone": tags.tone,
+        "tone": tags.response,
         "tags": found,
     }
 

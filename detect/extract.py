@@ -9,15 +9,15 @@ import numpy as np
 from boxcal.detect.correspondences import Correspondences, Source, StopObservation
 from boxcal.detect.errors import DetectError
 from boxcal.detect.image.bit_depth import DEPTHS, eight_bits
-from boxcal.detect.image.log_response import choose_tone
+from boxcal.detect.image.log_response import choose_response
 from boxcal.detect.log.messages import Grey
 from boxcal.detect.log.recording import Recording, file_sha256, open_recording
 from boxcal.detect.log.safe_text import listed, printable
 from boxcal.detect.log.topics import Topics
 from boxcal.detect.log.wheel_samples import Array, Ids, WheelUnits
 from boxcal.detect.stops import Stop, StopSettings, find_stops
-from boxcal.detect.tags.averaging import FLOOR_PX, Sighting, combine, covariances
-from boxcal.detect.tags.detections import Tags, TagSettings, find_tags, other_family
+from boxcal.detect.tags.averaging import FLOOR_PX, AveragedCorners, combine, covariances
+from boxcal.detect.tags.detections import TagDetections, TagSettings, find_tags, other_family
 from boxcal.target.box import Target
 from boxcal.target.files.target_json import target_sha256
 
@@ -36,11 +36,11 @@ class ExtractSettings:
     ----------
     stops, tags
         How stops and tags are found.
-    tone
-        The camera's tone curve (``srgb`` or ``linear``); None tells it from the tags.
+    response
+        The camera response function (``srgb`` or ``linear``); None tells it from the tags.
     bits
         Of the grey levels of a camera of more than 8 bits (10, 12, 14, 16), as its messages do not say how many of
-        their 16 are used; None tells it from the largest value in some frames. It matters little where the tone
+        their 16 are used; None tells it from the largest value in some frames. It matters little where the response
         curve is linear.
     settle : s
         Frames this soon after coming to rest or before leaving are used only if there are no others.
@@ -54,7 +54,7 @@ class ExtractSettings:
 
     stops: StopSettings = field(default_factory=StopSettings)
     tags: TagSettings = field(default_factory=TagSettings)
-    tone: str | None = None
+    response: str | None = None
     bits: int | None = None
     settle: float = 0.1
     max_frames: int = 20
@@ -109,24 +109,24 @@ def extract(
     stops = find_stops(recording.wheels, settings.stops)
     settings = replace(settings, bits=_bits(recording, stops, settings))
     look = _Look(recording, target, replace(settings, tags=_with_tone(recording, stops, target, settings)))
-    seen: list[tuple[Stop, Sighting]] = []
+    seen: list[tuple[Stop, AveragedCorners]] = []
     for number, stop in enumerate(stops, 1):
-        sighting = look.at(stop)
-        usable = sighting.tags >= settings.min_tags
+        detections = look.at(stop)
+        usable = detections.tags >= settings.min_tags
         tell(
-            f"{path.name}: stop {number} of {len(stops)}: {sighting.frames} frames, {sighting.tags} tags"
+            f"{path.name}: stop {number} of {len(stops)}: {detections.frames} frames, {detections.tags} tags"
             f"{'' if usable else ', left out'}"
         )
         if usable:
-            seen.append((stop, sighting))
+            seen.append((stop, detections))
     if len(seen) < MIN_STOPS:
         raise DetectError(f"{path.name}: {look.why_not(len(stops), len(seen))}")
-    covs = covariances([sighting for _, sighting in seen], settings.floor_px)
+    covs = covariances([detections for _, detections in seen], settings.floor_px)
     return Correspondences(
         robot=path.stem,
         image_size=look.image_size,
         wheels=recording.wheels,
-        stops=tuple(_view(stop, sighting, cov, target) for (stop, sighting), cov in zip(seen, covs, strict=True)),
+        stops=tuple(_view(stop, detections, cov, target) for (stop, detections), cov in zip(seen, covs, strict=True)),
         source=Source(log=path.name, sha256=file_sha256(path), target_sha256=target_sha256(target)),
         units=units or WheelUnits(),
     )
@@ -153,12 +153,12 @@ def _bits(recording: Recording, stops: tuple[Stop, ...], settings: ExtractSettin
 
 
 def _with_tone(recording: Recording, stops: tuple[Stop, ...], target: Target, settings: ExtractSettings) -> TagSettings:
-    """Return the tag settings with the camera's tone curve, told from one frame each of a few stops."""
-    tone = settings.tone
-    if tone is None:
+    """Return the tag settings with the camera response function, told from one frame each of a few stops."""
+    response = settings.response
+    if response is None:
         frames = recording.read_deep_frames(_some_frames(recording, stops, settings), settings.bits or 8)
-        tone = choose_tone([image for _, image in frames], target, settings.tags)
-    return replace(settings.tags, corners=replace(settings.tags.corners, tone=tone))
+        response = choose_response([image for _, image in frames], target, settings.tags)
+    return replace(settings.tags, corners=replace(settings.tags.corners, response=response))
 
 
 def _some_frames(recording: Recording, stops: tuple[Stop, ...], settings: ExtractSettings) -> Ids:
@@ -177,14 +177,14 @@ class _Look:
         self._example: Grey | None = None
         self.image_size = (0, 0)
 
-    def at(self, stop: Stop) -> Sighting:
+    def at(self, stop: Stop) -> AveragedCorners:
         tags = list(self._tags(frames_at(self._recording, stop, self._settings.settle, self._settings.max_frames)))
-        sighting = combine(tags)
+        detections = combine(tags)
         self._with_frames += bool(tags)
-        self._with_tags += sighting.tags > 0
-        return sighting
+        self._with_tags += detections.tags > 0
+        return detections
 
-    def _tags(self, frames: Ids) -> Iterator[Tags]:
+    def _tags(self, frames: Ids) -> Iterator[TagDetections]:
         for t_ns, image in self._recording.read_deep_frames(frames, self._settings.bits or 8):
             size = (image.shape[1], image.shape[0])
             if self.image_size not in {(0, 0), size}:
@@ -236,7 +236,7 @@ class _Look:
         return f" of {where}; check that the camera sees the box, in focus and lit, and that this is its target.json"
 
 
-def _view(stop: Stop, sighting: Sighting, cov_px2: Array, target: Target) -> StopObservation:
+def _view(stop: Stop, detections: AveragedCorners, cov_px2: Array, target: Target) -> StopObservation:
     return StopObservation(
         t_start_ns=stop.t_start_ns,
         t_end_ns=stop.t_end_ns,
@@ -244,12 +244,12 @@ def _view(stop: Stop, sighting: Sighting, cov_px2: Array, target: Target) -> Sto
         last_sample=stop.last_sample,
         phi_R=stop.phi_R,
         phi_L=stop.phi_L,
-        landmark_ids=sighting.landmark_ids,
-        faces=target.faces(sighting.landmark_ids),
-        p_box=target.p_box(sighting.landmark_ids),
-        uv_px=sighting.uv_px,
+        landmark_ids=detections.landmark_ids,
+        faces=target.faces(detections.landmark_ids),
+        p_box=target.p_box(detections.landmark_ids),
+        uv_px=detections.uv_px,
         cov_px2=cov_px2,
-        frames=sighting.frames,
+        frames=detections.frames,
     )
 
 

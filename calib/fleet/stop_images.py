@@ -18,7 +18,7 @@ from boxcal.detect.log.messages import Grey
 from boxcal.detect.log.recording import Recording, open_recording
 from boxcal.detect.log.topics import Topics
 from boxcal.detect.stops import Stop, find_stops
-from boxcal.detect.tags.detections import Tags, find_tags
+from boxcal.detect.tags.detections import TagDetections, find_tags
 from boxcal.target.box import Target
 
 Picture = NDArray[np.uint8]
@@ -138,7 +138,7 @@ def paint_stop(image: Grey, label: str, seen: SeenStop | None, uv_px: Array) -> 
     )
 
 
-def paint_tags(image: Grey, label: str, tags: Tags, *, mirrored: bool = False) -> Picture:
+def paint_tags(image: Grey, label: str, tags: TagDetections, *, mirrored: bool = False) -> Picture:
     """Return a stop's image with the tags detected in it: outlines, first corners and ids.
 
     ``mirrored`` says that tags were found in the mirror image only.

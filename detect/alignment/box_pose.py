@@ -23,7 +23,14 @@ from boxcal.detect.alignment.box_refinement import (
     levenberg_marquardt,
 )
 from boxcal.detect.alignment.homography import least_squares_homography
-from boxcal.detect.alignment.radial_camera import chart, depth, fisheye_lens, straight_lens, straighten, to_pixels
+from boxcal.detect.alignment.radial_camera import (
+    depth,
+    fisheye_distortion,
+    local_undistortion,
+    no_distortion,
+    to_pixels,
+    undistort_locally,
+)
 from boxcal.detect.alignment.tag_patterns import Array, Index
 from boxcal.target.box import Target
 
@@ -124,12 +131,12 @@ def fit_box(
 
 def _cameras(image_size: tuple[int, int]) -> Iterator[tuple[float, Array, Array]]:
     """Yield focal length, lens and expected figures of the cameras that may have taken a picture."""
-    width, straight = max(image_size), straight_lens(image_size)
+    width, straight = max(image_size), no_distortion(image_size)
     usual = np.array([np.log(1.1 * width), *straight[FITTED]])
     for focal in FOCAL_LENGTHS:
         yield focal * width, straight, usual
     for focal in FISHEYES:
-        lens = fisheye_lens(image_size, focal * width)
+        lens = fisheye_distortion(image_size, focal * width)
         yield focal * width, lens, np.array([np.log(focal * width), *lens[FITTED]])
 
 
@@ -140,13 +147,13 @@ def _start(target: Target, rows: Index, corners_px: Array, lens: Array, focal: f
     p_face = (target.tag_corners[rows].reshape(-1, 3) - T_box_face[:3, 3]) @ T_box_face[:3, :3]
     uv = corners_px.reshape(-1, 2)
     # on the chart about their middle they are a homography; from there to rays is linear
-    place = np.array([[*uv.mean(axis=0), 1.0]])
-    b, D = chart(lens, place[0, :2])
-    places = straighten(lens, place, uv[None])[0] + place[0, :2] - lens[:2]
+    normalisation = np.array([[*uv.mean(axis=0), 1.0]])
+    b, D = local_undistortion(lens, normalisation[0, :2])
+    normalised = undistort_locally(lens, normalisation, uv[None])[0] + normalisation[0, :2] - lens[:2]
     rays = np.array([[1 / focal, 0, 0], [0, 1 / focal, 0], [*b, D]])
-    H = rays @ least_squares_homography(p_face[:, :2], places)
+    H = rays @ least_squares_homography(p_face[:, :2], normalised)
     H = H / np.linalg.norm(H[:, :2], axis=0).mean()
-    middle = np.array([*(place[0, :2] - lens[:2]), focal * float(b @ (place[0, :2] - lens[:2]) + D)])
+    middle = np.array([*(normalisation[0, :2] - lens[:2]), focal * float(b @ (normalisation[0, :2] - lens[:2]) + D)])
     if H @ [*p_face[:, :2].mean(axis=0), 1] @ middle < 0:
         H = -H
     u, _, vt = np.linalg.svd(np.column_stack([H[:, 0], H[:, 1], np.cross(H[:, 0], H[:, 1])]))

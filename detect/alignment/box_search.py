@@ -6,32 +6,32 @@ import numpy as np
 from numpy.typing import NDArray
 
 from boxcal.detect.alignment.box_pose import FISHEYES, GOOD, BoxFit, fit_box
-from boxcal.detect.alignment.candidates import Seeds
+from boxcal.detect.alignment.candidates import TagCandidates
 from boxcal.detect.alignment.homography import least_squares_homography, map_points
 from boxcal.detect.alignment.pyramid import Pyramid, align_coarsely, align_midway
-from boxcal.detect.alignment.radial_camera import fisheye_lens, straighten
-from boxcal.detect.alignment.registration.align import Aligned
+from boxcal.detect.alignment.radial_camera import fisheye_distortion, undistort_locally
+from boxcal.detect.alignment.registration.align import TagAlignments
 from boxcal.detect.alignment.tag_patterns import Array, Index, Patterns
 from boxcal.detect.alignment.verification import Limits, convex, module_px, verified
 from boxcal.target.box import Target
 
-SEED_SIGMA_PX = 0.5
+CANDIDATE_SIGMA_PX = 0.5
 ALIGNED_SIGMA_PX = 0.05
 MIN_MODULE_PX = 0.75
 """Narrower modules are not searched for."""
 MAX_SPREAD_MODULES = 0.6
 """Tags whose place is predicted less surely than this are not searched for."""
-SEED_TOLERANCE = 0.35
-"""How far from the face's other tags a seed may lie, tag sides."""
+CANDIDATE_TOLERANCE = 0.35
+"""How far from the face's other tags a candidate may lie, tag sides."""
 RIGID_TOLERANCE_MODULES, RIGID_TOLERANCE_PX = 0.5, 0.75
 ROUNDS = 4
 ENOUGH = 0.8
-"""Share of a face's seeds whose agreement ends the search for a larger one."""
+"""Share of a face's candidates whose agreement ends the search for a larger one."""
 _PAIRS = 24
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Search:
+class PredictedRegions:
     """Where tags are looked for, and what says so.
 
     Attributes
@@ -49,7 +49,7 @@ class Search:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Found:
+class BoxDetection:
     """Tags that are really there.
 
     Attributes
@@ -63,54 +63,54 @@ class Found:
         there are none, infinite where the fit is too poor to say which those are.
     """
 
-    tags: Aligned
+    tags: TagAlignments
     fit: BoxFit
     lost_module_px: float
 
 
-def consistent_seeds(target: Target, seeds: Seeds, image_size: tuple[int, int]) -> Seeds:
-    """Return the seeds that agree on where their face is, each tag once.
+def consistent_candidates(target: Target, candidates: TagCandidates, image_size: tuple[int, int]) -> TagCandidates:
+    """Return the candidates that agree on where their face is, each tag once.
 
     On each face the largest set wins that one homography explains, as the image stands or, where many do not agree,
     on the charts of fisheyes. A tag seen in several places counts only where two other tags at least agree with one of
     them.
     """
     kept: list[int] = []
-    faces = target.tag_faces[seeds.rows]
+    faces = target.tag_faces[candidates.rows]
     for face in np.unique(faces):
         at = np.flatnonzero(faces == face)
-        here = seeds.take(at)
+        here = candidates.take(at)
         agree = _largest_agreement(target, int(face), here)
         for focal in FISHEYES:
             if agree.sum() >= ENOUGH * len(at):
                 break
-            lens = fisheye_lens(image_size, focal * max(image_size))
-            place = np.array([[*np.median(here.corners_px, axis=(0, 1)), 1.0]])
-            charted = replace(here, corners_px=straighten(lens, place, here.corners_px[None])[0])
+            lens = fisheye_distortion(image_size, focal * max(image_size))
+            normalisation = np.array([[*np.median(here.corners_px, axis=(0, 1)), 1.0]])
+            charted = replace(here, corners_px=undistort_locally(lens, normalisation, here.corners_px[None])[0])
             other = _largest_agreement(target, int(face), charted)
             agree = other if other.sum() > agree.sum() else agree
         kept += [int(k) for k in at[agree]]
     chosen = np.array(kept, dtype=np.int64)
-    rows, count = np.unique(seeds.rows[chosen], return_counts=True)
-    return seeds.take(chosen[np.isin(seeds.rows[chosen], rows[count == 1])])
+    rows, count = np.unique(candidates.rows[chosen], return_counts=True)
+    return candidates.take(chosen[np.isin(candidates.rows[chosen], rows[count == 1])])
 
 
-def _largest_agreement(target: Target, face: int, seeds: Seeds) -> NDArray[np.bool_]:
-    n = len(seeds)
+def _largest_agreement(target: Target, face: int, candidates: TagCandidates) -> NDArray[np.bool_]:
+    n = len(candidates)
     if n <= 1:
         return np.ones(n, dtype=np.bool_)
     T = target.T_box_face(face)
-    p_face = ((target.tag_corners[seeds.rows] - T[:3, 3]) @ T[:3, :3])[..., :2]
-    side = np.linalg.norm(seeds.corners_px - np.roll(seeds.corners_px, -1, axis=1), axis=2).mean(axis=1)
+    p_face = ((target.tag_corners[candidates.rows] - T[:3, 3]) @ T[:3, :3])[..., :2]
+    side = np.linalg.norm(candidates.corners_px - np.roll(candidates.corners_px, -1, axis=1), axis=2).mean(axis=1)
     best = np.zeros(n, dtype=np.bool_)
-    for i, j in _pairs(seeds):
-        if seeds.rows[i] == seeds.rows[j]:
+    for i, j in _pairs(candidates):
+        if candidates.rows[i] == candidates.rows[j]:
             continue
         H = least_squares_homography(
-            np.concatenate([p_face[i], p_face[j]]), np.concatenate([seeds.corners_px[i], seeds.corners_px[j]])
+            np.concatenate([p_face[i], p_face[j]]), np.concatenate([candidates.corners_px[i], candidates.corners_px[j]])
         )
-        off = np.linalg.norm(map_points(H, p_face) - seeds.corners_px, axis=2).max(axis=1)
-        agree = np.nan_to_num(off, nan=np.inf) < SEED_TOLERANCE * side
+        off = np.linalg.norm(map_points(H, p_face) - candidates.corners_px, axis=2).max(axis=1)
+        agree = np.nan_to_num(off, nan=np.inf) < CANDIDATE_TOLERANCE * side
         if agree.sum() > best.sum():
             best = agree
         if best.sum() >= ENOUGH * n:
@@ -118,35 +118,39 @@ def _largest_agreement(target: Target, face: int, seeds: Seeds) -> NDArray[np.bo
     if best.sum() >= 3:
         return best
     # too few to judge: keep what is not contradicted by a second sighting
-    _, where, count = np.unique(seeds.rows, return_inverse=True, return_counts=True)
+    _, where, count = np.unique(candidates.rows, return_inverse=True, return_counts=True)
     return np.asarray(count[where] == 1)
 
 
-def _pairs(seeds: Seeds) -> list[tuple[int, int]]:
-    """Return pairs of seeds to try, spread over the face: the best with those far away first."""
-    order = np.argsort(-seeds.score)[:12]
+def _pairs(candidates: TagCandidates) -> list[tuple[int, int]]:
+    """Return pairs of candidates to try, spread over the face: the best with those far away first."""
+    order = np.argsort(-candidates.score)[:12]
     i, j = np.triu_indices(len(order), 1)
-    centre = seeds.corners_px[order].mean(axis=1)
+    centre = candidates.corners_px[order].mean(axis=1)
     apart = np.linalg.norm(centre[i] - centre[j], axis=1)
     far = np.argsort(-apart, kind="stable")
     far = far[:: max(1, len(far) // _PAIRS)][:_PAIRS]
     return [(int(order[a]), int(order[b])) for a, b in zip(i[far], j[far], strict=True)]
 
 
-def plan(
-    target: Target, patterns: Patterns, seeds: Seeds, image_size: tuple[int, int], sigma_px: float = SEED_SIGMA_PX
-) -> Search:
-    """Return where to look: at the seeds (one at least) that one rigid box explains, and where it has more tags."""
+def predict_regions(
+    target: Target,
+    patterns: Patterns,
+    candidates: TagCandidates,
+    image_size: tuple[int, int],
+    sigma_px: float = CANDIDATE_SIGMA_PX,
+) -> PredictedRegions:
+    """Return the regions to search: at the candidates that one rigid box explains, and where it predicts more tags."""
     fit, rows, corners = _fitted(
-        target, patterns, seeds.rows, seeds.corners_px, image_size=image_size, sigma_px=sigma_px
+        target, patterns, candidates.rows, candidates.corners_px, image_size=image_size, sigma_px=sigma_px
     )
-    # where many seeds agree, the box says better than each of them where its corners are
+    # where many candidates agree, the box says better than each of them where its corners are
     uv, spread = fit.predict(target.tag_corners[rows].reshape(-1, 3))
     surer = (spread.reshape(-1, 4).max(axis=1) < sigma_px) & (fit.off_px < 4 * sigma_px)
     corners = np.where(surer[:, None, None], uv.reshape(-1, 4, 2), corners)
     more, more_corners, sure = predicted(target, patterns, fit, rows, image_size)
     rows, corners = np.concatenate([rows, more[sure]]), np.concatenate([corners, more_corners[sure]])
-    return Search(rows=rows, corners_px=corners, fit=fit)
+    return PredictedRegions(rows=rows, corners_px=corners, fit=fit)
 
 
 def _fitted(
@@ -196,7 +200,9 @@ def predicted(
     return rows[inside], uv[inside], sure[inside]
 
 
-def follow(pyramid: Pyramid, target: Target, patterns: Patterns, search: Search, limits: Limits) -> Found:
+def grow_from_pose(
+    pyramid: Pyramid, target: Target, patterns: Patterns, search: PredictedRegions, limits: Limits
+) -> BoxDetection:
     """Return the tags of a search that are really there, aligned on few pixels, and the box through them.
 
     Whatever the box then predicts beside them is tried too, until nothing new turns up.
@@ -230,4 +236,4 @@ def follow(pyramid: Pyramid, target: Target, patterns: Patterns, search: Search,
         tags = tags.joined(new)
     # a box that is turned wrongly hides faces that the camera sees
     told = len(tags) > 0 and np.median(fit.off_px) < GOOD * ALIGNED_SIGMA_PX
-    return Found(tags=tags, fit=fit, lost_module_px=lost if told else np.inf)
+    return BoxDetection(tags=tags, fit=fit, lost_module_px=lost if told else np.inf)

@@ -24,7 +24,7 @@ _REMAP_ROWS = 30_000
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Seeds:
+class TagCandidates:
     """Places where a tag may be.
 
     Attributes
@@ -44,14 +44,14 @@ class Seeds:
     def __len__(self) -> int:
         return len(self.rows)
 
-    def take(self, at: NDArray[np.bool_] | Index) -> "Seeds":
+    def take(self, at: NDArray[np.bool_] | Index) -> "TagCandidates":
         """Return some of them."""
-        return Seeds(rows=self.rows[at], corners_px=self.corners_px[at], score=self.score[at])
+        return TagCandidates(rows=self.rows[at], corners_px=self.corners_px[at], score=self.score[at])
 
-    def merged(self, more: "Seeds") -> "Seeds":
+    def merged(self, more: "TagCandidates") -> "TagCandidates":
         """Return these and others, copies of the same sighting reduced to the best."""
         return _once(
-            Seeds(
+            TagCandidates(
                 rows=np.concatenate([self.rows, more.rows]),
                 corners_px=np.concatenate([self.corners_px, more.corners_px]),
                 score=np.concatenate([self.score, more.score]),
@@ -59,7 +59,9 @@ class Seeds:
         )
 
 
-def find_seeds(grey: NDArray[np.uint8], patterns: Patterns, windows_px: tuple[int, ...], scale: float = 1.0) -> Seeds:
+def find_candidates(
+    grey: NDArray[np.uint8], patterns: Patterns, windows_px: tuple[int, ...], scale: float = 1.0
+) -> TagCandidates:
     """Return the places that resemble one of the patterns; one tag may come back under several windows once only.
 
     Parameters
@@ -79,12 +81,12 @@ def find_seeds(grey: NDArray[np.uint8], patterns: Patterns, windows_px: tuple[in
         image = np.asarray(cv2.resize(grey, None, fx=scale, fy=scale, interpolation=kind), dtype=np.uint8)
     found = [_decoded(image, quads, patterns) for quads in (_quads(image, w) for w in windows_px) if len(quads)]
     if not found:
-        return Seeds(rows=np.zeros(0, np.int64), corners_px=np.zeros((0, 4, 2)), score=np.zeros(0))
+        return TagCandidates(rows=np.zeros(0, np.int64), corners_px=np.zeros((0, 4, 2)), score=np.zeros(0))
     rows = np.concatenate([f.rows for f in found])
     corners = np.concatenate([f.corners_px for f in found])
     score = np.concatenate([f.score for f in found])
     corners = (corners + 0.5) / scale - 0.5
-    return _once(Seeds(rows=rows, corners_px=corners, score=score))
+    return _once(TagCandidates(rows=rows, corners_px=corners, score=score))
 
 
 def _quads(image: NDArray[np.uint8], window_px: int) -> Array:
@@ -135,7 +137,7 @@ def _grown(corners: Array, by_px: float) -> Array:
     return np.asarray(corners + by_px * (before + normal) / np.maximum(denominator, 0.2))
 
 
-def _decoded(image: NDArray[np.uint8], corners: Array, patterns: Patterns) -> Seeds:
+def _decoded(image: NDArray[np.uint8], corners: Array, patterns: Patterns) -> TagCandidates:
     """Return which pattern, turned how, each quadrilateral resembles, where it resembles one."""
     m = patterns.modules
     centres = np.arange(-1, m + 1) + 0.5
@@ -160,7 +162,7 @@ def _decoded(image: NDArray[np.uint8], corners: Array, patterns: Patterns) -> Se
     table = _turned(patterns)
     score = (inner[at] / norm[at, None]) @ table.T
     if score.size == 0:
-        return Seeds(rows=np.zeros(0, np.int64), corners_px=np.zeros((0, 4, 2)), score=np.zeros(0))
+        return TagCandidates(rows=np.zeros(0, np.int64), corners_px=np.zeros((0, 4, 2)), score=np.zeros(0))
     best = score.argmax(axis=1)
     top = score.max(axis=1)
     ranked = score.copy()
@@ -169,7 +171,9 @@ def _decoded(image: NDArray[np.uint8], corners: Array, patterns: Patterns) -> Se
     rows, turn = np.divmod(best[keep], 4)
     order = (np.arange(4)[None, :] + turn[:, None]) % 4
     quads = corners[at[keep]]
-    return Seeds(rows=rows.astype(np.int64), corners_px=quads[np.arange(len(quads))[:, None], order], score=top[keep])
+    return TagCandidates(
+        rows=rows.astype(np.int64), corners_px=quads[np.arange(len(quads))[:, None], order], score=top[keep]
+    )
 
 
 def _turned(patterns: Patterns) -> Array:
@@ -198,11 +202,11 @@ def sample(image: NDArray[np.uint8], x: Array, y: Array) -> Array:
     return np.concatenate(parts).astype(np.float64)
 
 
-def _once(seeds: Seeds) -> Seeds:
-    """Return the seeds with copies of the same tag at the same place reduced to the best."""
-    order = np.argsort(-seeds.score)
-    rows, centre = seeds.rows[order], seeds.corners_px[order].mean(axis=1)
-    size = np.linalg.norm(seeds.corners_px[order] - centre[:, None], axis=2).min(axis=1)
+def _once(candidates: TagCandidates) -> TagCandidates:
+    """Return the candidates with copies of the same tag at the same place reduced to the best."""
+    order = np.argsort(-candidates.score)
+    rows, centre = candidates.rows[order], candidates.corners_px[order].mean(axis=1)
+    size = np.linalg.norm(candidates.corners_px[order] - centre[:, None], axis=2).min(axis=1)
     same = (rows[:, None] == rows[None, :]) & (np.linalg.norm(centre[:, None] - centre[None], axis=2) < size[None, :])
     first = ~np.any(np.tril(same, -1), axis=1)
-    return seeds.take(order[first])
+    return candidates.take(order[first])

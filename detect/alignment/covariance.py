@@ -1,4 +1,4 @@
-"""How much surer or less sure corners are than white noise would make them, told from the residuals themselves.
+"""Cluster-robust inflation of the corners' covariances, estimated from the residuals of the alignment.
 
 Residuals that agree with their neighbours (an edge that the model does not follow, compression) move a corner further
 than as many independent ones; residuals that alternate move it less. With ``psi_p = B^T J_p r_p`` what a pixel adds to
@@ -17,15 +17,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from boxcal.detect.alignment.registration import image_model as model
-from boxcal.detect.alignment.registration.align import Aligned, footprints
+from boxcal.detect.alignment.registration.align import TagAlignments, footprints
 from boxcal.detect.alignment.registration.finish import KURTOSIS_PRIOR, corners_by_homography, inverse_normal
-from boxcal.detect.alignment.registration.image_model import SQUARES
-from boxcal.detect.alignment.registration.parameters import LOG_SIGMA, PARAMETERS
+from boxcal.detect.alignment.registration.image_model import CLUSTERS
+from boxcal.detect.alignment.registration.parameters import LOG_PSF, PARAMETERS
 from boxcal.detect.alignment.registration.tag_batch import Batch, Frame
 from boxcal.detect.alignment.tag_patterns import Array, Patterns
 
 MOST_TAGS = 6
-SQUARE_PX = 8
+CLUSTER_PX = 8
 """Least side of a square: JPEG's blocks have it."""
 PRIOR_TAGS = 1.0
 """So many tags' worth of squares are taken to have shown white noise."""
@@ -35,13 +35,13 @@ TOGETHER = 0.86
 benchmarks/detector.py, errors have so much of the variance that squares which know nothing of each other would give."""
 
 
-def noise_share(frame: Frame, patterns: Patterns, tags: Aligned, side_px: float) -> float:
+def variance_inflation(frame: Frame, patterns: Patterns, tags: TagAlignments, side_px: float) -> float:
     """Return by what factor the variances of the corners differ from what the residuals' size says.
 
     Parameters
     ----------
     frame
-        The image, tone curve and lens with which the tags were aligned.
+        The image, response curve and lens with which the tags were aligned.
     patterns, tags
         Tags as :func:`boxcal.detect.alignment.registration.align.align` returned them.
     side_px
@@ -52,31 +52,31 @@ def noise_share(frame: Frame, patterns: Patterns, tags: Aligned, side_px: float)
     size = np.linalg.norm(tags.corners_px[:, 2] - tags.corners_px[:, 0], axis=1)
     chosen = np.argsort(-size)[np.unique(np.linspace(0, len(tags) - 1, min(MOST_TAGS, len(tags))).astype(np.int64))]
     some = tags.take(chosen)
-    boxes, margin, stride, _ = footprints(
-        frame, patterns, some.corners_px, some.theta[:, LOG_SIGMA], side_px=side_px, edges=True
+    bounding_boxes, margin, stride, _ = footprints(
+        frame, patterns, some.corners_px, some.theta[:, LOG_PSF], side_px=side_px, edges=True
     )
-    widest = np.maximum(boxes[:, 1] - boxes[:, 0], boxes[:, 3] - boxes[:, 2])
-    square_px = np.maximum(widest // (SQUARES - 1) + 1, SQUARE_PX)
+    widest = np.maximum(bounding_boxes[:, 1] - bounding_boxes[:, 0], bounding_boxes[:, 3] - bounding_boxes[:, 2])
+    cluster_px = np.maximum(widest // (CLUSTERS - 1) + 1, CLUSTER_PX)
     batch = Batch(
-        frame=frame, cells=patterns.cells, rows=some.rows, theta=some.theta, place=some.place,
-        boxes=boxes, margin=margin, stride=stride,
+        frame=frame, cells=patterns.cells, rows=some.rows, theta=some.theta, normalisation=some.normalisation,
+        bounding_boxes=bounding_boxes, margin=margin, stride=stride,
     )  # fmt: skip
-    observed, expected = _sums()(batch, some, square_px)
+    observed, expected = _sums()(batch, some, cluster_px)
     prior = PRIOR_TAGS * float(np.mean(expected)) + 1e-12
     return TOGETHER * float(np.clip((observed.sum() + prior) / (expected.sum() + prior), *RANGE))
 
 
-def squared(batch: Batch, tags: Aligned, square_px: NDArray[np.int64]) -> tuple[Array, Array]:
+def cluster_sums(batch: Batch, tags: TagAlignments, cluster_px: NDArray[np.int64]) -> tuple[Array, Array]:
     """Return for each tag (N,) the mean square of the squares' sums, and its expectation under white noise.
 
     Both are in units of the variance that white noise gives to the corners' eight coordinates. The batch holds the same
-    tags; for ``square_px`` see :func:`boxcal.detect.alignment.registration.image_model.squares`.
+    tags; for ``cluster_px`` see :func:`boxcal.detect.alignment.registration.image_model.clusters`.
     """
-    normals, gradients = model.squares(batch, square_px)
+    normals, gradients = model.clusters(batch, cluster_px)
     normal, noise2 = normals.sum(axis=1), tags.noise**2
     # one pixel more than parameters: their squared sum is then the variance that the prior is weighed by
     inverse = inverse_normal(normal, np.stack([np.full(len(tags), PARAMETERS + 1.0), noise2], axis=1))
-    D = corners_by_homography(batch.frame, tags.theta, tags.place, tags.corners_px).reshape(len(tags), 8, 8)
+    D = corners_by_homography(batch.frame, tags.theta, tags.normalisation, tags.corners_px).reshape(len(tags), 8, 8)
     B = inverse[:, :, :8] @ D.transpose(0, 2, 1)
     white = np.maximum(np.einsum("nie,nij,nje->ne", B, normal, B), 1e-300)
     moved = gradients @ B
@@ -92,12 +92,12 @@ def _sums() -> Callable[..., tuple[Array, Array]]:
     try:
         from boxcal.detect.alignment.numba import covariance as compiled  # noqa: PLC0415 - optional and slow to import
     except ImportError:
-        return squared
+        return cluster_sums
 
-    def run(batch: Batch, tags: Aligned, square_px: NDArray[np.int64]) -> tuple[Array, Array]:
+    def run(batch: Batch, tags: TagAlignments, cluster_px: NDArray[np.int64]) -> tuple[Array, Array]:
         observed, expected = np.empty(len(tags)), np.empty(len(tags))
-        compiled.squared(
-            *batch.arrays_and(square_px, tags.corners_px, tags.noise**2, KURTOSIS_PRIOR, observed, expected)
+        compiled.cluster_sums(
+            *batch.arrays_and(cluster_px, tags.corners_px, tags.noise**2, KURTOSIS_PRIOR, observed, expected)
         )
         return observed, expected
 

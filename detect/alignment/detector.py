@@ -10,19 +10,26 @@ from boxcal.detect.alignment.box_search import (
     RIGID_TOLERANCE_MODULES,
     RIGID_TOLERANCE_PX,
 )
-from boxcal.detect.alignment.covariance import noise_share
+from boxcal.detect.alignment.covariance import variance_inflation
 from boxcal.detect.alignment.preview import SIGMA_PX, preview
 from boxcal.detect.alignment.pyramid import Pyramid, align_coarsely
 from boxcal.detect.alignment.pyramid_search import find_box, search_copies
-from boxcal.detect.alignment.radial_camera import bent_otherwise_px, straight_lens
-from boxcal.detect.alignment.registration.align import Aligned, align
+from boxcal.detect.alignment.radial_camera import no_distortion, sagitta_difference_px
+from boxcal.detect.alignment.registration.align import TagAlignments, align
 from boxcal.detect.alignment.registration.parameters import KURTOSIS
 from boxcal.detect.alignment.registration.tag_batch import Frame
 from boxcal.detect.alignment.tag_patterns import Array, Index, Patterns, target_patterns
 from boxcal.detect.alignment.verification import Limits, module_px, verified
 from boxcal.detect.errors import DetectError
 from boxcal.detect.image.gray import to_grey, to_grey8
-from boxcal.detect.image.response_curve import TONES, Taking, Tone, probe, relit, tone_table
+from boxcal.detect.image.response_curve import (
+    RESPONSES,
+    ImagingParameters,
+    Response,
+    estimate_response,
+    response_table,
+    with_response,
+)
 from boxcal.target.box import Target
 
 MODEL_ERROR_PX = 0.001
@@ -37,13 +44,13 @@ FINE_SIDE_PX = 22.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class LocateSettings:
+class DetectorSettings:
     """How tags are located.
 
     Attributes
     ----------
-    tone
-        The camera's tone curve: ``linear``, ``srgb``, or ``auto`` to tell it from the tags.
+    response
+        The camera response function: ``linear``, ``srgb``, or ``auto`` to tell it from the tags.
     fast
         Preview: only tags that stand out, their edges fitted with lines; ``auto`` then means ``linear``.
     limits
@@ -52,18 +59,18 @@ class LocateSettings:
         Neighbourhoods that tell dark from bright: the first one always, the others where it finds few tags.
     """
 
-    tone: Tone = "auto"
+    response: Response = "auto"
     fast: bool = False
     limits: Limits = field(default_factory=Limits)
     windows_px: tuple[int, ...] = (25, 9)
 
     def __post_init__(self) -> None:
-        if self.tone not in TONES:
-            raise DetectError(f"tone is {self.tone!r}, one of {', '.join(TONES)} is needed")
+        if self.response not in RESPONSES:
+            raise DetectError(f"tone is {self.response!r}, one of {', '.join(RESPONSES)} is needed")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Located:
+class DetectorOutput:
     """Tags located in one image.
 
     Attributes
@@ -79,8 +86,8 @@ class Located:
         Of the picture with the aligned pattern; NaN in a preview.
     blur_px : (N,), px
         Deviation of blur and pixel area together; NaN in a preview.
-    tone
-        The tone curve that was used.
+    response
+        The response curve that was used.
     """
 
     ids: Index
@@ -88,23 +95,23 @@ class Located:
     cov_px2: Array
     correlation: Array
     blur_px: Array
-    tone: str
+    response: str
 
 
-def nothing(tone: str) -> Located:
+def nothing(response: str) -> DetectorOutput:
     """Return what is located where there is no tag."""
     none = np.zeros(0)
-    return Located(
+    return DetectorOutput(
         ids=np.zeros(0, dtype=np.int64),
         corners_px=np.zeros((0, 4, 2)),
         cov_px2=np.zeros((0, 4, 2, 2)),
         correlation=none,
         blur_px=none,
-        tone=tone,
+        response=response,
     )
 
 
-def locate_tags(image: NDArray[np.generic], target: Target, settings: LocateSettings | None = None) -> Located:
+def detect_tags(image: NDArray[np.generic], target: Target, settings: DetectorSettings | None = None) -> DetectorOutput:
     """Return the target's tags in an image.
 
     Every tag is used that lies wholly in the image, on a face turned to the camera, wide enough to be read (about six
@@ -125,52 +132,56 @@ def locate_tags(image: NDArray[np.generic], target: Target, settings: LocateSett
     DetectError
         If that is no image.
     """
-    settings = settings or LocateSettings()
+    settings = settings or DetectorSettings()
     patterns = target_patterns(target)
     if settings.fast:
-        tone = "srgb" if settings.tone == "srgb" else "linear"
-        return _previewed(patterns, *preview(to_grey8(image), target, tone, settings.windows_px[0]), tone)
+        response = "srgb" if settings.response == "srgb" else "linear"
+        return _previewed(patterns, *preview(to_grey8(image), target, response, settings.windows_px[0]), response)
     grey, grey8 = to_grey(image)
     size = (grey.shape[1], grey.shape[0])
-    frame = Frame(grey=grey, tone=tone_table("linear"), lens=straight_lens(size))
+    frame = Frame(grey=grey, response=response_table("linear"), lens=no_distortion(size))
     found = find_box(Pyramid(frame), grey8, target, patterns, windows_px=settings.windows_px, limits=settings.limits)
     if found is None:
-        return nothing("linear" if settings.tone == "auto" else settings.tone)
+        return nothing("linear" if settings.response == "auto" else settings.response)
     tags, fit = found.tags, found.fit
     frame = replace(frame, lens=fit.lens)
-    frame, tags = _finely(frame, patterns, tags, probe(frame, patterns, tags, settings.tone))
+    frame, tags = _finely(frame, patterns, tags, estimate_response(frame, patterns, tags, settings.response))
     tags = tags.take(verified(patterns, tags, settings.limits))
     if len(tags) and module_px(patterns, tags.corners_px).max() > LARGE_MODULE_PX:
         fit = fit_box(target, tags.rows, tags.corners_px, image_size=size, sigma_px=LEAST_SIGMA_PX, start=fit)
-        if bent_otherwise_px(frame.lens, fit.lens, tags.corners_px) > BENT_PX:
+        if sagitta_difference_px(frame.lens, fit.lens, tags.corners_px) > BENT_PX:
             frame = replace(frame, lens=fit.lens)
             tags = align(frame, patterns, tags.rows, tags.corners_px, start=tags, side_px=FINE_SIDE_PX, stop_px=STOP_PX)
     return _located(frame, patterns, _on_the_box(target, patterns, tags, fit))
 
 
-def locate_copies(image: NDArray[np.generic], patterns: Patterns, settings: LocateSettings | None = None) -> Located:
+def detect_copies(
+    image: NDArray[np.generic], patterns: Patterns, settings: DetectorSettings | None = None
+) -> DetectorOutput:
     """Return every sighting of some tags in an image, whatever they are stuck on; an id may come back several times.
 
     There is no box to predict from, so only tags are found that stand out by themselves; nor a sheet that is known to
     be flat and evenly lit, so the limits are relaxed. Arguments and errors as for
-    :func:`locate_tags`.
+    :func:`detect_tags`.
     """
-    settings = settings or LocateSettings()
+    settings = settings or DetectorSettings()
     limits = settings.limits.relaxed()
     grey, grey8 = to_grey(image)
-    seeds = search_copies(grey8, patterns, settings.windows_px)
-    frame = Frame(grey=grey, tone=tone_table("linear"), lens=straight_lens((grey.shape[1], grey.shape[0])))
-    tags = align_coarsely(Pyramid(frame), patterns, seeds.rows, seeds.corners_px)
+    candidates = search_copies(grey8, patterns, settings.windows_px)
+    frame = Frame(grey=grey, response=response_table("linear"), lens=no_distortion((grey.shape[1], grey.shape[0])))
+    tags = align_coarsely(Pyramid(frame), patterns, candidates.rows, candidates.corners_px)
     tags = tags.take(verified(patterns, tags, limits.relaxed()))
-    frame, tags = _finely(frame, patterns, tags, probe(frame, patterns, tags, settings.tone))
+    frame, tags = _finely(frame, patterns, tags, estimate_response(frame, patterns, tags, settings.response))
     return _located(frame, patterns, tags.take(verified(patterns, tags, limits)))
 
 
-def _finely(frame: Frame, patterns: Patterns, tags: Aligned, taking: Taking) -> tuple[Frame, Aligned]:
-    """Return an image under the right tone curve, and tags, aligned coarsely before, aligned on its pixels."""
-    under = replace(frame, tone=tone_table(taking.tone))
-    changed = under.tone is not frame.tone
-    start = relit(tags, frame.tone, under.tone) if changed else tags
+def _finely(
+    frame: Frame, patterns: Patterns, tags: TagAlignments, taking: ImagingParameters
+) -> tuple[Frame, TagAlignments]:
+    """Return an image under the right response curve, and tags, aligned coarsely before, aligned on its pixels."""
+    under = replace(frame, response=response_table(taking.response))
+    changed = under.response is not frame.response
+    start = with_response(tags, frame.response, under.response) if changed else tags
     start.theta[:, KURTOSIS] = taking.kurtosis
     aligned = align(
         under,
@@ -178,41 +189,41 @@ def _finely(frame: Frame, patterns: Patterns, tags: Aligned, taking: Taking) -> 
         tags.rows,
         tags.corners_px,
         start=start,
-        relight=changed,
+        intensity_unknown=changed,
         side_px=FINE_SIDE_PX,
         stop_px=STOP_PX,
     )
     return under, aligned
 
 
-def _on_the_box(target: Target, patterns: Patterns, tags: Aligned, fit: BoxFit) -> Aligned:
+def _on_the_box(target: Target, patterns: Patterns, tags: TagAlignments, fit: BoxFit) -> TagAlignments:
     """Return the tags that lie on the rigid box."""
     uv, _ = fit.predict(target.tag_corners[tags.rows].reshape(-1, 3))
     off = np.linalg.norm(uv.reshape(-1, 4, 2) - tags.corners_px, axis=2).max(axis=1)
     return tags.take(off <= RIGID_TOLERANCE_MODULES * module_px(patterns, tags.corners_px) + RIGID_TOLERANCE_PX)
 
 
-def _previewed(patterns: Patterns, rows: Index, corners_px: Array, tone: str) -> Located:
+def _previewed(patterns: Patterns, rows: Index, corners_px: Array, response: str) -> DetectorOutput:
     order = np.argsort(patterns.tag_ids[rows], kind="stable")
-    return Located(
+    return DetectorOutput(
         ids=patterns.tag_ids[rows[order]],
         corners_px=corners_px[order],
         cov_px2=np.broadcast_to(SIGMA_PX**2 * np.eye(2), (len(rows), 4, 2, 2)).copy(),
         correlation=np.full(len(rows), np.nan),
         blur_px=np.full(len(rows), np.nan),
-        tone=tone,
+        response=response,
     )
 
 
-def _located(frame: Frame, patterns: Patterns, tags: Aligned) -> Located:
+def _located(frame: Frame, patterns: Patterns, tags: TagAlignments) -> DetectorOutput:
     order = np.argsort(patterns.tag_ids[tags.rows], kind="stable")
     tags = tags.take(order)
-    share = noise_share(frame, patterns, tags, FINE_SIDE_PX)
-    return Located(
+    share = variance_inflation(frame, patterns, tags, FINE_SIDE_PX)
+    return DetectorOutput(
         ids=patterns.tag_ids[tags.rows],
         corners_px=tags.corners_px,
         cov_px2=share * tags.cov_px2 + MODEL_ERROR_PX**2 * np.eye(2),
         correlation=tags.correlation,
-        blur_px=tags.sigma_px,
-        tone="srgb" if frame.tone is tone_table("srgb") else "linear",
+        blur_px=tags.psf_sigma_px,
+        response="srgb" if frame.response is response_table("srgb") else "linear",
     )

@@ -3,8 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from boxcal.detect.alignment.box_search import consistent_seeds
-from boxcal.detect.alignment.candidates import find_seeds
+from boxcal.detect.alignment.box_search import consistent_candidates
+from boxcal.detect.alignment.candidates import find_candidates
 from boxcal.detect.alignment.pyramid_search import FEW_TAGS, shrinkings
 from boxcal.detect.alignment.tag_patterns import Array, Index, target_patterns
 from boxcal.detect.tags.line_fit import CornerSettings, refine
@@ -14,10 +14,12 @@ MIN_SCORE = 0.85
 """Nothing else vouches for a previewed tag."""
 SIGMA_PX = 0.1
 """Deviation per axis that is claimed for a previewed corner; nothing in the picture is asked for it."""
-_LINES = {tone: CornerSettings(tone=tone, profiles=12, samples=13, rounds=1) for tone in ("linear", "srgb")}
+_LINES = {
+    response: CornerSettings(response=response, profiles=12, samples=13, rounds=1) for response in ("linear", "srgb")
+}
 
 
-def preview(grey8: NDArray[np.uint8], target: Target, tone: str, window_px: int) -> tuple[Index, Array]:
+def preview(grey8: NDArray[np.uint8], target: Target, response: str, window_px: int) -> tuple[Index, Array]:
     """Return rows in the target's table (N,) and corners (N, 4, 2) px of the tags that are easily seen.
 
     No tag is predicted and none is compared with its pattern beyond its decoding; the edges are those of
@@ -27,9 +29,9 @@ def preview(grey8: NDArray[np.uint8], target: Target, tone: str, window_px: int)
     # half as much shrunk as a search that has still to predict what it missed
     size = (grey8.shape[1], grey8.shape[0])
     factor = max(1, shrinkings(size)[0] // 2)
-    seeds = consistent_seeds(target, find_seeds(grey8, patterns, (window_px,), scale=1 / factor), size)
-    if len(seeds) < FEW_TAGS and factor > 1:
-        seeds = consistent_seeds(target, find_seeds(grey8, patterns, (window_px,)), size)
-    seeds = seeds.take(seeds.score >= MIN_SCORE)
-    corners, good = refine(grey8, seeds.corners_px, _LINES[tone])
-    return seeds.rows[good], corners[good]
+    candidates = consistent_candidates(target, find_candidates(grey8, patterns, (window_px,), scale=1 / factor), size)
+    if len(candidates) < FEW_TAGS and factor > 1:
+        candidates = consistent_candidates(target, find_candidates(grey8, patterns, (window_px,)), size)
+    candidates = candidates.take(candidates.score >= MIN_SCORE)
+    corners, good = refine(grey8, candidates.corners_px, _LINES[response])
+    return candidates.rows[good], corners[good]

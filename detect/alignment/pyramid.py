@@ -5,8 +5,8 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
-from boxcal.detect.alignment.registration.align import Aligned, align
-from boxcal.detect.alignment.registration.parameters import LOG_SIGMA
+from boxcal.detect.alignment.registration.align import TagAlignments, align
+from boxcal.detect.alignment.registration.parameters import LOG_PSF
 from boxcal.detect.alignment.registration.tag_batch import Frame
 from boxcal.detect.alignment.tag_patterns import Array, Index, Patterns
 from boxcal.detect.alignment.verification import module_px
@@ -49,12 +49,12 @@ class Pyramid:
         lens = self._frame.lens.copy()
         lens[:2] = (lens[:2] + 0.5) / 2**level - 0.5
         lens[4] *= 2**level
-        return Frame(grey=self._greys[level], tone=self._frame.tone, lens=lens)
+        return Frame(grey=self._greys[level], response=self._frame.response, lens=lens)
 
 
 def align_coarsely(
     pyramid: Pyramid, patterns: Patterns, rows: Index, corners_px: Array, side_px: float = SIDE_PX
-) -> Aligned:
+) -> TagAlignments:
     """Return tags (N,) aligned to about a tenth of a shrunken pixel, in their order; for the rest see :func:`align`."""
     levels = _levels(patterns, corners_px, LEAST_MODULE_PX)
     parts, order = [], []
@@ -68,7 +68,7 @@ def align_coarsely(
     return _in_order(parts, order)
 
 
-def align_midway(pyramid: Pyramid, patterns: Patterns, tags: Aligned) -> Aligned:
+def align_midway(pyramid: Pyramid, patterns: Patterns, tags: TagAlignments) -> TagAlignments:
     """Return coarsely aligned tags, the large ones aligned again on copies that are shrunk less.
 
     From there few steps on the image itself are left, and only near edges that are sharp.
@@ -100,27 +100,27 @@ def _levels(patterns: Patterns, corners_px: Array, least_module_px: float) -> In
     return np.clip(np.floor(np.log2(module / least_module_px)), 0, MAX_LEVEL).astype(np.int64)
 
 
-def _in_order(parts: list[Aligned], order: list[Index]) -> Aligned:
+def _in_order(parts: list[TagAlignments], order: list[Index]) -> TagAlignments:
     joined = parts[0]
     for part in parts[1:]:
         joined = joined.joined(part)
     return joined if len(parts) == 1 else joined.take(np.argsort(np.concatenate(order)))
 
 
-def _enlarged(tags: Aligned, factor: float) -> Aligned:
+def _enlarged(tags: TagAlignments, factor: float) -> TagAlignments:
     """Return tags of an image as they stand in one that is larger by a factor."""
     figures = {name: getattr(tags, name) for name in tags.__dataclass_fields__}
-    theta, place = tags.theta.copy(), tags.place.copy()
+    theta, normalisation = tags.theta.copy(), tags.normalisation.copy()
     # the pixels' own share of the blur does not grow: a deviation of 0.29 px stays that at any size
-    sigma = np.sqrt(np.maximum((tags.sigma_px**2 - 1 / 12) * factor**2, 0) + 1 / 12)
-    theta[:, LOG_SIGMA] = np.log(sigma)
-    place[:, :2] = (place[:, :2] + 0.5) * factor - 0.5
-    place[:, 2] /= factor
+    sigma = np.sqrt(np.maximum((tags.psf_sigma_px**2 - 1 / 12) * factor**2, 0) + 1 / 12)
+    theta[:, LOG_PSF] = np.log(sigma)
+    normalisation[:, :2] = (normalisation[:, :2] + 0.5) * factor - 0.5
+    normalisation[:, 2] /= factor
     figures.update(
         corners_px=(tags.corners_px + 0.5) * factor - 0.5,
         cov_px2=tags.cov_px2 * factor**2,
-        sigma_px=sigma,
+        psf_sigma_px=sigma,
         theta=theta,
-        place=place,
+        normalisation=normalisation,
     )
-    return Aligned(**figures)
+    return TagAlignments(**figures)

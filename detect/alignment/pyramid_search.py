@@ -1,4 +1,4 @@
-"""All tags of a box, from seeds in a shrunken picture if it is large, else in the whole one, or one twice as large.
+"""Coarse-to-fine search for all tags of a box over the levels of an image pyramid.
 
 Large tags stand out in few pixels. A shrunken picture is enough where every tag that the box turns to the camera was
 found from it, or the whole picture would not show the rest either; else larger ones are searched.
@@ -7,8 +7,14 @@ found from it, or the whole picture would not show the rest either; else larger 
 import numpy as np
 from numpy.typing import NDArray
 
-from boxcal.detect.alignment.box_search import SEED_SIGMA_PX, Found, consistent_seeds, follow, plan
-from boxcal.detect.alignment.candidates import Seeds, find_seeds
+from boxcal.detect.alignment.box_search import (
+    CANDIDATE_SIGMA_PX,
+    BoxDetection,
+    consistent_candidates,
+    grow_from_pose,
+    predict_regions,
+)
+from boxcal.detect.alignment.candidates import TagCandidates, find_candidates
 from boxcal.detect.alignment.pyramid import Pyramid
 from boxcal.detect.alignment.tag_patterns import Patterns
 from boxcal.detect.alignment.verification import Limits
@@ -18,8 +24,8 @@ from boxcal.target.box import Target
 FEW_TAGS = 4
 SMALL_PX = 600
 """Pictures are not shrunk below this, px of the longer side."""
-SEEN_MODULE_PX = 0.9
-"""Tags with narrower modules make no seeds."""
+CANDIDATE_MODULE_PX = 0.9
+"""Tags with narrower modules make no candidates."""
 MOST_ENLARGED, LONGEST_ENLARGED_PX = 4_000_000, 16_000
 """Larger pictures are not enlarged: pixels, and px a side (OpenCV maps less than 32767)."""
 
@@ -32,13 +38,13 @@ def find_box(
     *,
     windows_px: tuple[int, ...],
     limits: Limits,
-) -> Found | None:
-    """Return the tags of one box, roughly aligned; None if there is no seed of any.
+) -> BoxDetection | None:
+    """Return the tags of one box, roughly aligned; None if there is no candidate of any.
 
     Parameters
     ----------
     pyramid, grey8 : (H, W)
-        The image, and in 8 bits to look for seeds.
+        The image, and in 8 bits to look for candidates.
     target, patterns
         The box and what its tags look like.
     windows_px
@@ -49,30 +55,34 @@ def find_box(
     size = (grey8.shape[1], grey8.shape[0])
     lost_module_px = np.inf
     for factor in shrinkings(size):
-        if lost_module_px < SEEN_MODULE_PX * factor:
+        if lost_module_px < CANDIDATE_MODULE_PX * factor:
             continue
-        seeds = consistent_seeds(target, find_seeds(grey8, patterns, windows_px[:1], scale=1 / factor), size)
-        if len(seeds) < FEW_TAGS:
+        candidates = consistent_candidates(
+            target, find_candidates(grey8, patterns, windows_px[:1], scale=1 / factor), size
+        )
+        if len(candidates) < FEW_TAGS:
             continue
-        search = plan(target, patterns, seeds, size, sigma_px=SEED_SIGMA_PX * factor)
-        found = follow(pyramid, target, patterns, search, limits)
+        search = predict_regions(target, patterns, candidates, size, sigma_px=CANDIDATE_SIGMA_PX * factor)
+        found = grow_from_pose(pyramid, target, patterns, search, limits)
         lost_module_px = found.lost_module_px if len(found.tags) >= FEW_TAGS else np.inf
-        if factor == 1 or lost_module_px < SEEN_MODULE_PX:
+        if factor == 1 or lost_module_px < CANDIDATE_MODULE_PX:
             return found
-    seeds = consistent_seeds(target, find_seeds(grey8, patterns, windows_px), size)
-    if len(seeds) < FEW_TAGS and _may_grow(grey8):
-        seeds = consistent_seeds(target, seeds.merged(find_seeds(grey8, patterns, windows_px, scale=2.0)), size)
-    if len(seeds) == 0:
+    candidates = consistent_candidates(target, find_candidates(grey8, patterns, windows_px), size)
+    if len(candidates) < FEW_TAGS and _may_grow(grey8):
+        candidates = consistent_candidates(
+            target, candidates.merged(find_candidates(grey8, patterns, windows_px, scale=2.0)), size
+        )
+    if len(candidates) == 0:
         return None
-    return follow(pyramid, target, patterns, plan(target, patterns, seeds, size), limits)
+    return grow_from_pose(pyramid, target, patterns, predict_regions(target, patterns, candidates, size), limits)
 
 
-def search_copies(grey8: NDArray[np.uint8], patterns: Patterns, windows_px: tuple[int, ...]) -> Seeds:
+def search_copies(grey8: NDArray[np.uint8], patterns: Patterns, windows_px: tuple[int, ...]) -> TagCandidates:
     """Return where single tags may be, whatever they are stuck on: under all windows, and at twice the size."""
-    seeds = find_seeds(grey8, patterns, windows_px)
+    candidates = find_candidates(grey8, patterns, windows_px)
     if not _may_grow(grey8):
-        return seeds
-    return seeds.merged(find_seeds(grey8, patterns, windows_px, scale=2.0))
+        return candidates
+    return candidates.merged(find_candidates(grey8, patterns, windows_px, scale=2.0))
 
 
 def _may_grow(grey8: NDArray[np.uint8]) -> bool:

@@ -5,9 +5,9 @@ one factor of the last coordinate, the focal length, which no homography minds. 
 falls through zero where it looks sideways, and its undistorted places ``d / g`` end there. Each tag therefore has its
 own plane across the rays: with d0, g0 and g' of its centre,
 
-    chart(d) = d D / (g - b d),  b = (dg/dd)(d0),  D = g0 - b d0,
+    local_undistortion(d) = d D / (g - b d),  b = (dg/dd)(d0),  D = g0 - b d0,
 
-which is d0 at the centre with the identity for a derivative. So edges are straight on a chart, the blur is as wide in
+which is d0 at the centre with the identity for a derivative. So edges are straight there, the blur is as wide in
 all directions as on the sensor, and of a pinhole the chart is the image.
 """
 
@@ -22,15 +22,15 @@ LEAST_SLOPE = 0.05
 FAR = 30.0
 
 
-def straight_lens(image_size: tuple[int, int]) -> Array:
+def no_distortion(image_size: tuple[int, int]) -> Array:
     """Return the lens (6,) without distortion of an image: centre (x, y) px, a1, a2, 1 / radius px, a3."""
     width, height = image_size
     return np.array([(width - 1) / 2, (height - 1) / 2, 0.0, 0.0, 2 / max(width, height), 0.0])
 
 
-def fisheye_lens(image_size: tuple[int, int], focal_px: float) -> Array:
+def fisheye_distortion(image_size: tuple[int, int], focal_px: float) -> Array:
     """Return the lens (6,) whose rays' angles t grow as the radius: ``t cot t`` to thousandths up to 90 degrees."""
-    lens = straight_lens(image_size)
+    lens = no_distortion(image_size)
     t2 = (1 / (lens[4] * focal_px)) ** 2
     lens[[2, 3, 5]] = t2 / 3, t2**2 / 45, 0.0028 * t2**3
     return lens
@@ -67,47 +67,47 @@ def to_pixels(lens: Array, rays: Array) -> Array:
     return np.where(seen[..., None], lens[:2] + rays[..., :2] * scale[..., None], np.nan)
 
 
-def chart(lens: Array, centre_px: Array) -> tuple[Array, Array]:
+def local_undistortion(lens: Array, centre_px: Array) -> tuple[Array, Array]:
     """Return b (..., 2) and D (...) of the charts about pixels (..., 2)."""
     d = centre_px - lens[:2]
     _, slope, D = depth(lens, np.sum(d * d, axis=-1) * lens[4] ** 2)
     return np.asarray(slope[..., None] * d), D
 
 
-def straighten(lens: Array, place: Array, uv_px: Array) -> Array:
+def undistort_locally(lens: Array, normalisation: Array, uv_px: Array) -> Array:
     """Return pixels (N, ..., 2) on the charts of N tags, from the tag's centre in units of its scale.
 
-    ``place`` (N, 3) holds the centres (x, y) px and 1 / scale px.
+    ``normalisation`` (N, 3) holds the centres (x, y) px and 1 / scale px.
     """
-    place = place.reshape(place.shape[:1] + (1,) * (uv_px.ndim - 2) + (3,))
-    b, D = chart(lens, place[..., :2])
+    normalisation = normalisation.reshape(normalisation.shape[:1] + (1,) * (uv_px.ndim - 2) + (3,))
+    b, D = local_undistortion(lens, normalisation[..., :2])
     d = uv_px - lens[:2]
     g, _, _ = depth(lens, np.sum(d * d, axis=-1) * lens[4] ** 2)
     f = D / (g - np.sum(b * d, axis=-1))
-    return np.asarray((d * f[..., None] + (lens[:2] - place[..., :2])) * place[..., 2:])
+    return np.asarray((d * f[..., None] + (lens[:2] - normalisation[..., :2])) * normalisation[..., 2:])
 
 
-def bend(lens: Array, place: Array, xy: Array) -> Array:
-    """Return the pixels of places (N, ..., 2) on charts: the inverse of :func:`straighten`."""
-    place = place.reshape(place.shape[:1] + (1,) * (xy.ndim - 2) + (3,))
-    b, D = chart(lens, place[..., :2])
-    e = xy / place[..., 2:] + (place[..., :2] - lens[:2])
+def distort_locally(lens: Array, normalisation: Array, xy: Array) -> Array:
+    """Return the pixels of places (N, ..., 2) on charts: the inverse of :func:`undistort_locally`."""
+    normalisation = normalisation.reshape(normalisation.shape[:1] + (1,) * (xy.ndim - 2) + (3,))
+    b, D = local_undistortion(lens, normalisation[..., :2])
+    e = xy / normalisation[..., 2:] + (normalisation[..., :2] - lens[:2])
     z = D + np.sum(b * e, axis=-1)
     return to_pixels(lens, np.concatenate([e, z[..., None]], axis=-1))
 
 
-def bent_otherwise_px(lens: Array, other: Array, corners_px: Array) -> float:
+def sagitta_difference_px(lens: Array, other: Array, corners_px: Array) -> float:
     """Return how far apart two lenses have the middles of tags' edges, seen from the corners (N, 4, 2); at most, px."""
-    place = np.column_stack([corners_px.mean(axis=1), np.ones(len(corners_px))])
+    normalisation = np.column_stack([corners_px.mean(axis=1), np.ones(len(corners_px))])
     ends = np.stack([corners_px, np.roll(corners_px, -1, axis=1)], axis=2)
     points = np.concatenate([ends, ends.mean(axis=2, keepdims=True)], axis=2)
-    apart = straighten(lens, place, points) - straighten(other, place, points)
+    apart = undistort_locally(lens, normalisation, points) - undistort_locally(other, normalisation, points)
     return float(np.linalg.norm(apart[:, :, 2] - apart[:, :, :2].mean(axis=2), axis=-1).max(initial=0))
 
 
-def bend_jacobian(lens: Array, place: Array, uv_px: Array) -> Array:
+def distortion_jacobian(lens: Array, normalisation: Array, uv_px: Array) -> Array:
     """Return how pixels (N, P, 2) move with their places on charts, in px of both: (N, P, 2, 2)."""
-    b, D = chart(lens, place[:, None, :2])
+    b, D = local_undistortion(lens, normalisation[:, None, :2])
     d = uv_px - lens[:2]
     g, slope, _ = depth(lens, np.sum(d * d, axis=-1) * lens[4] ** 2)
     f = D / (g - np.sum(b * d, axis=-1))

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from boxcal.detect.alignment.registration.align import Aligned
+from boxcal.detect.alignment.registration.align import TagAlignments
 from boxcal.detect.alignment.tag_patterns import Array, Patterns
 
 
@@ -21,9 +21,9 @@ class Limits:
         Mean residual of two by two modules over the tag's contrast, at most: a finger, a glare.
     worst_module
         The same of one module: a wrong bit.
-    gain
+    contrast
         White less black, share of full scale, at least.
-    blur_modules
+    psf_modules
         Deviation of the blur in modules, at most; beyond it, bits melt together.
     spread_modules
         Deviation of each corner in modules, at most.
@@ -32,23 +32,23 @@ class Limits:
     correlation: float = 0.92
     worst_block: float = 0.22
     worst_module: float = 0.35
-    gain: float = 0.02
-    blur_modules: float = 0.9
+    contrast: float = 0.02
+    psf_modules: float = 0.9
     spread_modules: float = 0.2
 
     def relaxed(self) -> "Limits":
-        """Return what a tag must keep to before it is aligned on all its pixels under the right tone curve."""
+        """Return what a tag must keep to before it is aligned on all its pixels under the right response curve."""
         return Limits(
             correlation=self.correlation - 0.05,
             worst_block=self.worst_block * 1.3,
             worst_module=self.worst_module * 1.5,
-            gain=self.gain / 2,
-            blur_modules=self.blur_modules * 1.2,
+            contrast=self.contrast / 2,
+            psf_modules=self.psf_modules * 1.2,
             spread_modules=self.spread_modules * 2,
         )
 
 
-def verified(patterns: Patterns, tags: Aligned, limits: Limits) -> NDArray[np.bool_]:
+def verified(patterns: Patterns, tags: TagAlignments, limits: Limits) -> NDArray[np.bool_]:
     """Return which aligned tags (N,) can be believed."""
     module = module_px(patterns, tags.corners_px)
     spread = np.sqrt(np.maximum(np.trace(tags.cov_px2, axis1=2, axis2=3), 0)).max(axis=1)
@@ -56,8 +56,8 @@ def verified(patterns: Patterns, tags: Aligned, limits: Limits) -> NDArray[np.bo
         (tags.correlation >= limits.correlation)
         & (tags.worst_block <= limits.worst_block)
         & (tags.worst_module <= limits.worst_module)
-        & (tags.gain >= limits.gain)
-        & (tags.sigma_px <= limits.blur_modules * module)
+        & (tags.contrast >= limits.contrast)
+        & (tags.psf_sigma_px <= limits.psf_modules * module)
         & (spread <= limits.spread_modules * module)
         & convex(tags.corners_px)
     )

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from boxcal.detect.errors import DetectError
 
 if TYPE_CHECKING:
-    from boxcal.detect.alignment.detector import Located
+    from boxcal.detect.alignment.detector import DetectorOutput
 
 _LEAST_WIDTH_PX = 1200
 _ELLIPSE = 100.0
@@ -17,7 +17,7 @@ _ELLIPSE = 100.0
 _EDGE, _FIRST, _TEXT = (60, 200, 0), (0, 0, 255), (255, 80, 0)
 
 
-def drawn_png(image: NDArray[np.generic], tags: "Located") -> bytes:
+def drawn_png(image: NDArray[np.generic], tags: "DetectorOutput") -> bytes:
     """Return a PNG of an image (H, W) or (H, W, 3), enlarged if it is small, with its tags drawn in."""
     scale = max(1, round(_LEAST_WIDTH_PX / image.shape[1]))
     canvas = _colour(image)

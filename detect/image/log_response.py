@@ -1,4 +1,4 @@
-"""Which tone curve a camera has, told from the tags themselves.
+"""Which response curve a camera has, told from the tags themselves.
 
 Under the wrong curve all tags look too small or too large, by the same few tenths of a pixel, while their pitch stays:
 so the right curve is the one under which the tags of a face keep the size that their pitch says.
@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from boxcal.detect.log.wheel_samples import Array
-from boxcal.detect.tags.detections import Tags, TagSettings, find_tags
-from boxcal.detect.tags.line_fit import TONES, edge_normals
+from boxcal.detect.tags.detections import TagDetections, TagSettings, find_tags
+from boxcal.detect.tags.line_fit import RESPONSES, edge_normals
 from boxcal.target.box import Target
 
 _MIN_TAGS = 6
@@ -21,22 +21,22 @@ _ROBUST_SIGMAS = 3.0
 _LEAST_SIGMA_PX = 0.02
 
 
-def choose_tone(images: Sequence[NDArray[np.uint8]], target: Target, settings: TagSettings) -> str:
-    """Return the tone curve (one of ``corners.TONES``) under which tags grow or shrink least in some images.
+def choose_response(images: Sequence[NDArray[np.uint8]], target: Target, settings: TagSettings) -> str:
+    """Return the response curve (one of ``corners.RESPONSES``) under which tags grow or shrink least in some images.
 
     The settings' own curve is kept where no face shows enough tags to tell.
     """
     growths = {}
-    for tone in TONES:
-        under = replace(settings, corners=replace(settings.corners, tone=tone))
+    for response in RESPONSES:
+        under = replace(settings, corners=replace(settings.corners, response=response))
         found = [tag_growth_px(find_tags(image, target, under), target) for image in images]
-        growths[tone] = [g for g in found if g is not None]
+        growths[response] = [g for g in found if g is not None]
     if not all(growths.values()):
-        return settings.corners.tone
-    return min(TONES, key=lambda tone: abs(float(np.median(growths[tone]))))
+        return settings.corners.response
+    return min(RESPONSES, key=lambda response: abs(float(np.median(growths[response]))))
 
 
-def tag_growth_px(tags: Tags, target: Target) -> float | None:
+def tag_growth_px(tags: TagDetections, target: Target) -> float | None:
     """Return how far the tags' edges lie outside their places, px; None if no face shows enough tags.
 
     Corners of a face are fitted by a homography and one more unknown, the growth: all edges moved outward by so much.

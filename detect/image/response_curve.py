@@ -1,4 +1,4 @@
-"""The camera's tone curve: grey levels from light, known or told from the tags themselves.
+"""The camera response function: grey levels from linear intensity, known or estimated from the tags.
 
 A lens mixes light, the curve comes after: under sRGB a blurred edge is no longer symmetric, bright borders bloom and
 tags seem to shrink. The wrong curve leaves larger residuals at every edge; that tells which one the camera has.
@@ -10,60 +10,60 @@ from typing import Literal
 
 import numpy as np
 
-from boxcal.detect.alignment.registration.align import Aligned, align
-from boxcal.detect.alignment.registration.parameters import GAIN, KURTOSIS, OFFSET, SLOPE_X, SLOPE_Y
+from boxcal.detect.alignment.registration.align import TagAlignments, align
+from boxcal.detect.alignment.registration.parameters import BLACK, CONTRAST, GRADIENT_X, GRADIENT_Y, KURTOSIS
 from boxcal.detect.alignment.registration.tag_batch import Frame
 from boxcal.detect.alignment.tag_patterns import Array, Patterns
 from boxcal.detect.errors import DetectError
 
-Tone = Literal["auto", "linear", "srgb"]
-TONES: tuple[Tone, ...] = ("auto", "linear", "srgb")
+Response = Literal["auto", "linear", "srgb"]
+RESPONSES: tuple[Response, ...] = ("auto", "linear", "srgb")
 TAGS = 3
 SIDE_PX, STOP_PX = 16.0, 0.05
 _ENTRIES = 1025
 
 
 @cache
-def tone_table(tone: str) -> Array:
+def response_table(response: str) -> Array:
     """Return grey levels 0..1 of light 0..1 in even steps: two entries for ``linear``, IEC 61966-2-1 for ``srgb``."""
-    if tone == "linear":
+    if response == "linear":
         return np.array([0.0, 1.0])
-    if tone == "srgb":
+    if response == "srgb":
         light = np.linspace(0, 1, _ENTRIES)
         high = 1.055 * np.maximum(light, 0.0031308) ** (1 / 2.4) - 0.055
         return np.asarray(np.where(light <= 0.0031308, 12.92 * light, high))
-    raise DetectError(f"tone is {tone!r}, one of linear, srgb is needed")
+    raise DetectError(f"tone is {response!r}, one of linear, srgb is needed")
 
 
-def relit(tags: Aligned, old: Array, new: Array) -> Aligned:
-    """Return tags aligned under one tone curve as a start under another: the light of white and black exchanged."""
-    offset, gain = tags.theta[:, OFFSET], tags.theta[:, GAIN]
+def with_response(tags: TagAlignments, old: Array, new: Array) -> TagAlignments:
+    """Return tags aligned under one response curve as a start under another: the light of white and black exchanged."""
+    offset, gain = tags.theta[:, BLACK], tags.theta[:, CONTRAST]
     levels = [np.interp(light, np.linspace(0, 1, len(old)), old) for light in (offset, offset + gain)]
     black, white = (np.interp(level, new, np.linspace(0, 1, len(new))) for level in levels)
     theta = tags.theta.copy()
-    theta[:, OFFSET], theta[:, GAIN] = black, np.maximum(white - black, 1e-3)
-    theta[:, SLOPE_X : SLOPE_Y + 1] *= (theta[:, GAIN] / np.maximum(gain, 1e-3))[:, None]
-    return replace(tags, theta=theta, offset=black, gain=theta[:, GAIN])
+    theta[:, BLACK], theta[:, CONTRAST] = black, np.maximum(white - black, 1e-3)
+    theta[:, GRADIENT_X : GRADIENT_Y + 1] *= (theta[:, CONTRAST] / np.maximum(gain, 1e-3))[:, None]
+    return replace(tags, theta=theta, black_level=black, contrast=theta[:, CONTRAST])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Taking:
+class ImagingParameters:
     """What all tags of a picture share.
 
     Attributes
     ----------
-    tone
-        Tone curve, ``linear`` or ``srgb``.
+    response
+        Response curve, ``linear`` or ``srgb``.
     kurtosis
         Excess kurtosis of the blur.
     """
 
-    tone: str
+    response: str
     kurtosis: float
 
 
-def probe(frame: Frame, patterns: Patterns, tags: Aligned, tone: Tone) -> Taking:
-    """Return the tone curve under which tags, aligned roughly under any, leave the smallest residuals, and their blur.
+def estimate_response(frame: Frame, patterns: Patterns, tags: TagAlignments, response: Response) -> ImagingParameters:
+    """Return the response curve under which roughly aligned tags leave the smallest residuals, and the PSF's kurtosis.
 
     A few of the largest tags are asked, about both curves or the given one; the answer is ``linear`` where neither is
     clearly better, as then it makes no difference.
@@ -71,16 +71,16 @@ def probe(frame: Frame, patterns: Patterns, tags: Aligned, tone: Tone) -> Taking
     size = np.linalg.norm(tags.corners_px[:, 2] - tags.corners_px[:, 0], axis=1)
     some = tags.take(np.argsort(-size)[:TAGS])
     left = {}
-    for name in ("linear", "srgb") if tone == "auto" else (tone,):
-        under = Frame(grey=frame.grey, tone=tone_table(name), lens=frame.lens)
-        start = relit(some, frame.tone, under.tone)
+    for name in ("linear", "srgb") if response == "auto" else (response,):
+        under = Frame(grey=frame.grey, response=response_table(name), lens=frame.lens)
+        start = with_response(some, frame.response, under.response)
         left[name] = align(
             under,
             patterns,
             some.rows,
             some.corners_px,
             start=start,
-            relight=True,
+            intensity_unknown=True,
             side_px=SIDE_PX,
             stop_px=STOP_PX,
             covariance=False,
@@ -89,4 +89,4 @@ def probe(frame: Frame, patterns: Patterns, tags: Aligned, tone: Tone) -> Taking
     residual = {name: float(np.sum(tags.noise[fitted] ** 2)) for name, tags in left.items()}
     best = min(left, key=lambda name: residual[name] * (1.0 if name == "linear" else 1.03))
     kurtosis = left[best].theta[fitted, KURTOSIS]
-    return Taking(tone=best, kurtosis=float(np.median(kurtosis)) if len(kurtosis) else 0.0)
+    return ImagingParameters(response=best, kurtosis=float(np.median(kurtosis)) if len(kurtosis) else 0.0)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from boxcal.detect.log.wheel_samples import Array, Ids
-from boxcal.detect.tags.detections import Tags
+from boxcal.detect.tags.detections import TagDetections
 
 FLOOR_PX = 0.02
 """What no picture tells of a landmark (print, paper, lens): standard deviation per axis, px."""
@@ -16,7 +16,7 @@ _LEAST_OUTLIER_PX = 0.1
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Sighting:
+class AveragedCorners:
     """What the frames of one stop agree on.
 
     Attributes
@@ -59,7 +59,7 @@ class Sighting:
         return int(np.sum(np.unique(self.landmark_ids // 4, return_counts=True)[1] == 4))
 
 
-def combine(frames: Sequence[Tags]) -> Sighting:
+def combine(frames: Sequence[TagDetections]) -> AveragedCorners:
     """Combine the frames of one stop.
 
     A landmark counts if at least half of the frames show it. Its place is the mean of those within five standard
@@ -75,7 +75,7 @@ def combine(frames: Sequence[Tags]) -> Sighting:
     often = np.sum(np.isfinite(uv[..., 0]), axis=0) >= max(1.0, _SEEN_IN * len(frames))
     ids, uv, sigma_px = ids[often], uv[:, often], sigma_px[:, often]
     if ids.size == 0:
-        return Sighting(
+        return AveragedCorners(
             landmark_ids=ids,
             uv_px=np.zeros((0, 2)),
             sigma_px=np.zeros(0),
@@ -100,7 +100,7 @@ def combine(frames: Sequence[Tags]) -> Sighting:
     deviation = np.where(good[..., None], uv - mean, 0.0)
     cov = None if cov is None else cov[kept]
     normalised = 0.0 if cov is None else float(np.sum(np.linalg.solve(cov, deviation[..., None])[..., 0] * deviation))
-    return Sighting(
+    return AveragedCorners(
         landmark_ids=ids,
         uv_px=mean,
         sigma_px=np.nanmedian(sigma_px, axis=0),
@@ -113,7 +113,7 @@ def combine(frames: Sequence[Tags]) -> Sighting:
     )
 
 
-def _mean_covariance(frames: Sequence[Tags], landmark_ids: Ids) -> Array | None:
+def _mean_covariance(frames: Sequence[TagDetections], landmark_ids: Ids) -> Array | None:
     """Return the mean over frames of the landmarks' covariances in one, (L, 2, 2) px^2; None if a frame has none."""
     total, count = np.zeros((landmark_ids.size, 2, 2)), np.zeros(landmark_ids.size)
     for frame in frames:
@@ -126,25 +126,25 @@ def _mean_covariance(frames: Sequence[Tags], landmark_ids: Ids) -> Array | None:
     return np.asarray(total / count[:, None, None])
 
 
-def covariances(sightings: Sequence[Sighting], floor_px: float = FLOOR_PX) -> list[Array]:
+def covariances(by_stop: Sequence[AveragedCorners], floor_px: float = FLOOR_PX) -> list[Array]:
     """Return the covariance of each stop's landmarks, (L, 2, 2) px^2 each.
 
     What a frame tells of its corners is noise, which a mean over n frames has one n-th of, and what the tags' model
     does not follow, which is the same in every frame as long as the robot stands. The frames' scatter, pooled over all
     landmarks of all stops, says which share the noise has. So a covariance that is told too large counts as something
     that stays, and one too small hides it: frames alone cannot tell these apart. Where frames do not tell (lines were
-    fitted), the scatter itself is the noise. What does not average out (``Sighting.sigma_px``, at least the floor) is
-    added.
+    fitted), the scatter itself is the noise. What does not average out (``AveragedCorners.sigma_px``, at least the
+    floor) is added.
     """
-    freedom = sum(s.freedom for s in sightings)
-    fixed = [np.maximum(s.sigma_px, floor_px)[:, None, None] ** 2 * np.eye(2) for s in sightings]
-    told = [s.cov_px2 for s in sightings if s.cov_px2 is not None]
-    if len(told) == len(sightings):
-        share = sum(s.normalised for s in sightings) / freedom if freedom else 1.0
+    freedom = sum(s.freedom for s in by_stop)
+    fixed = [np.maximum(s.sigma_px, floor_px)[:, None, None] ** 2 * np.eye(2) for s in by_stop]
+    told = [s.cov_px2 for s in by_stop if s.cov_px2 is not None]
+    if len(told) == len(by_stop):
+        share = sum(s.normalised for s in by_stop) / freedom if freedom else 1.0
         return [
             cov * (share / s.counts + max(1 - share, 0.0))[:, None, None] + least
-            for s, cov, least in zip(sightings, told, fixed, strict=True)
+            for s, cov, least in zip(by_stop, told, fixed, strict=True)
         ]
-    scatter = np.sum([s.scatter_px2 for s in sightings], axis=0)
+    scatter = np.sum([s.scatter_px2 for s in by_stop], axis=0)
     frame_px2 = scatter / freedom if freedom else np.zeros((2, 2))
-    return [frame_px2 / s.counts[:, None, None] + least for s, least in zip(sightings, fixed, strict=True)]
+    return [frame_px2 / s.counts[:, None, None] + least for s, least in zip(by_stop, fixed, strict=True)]

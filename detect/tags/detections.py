@@ -7,16 +7,16 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from boxcal.detect.alignment.detector import LocateSettings, locate_tags
+from boxcal.detect.alignment.detector import DetectorSettings, detect_tags
 from boxcal.detect.alignment.pyramid import Pyramid, align_coarsely
-from boxcal.detect.alignment.radial_camera import straight_lens
+from boxcal.detect.alignment.radial_camera import no_distortion
 from boxcal.detect.alignment.registration.tag_batch import Frame
 from boxcal.detect.alignment.tag_patterns import family_patterns
 from boxcal.detect.alignment.verification import Limits, verified
 from boxcal.detect.errors import DetectError
 from boxcal.detect.image.bit_depth import DeepGrey, eight_bits
 from boxcal.detect.image.gray import LEAST_SIDE_PX, to_grey, to_grey8
-from boxcal.detect.image.response_curve import tone_table
+from boxcal.detect.image.response_curve import response_table
 from boxcal.detect.log.wheel_samples import Array, Ids
 from boxcal.detect.tags.line_fit import CornerSettings, refine, systematic_px
 from boxcal.target.box import Target
@@ -24,7 +24,7 @@ from boxcal.target.tags.families import dictionary_names, family_size, load_dict
 
 _MIN_OTHER_TAGS = 4
 _CELL_PX = 8
-_LOCATE = {"srgb": LocateSettings(tone="srgb"), "linear": LocateSettings(tone="linear")}
+_LOCATE = {"srgb": DetectorSettings(response="srgb"), "linear": DetectorSettings(response="linear")}
 _THRESHOLD_CONSTANT = 3.0
 """OpenCV's own values, 4 and 7, find 8 % fewer of the tags of the real logs, at the same cost."""
 
@@ -41,7 +41,7 @@ class TagSettings:
     threshold_windows_px
         Smallest and largest window, and their step, of the adaptive threshold that finds OpenCV's candidates.
     corners
-        The camera's tone curve, and how lines are fitted.
+        The camera response function, and how lines are fitted.
     """
 
     accurate: bool = True
@@ -50,7 +50,7 @@ class TagSettings:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Tags:
+class TagDetections:
     """The target's tags in one image.
 
     Attributes
@@ -82,7 +82,7 @@ class Tags:
         return np.asarray((4 * self.ids[:, None] + np.arange(4)).ravel())
 
 
-def find_tags(image: DeepGrey, target: Target, settings: TagSettings | None = None) -> Tags:
+def find_tags(image: DeepGrey, target: Target, settings: TagSettings | None = None) -> TagDetections:
     """Return the target's tags in a grey image (H, W), uint8 or uint16 (white at 65535).
 
     A tag that shows up twice is dropped, both times unless the tags around it say which of them is on the box. A tag
@@ -97,9 +97,9 @@ def find_tags(image: DeepGrey, target: Target, settings: TagSettings | None = No
         raise DetectError(f"an image of shape {image.shape}: a grey one (H, W) is needed; convert it first")
     settings = settings or TagSettings()
     if settings.accurate and min(image.shape) >= LEAST_SIDE_PX:
-        located = locate_tags(image, target, _LOCATE[settings.corners.tone])
+        located = detect_tags(image, target, _LOCATE[settings.corners.response])
         if located.ids.size:
-            return Tags(
+            return TagDetections(
                 ids=located.ids,
                 corners_px=located.corners_px,
                 sigma_px=np.zeros(located.ids.size),
@@ -117,12 +117,12 @@ def find_tags(image: DeepGrey, target: Target, settings: TagSettings | None = No
     ids, corners = unique[count == 1], corners[first[count == 1]]
     corners, good = refine(grey, corners, settings.corners)
     ids, corners = ids[good], corners[good]
-    return Tags(ids=ids, corners_px=corners, sigma_px=systematic_px(corners), foreign_ids=foreign)
+    return TagDetections(ids=ids, corners_px=corners, sigma_px=systematic_px(corners), foreign_ids=foreign)
 
 
-def _no_tags(foreign_ids: Ids) -> Tags:
+def _no_tags(foreign_ids: Ids) -> TagDetections:
     nothing = np.zeros((0, 4, 2))
-    return Tags(
+    return TagDetections(
         ids=np.zeros(0, dtype=np.int64),
         corners_px=nothing,
         sigma_px=np.zeros(0),
@@ -143,7 +143,7 @@ def other_family(image: NDArray[np.uint8], dictionary: str, settings: TagSetting
     settings = settings or TagSettings()
     grey, _ = to_grey(image)
     height, width = grey.shape
-    frame = Frame(grey=grey, tone=tone_table("linear"), lens=straight_lens((width, height)))
+    frame = Frame(grey=grey, response=response_table("linear"), lens=no_distortion((width, height)))
     pyramid, limits = Pyramid(frame), Limits().relaxed()
     best = (_MIN_OTHER_TAGS - 1, 0, "")
     for name in dictionary_names():

@@ -4,7 +4,7 @@ Why not OpenCV's refinements: blur rounds a corner off, so whatever looks for th
 (0.2 px at one pixel of blur); the straight parts of an edge stay where they are.
 
 The image is brought back to linear light first. A lens's blur mixes light, so only there does an edge lie half way
-between black and white; under a camera's tone curve white grows into black and tags shrink by some tenths of a pixel.
+between black and white; under a camera's response curve white grows into black and tags shrink by tenths of a pixel.
 """
 
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from boxcal.detect.errors import DetectError
 from boxcal.detect.log.wheel_samples import Array
 
-TONES = ("srgb", "linear")
+RESPONSES = ("srgb", "linear")
 MODULES = 8
 _REMAP_ROWS = 16_384
 _FIT_ROUNDS = 3
@@ -32,8 +32,8 @@ class CornerSettings:
 
     Attributes
     ----------
-    tone
-        The camera's tone curve: ``srgb`` (IEC 61966-2-1) or ``linear``.
+    response
+        The camera response function: ``srgb`` (IEC 61966-2-1) or ``linear``.
     reach_modules
         How far to each side of an edge its profile is read, in modules of the tag as seen (beyond one it meets the
         tag's own bits).
@@ -49,7 +49,7 @@ class CornerSettings:
         A corner that moves further than both from where the square was found is not believed.
     """
 
-    tone: str = "srgb"
+    response: str = "srgb"
     reach_modules: float = 0.5
     reach_px: tuple[float, float] = (1.0, 5.0)
     profiles: int = 30
@@ -60,8 +60,8 @@ class CornerSettings:
     max_move_px: float = 1.5
 
     def __post_init__(self) -> None:
-        if self.tone not in TONES:
-            raise DetectError(f"tone is {self.tone!r}, one of {', '.join(TONES)} is needed")
+        if self.response not in RESPONSES:
+            raise DetectError(f"tone is {self.response!r}, one of {', '.join(RESPONSES)} is needed")
         if not (self.profiles >= 4 and self.samples >= 5 and self.rounds >= 1 and 0 <= self.inset < 0.4):
             raise DetectError("corner settings: profiles >= 4, samples >= 5, rounds >= 1, 0 <= inset < 0.4 are needed")
 
@@ -85,7 +85,7 @@ def refine(image: NDArray[np.uint8], corners_px: Array, settings: CornerSettings
     rough = np.asarray(corners_px, dtype=np.float64)
     if rough.shape[0] == 0:
         return rough, np.zeros(0, dtype=np.bool_)
-    light = linear_light(image, settings.tone)
+    light = linear_light(image, settings.response)
     corners, good = rough, np.ones(rough.shape[0], dtype=np.bool_)
     limit = np.maximum(settings.max_move_px, settings.max_move_modules * module_px(rough).mean(axis=1))
     for _ in range(settings.rounds):
@@ -108,10 +108,10 @@ def systematic_px(corners_px: Array) -> Array:
     return np.asarray(np.hypot(_SYSTEMATIC_PX, _SYSTEMATIC_MODULE_PX2 / narrowest))
 
 
-def linear_light(image: NDArray[np.uint8], tone: str) -> NDArray[np.float32]:
-    """Return the light (0..1) of a grey image under a tone curve."""
+def linear_light(image: NDArray[np.uint8], response: str) -> NDArray[np.float32]:
+    """Return the light (0..1) of a grey image under a response curve."""
     grey = np.arange(256) / 255
-    if tone == "srgb":
+    if response == "srgb":
         grey = np.where(grey <= 0.04045, grey / 12.92, ((grey + 0.055) / 1.055) ** 2.4)
     return np.asarray(cv2.LUT(image, grey.astype(np.float32)), dtype=np.float32)
 

@@ -86,8 +86,8 @@ def test_a_linear_camera_is_told_by_itself_and_can_be_named(tmp_path: Path) -> N
     stops = [[view(a, srgb=False, seed=s) for s in range(2)] for a in ANGLES]
     path = write_log(tmp_path / "a.mcap", write_joints, _pictures(*stops))
     rms = []
-    for tone in (None, "linear", "srgb"):
-        found = extract(path, TARGET, settings=ExtractSettings(tone=tone))
+    for response in (None, "linear", "srgb"):
+        found = extract(path, TARGET, settings=ExtractSettings(response=response))
         off = [
             stop.uv_px - true_landmarks(stop.landmark_ids, T_cam_box(angle))
             for stop, angle in zip(found.stops, ANGLES, strict=True)

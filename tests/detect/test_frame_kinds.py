@@ -26,7 +26,7 @@ from boxcal.target.render.sensor import srgb_curve
 
 ANGLES = (10.0, 45.0, 130.0)
 STORE = get_typestore(Stores.ROS2_HUMBLE)
-LINEAR = ExtractSettings(tone="linear")
+LINEAR = ExtractSettings(response="linear")
 GAIN = {"r": 0.55, "g": 1.0, "b": 0.7}
 TINT = {"r": 1.3, "g": 0.8, "b": 0.35}
 BLACK_LEVEL = 6
@@ -46,7 +46,7 @@ def _deep(bits: int, exposure: float = 1.0, name: str = "mono16") -> Camera:
 
 
 def _srgb(light: NDArray[np.float64]) -> NDArray[np.uint8]:
-    """Return light, 255 at full scale, through sRGB's tone curve."""
+    """Return light, 255 at full scale, through sRGB's response curve."""
     return np.rint(255 * srgb_curve(np.clip(light / 255, 0, 1).astype(np.float32))).astype(np.uint8)
 
 
@@ -136,7 +136,7 @@ def plain(tmp_path_factory: pytest.TempPathFactory) -> Correspondences:
 def plain_srgb(tmp_path_factory: pytest.TempPathFactory) -> Correspondences:
     """What an 8-bit grey camera saw that codes brightness."""
     path = _log(tmp_path_factory.mktemp("srgb") / "a.mcap", lambda _, g: _rows("mono8", _srgb(g.astype(np.float64))))
-    return extract(path, TARGET, settings=ExtractSettings(tone="srgb"))
+    return extract(path, TARGET, settings=ExtractSettings(response="srgb"))
 
 
 def _off_px(found: Correspondences, plain: Correspondences) -> NDArray[np.float64]:
@@ -233,7 +233,7 @@ def test_the_curve_of_a_deep_camera_is_told_by_itself(tmp_path: Path, plain: Cor
 
 def test_bits_can_be_given_but_not_fewer_than_there_are(tmp_path: Path, plain: Correspondences) -> None:
     path = _log(tmp_path / "a.mcap", _deep(12, 0.2))
-    off = _off_px(extract(path, TARGET, settings=ExtractSettings(tone="linear", bits=12)), plain)
+    off = _off_px(extract(path, TARGET, settings=ExtractSettings(response="linear", bits=12)), plain)
     assert np.sqrt(np.mean(np.sum(off**2, axis=1))) < 0.003
     bright = _log(tmp_path / "b.mcap", _deep(12))
     with pytest.raises(DetectError, match=r"b.mcap: images in /camera/image_raw have values of 12 bits, 10 or fewer"):

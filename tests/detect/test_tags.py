@@ -1,4 +1,4 @@
-"""Tags in images: which, where to a fraction of a pixel, and under which tone curve."""
+"""Tags in images: which, where to a fraction of a pixel, and under which response curve."""
 
 from dataclasses import replace
 
@@ -8,15 +8,15 @@ import pytest
 from small_views import SIZE, TARGET, T_cam_box, true_corners, view
 
 from boxcal.detect.errors import DetectError
-from boxcal.detect.image.log_response import choose_tone, tag_growth_px
+from boxcal.detect.image.log_response import choose_response, tag_growth_px
 from boxcal.detect.tags.detections import TagSettings, find_tags, other_family
 from boxcal.detect.tags.line_fit import CornerSettings, refine, systematic_px
 from boxcal.target.box import Box, make_target
 from boxcal.target.tags.families import load_dictionary
 
 
-def _with_tone(tone: str) -> TagSettings:
-    return TagSettings(accurate=False, corners=CornerSettings(tone=tone))
+def _with_tone(response: str) -> TagSettings:
+    return TagSettings(accurate=False, corners=CornerSettings(response=response))
 
 
 @pytest.mark.parametrize("angle_deg", [0.0, 30.0, 45.0, 200.0, 300.0])
@@ -57,17 +57,20 @@ def test_opencvs_own_corner_search_is_worse() -> None:
 def test_the_tone_curve_is_told_from_the_tags(srgb: bool, blur_px: float) -> None:
     images = [view(angle, srgb=srgb, blur_px=blur_px) for angle in (10.0, 120.0)]
     right, wrong = ("srgb", "linear") if srgb else ("linear", "srgb")
-    assert choose_tone(images, TARGET, _with_tone(wrong)) == right
-    growth = {tone: tag_growth_px(find_tags(images[0], TARGET, _with_tone(tone)), TARGET) for tone in (right, wrong)}
+    assert choose_response(images, TARGET, _with_tone(wrong)) == right
+    growth = {
+        response: tag_growth_px(find_tags(images[0], TARGET, _with_tone(response)), TARGET)
+        for response in (right, wrong)
+    }
     assert abs(growth[right] or 0) < 0.05
     assert abs(growth[wrong] or 0) > 0.1
 
 
 def test_the_tone_curve_stays_as_set_where_the_box_is_not_seen() -> None:
     grey = np.full((100, 100), 128, dtype=np.uint8)
-    for tone in ("srgb", "linear"):
-        assert choose_tone([grey], TARGET, _with_tone(tone)) == tone
-        assert choose_tone([], TARGET, _with_tone(tone)) == tone
+    for response in ("srgb", "linear"):
+        assert choose_response([grey], TARGET, _with_tone(response)) == response
+        assert choose_response([], TARGET, _with_tone(response)) == response
     assert tag_growth_px(find_tags(grey, TARGET), TARGET) is None
 
 
@@ -148,6 +151,6 @@ def test_small_tags_are_believed_less() -> None:
 
 def test_corner_settings_are_checked() -> None:
     with pytest.raises(DetectError, match=r"tone is 'log', one of srgb, linear is needed"):
-        CornerSettings(tone="log")
+        CornerSettings(response="log")
     with pytest.raises(DetectError, match=r"profiles >= 4"):
         replace(CornerSettings(), profiles=1)

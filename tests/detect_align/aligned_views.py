@@ -8,7 +8,7 @@ from boxcal.detect.alignment.registration.align import align
 from boxcal.detect.alignment.registration.parameters import KURTOSIS
 from boxcal.detect.alignment.registration.tag_batch import Batch, Frame
 from boxcal.detect.alignment.tag_patterns import target_patterns
-from boxcal.detect.image.response_curve import tone_table
+from boxcal.detect.image.response_curve import response_table
 from boxcal.target.box import Box, make_target
 from boxcal.target.camera.pinhole import Intrinsics, project
 from boxcal.target.render.renderer import Look, render, visible_tags
@@ -54,13 +54,15 @@ def view(T_cam_box, look=PLAIN, target=TARGET, camera=CAMERA, seed=1):
     return render(target, camera, T_cam_box, SIZE, look, np.random.default_rng(seed))
 
 
-def some_tags(azimuth_deg, tone="linear", side=1, lens=LENS):
+def some_tags(azimuth_deg, response="linear", side=1, lens=LENS):
     """Return three tags of a view, all parameters off their best by some per cent."""
     T = pose(azimuth_deg)
     uv, seen = truth(T)
     rows = seen[::12][:3]
     frame = Frame(
-        grey=(view(T, replace(PLAIN, srgb=tone == "srgb")) / np.float32(255)), tone=tone_table(tone), lens=lens
+        grey=(view(T, replace(PLAIN, srgb=response == "srgb")) / np.float32(255)),
+        response=response_table(response),
+        lens=lens,
     )
     tags = align(frame, PATTERNS, rows, uv[rows] + 0.1, iterations=4)
     theta = tags.theta.copy()
@@ -74,8 +76,8 @@ def some_tags(azimuth_deg, tone="linear", side=1, lens=LENS):
         cells=PATTERNS.cells,
         rows=rows,
         theta=theta,
-        place=tags.place,
-        boxes=boxes,
+        normalisation=tags.normalisation,
+        bounding_boxes=boxes,
         margin=np.full(3, 0.8),
         stride=stride,
     )

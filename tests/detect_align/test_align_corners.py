@@ -5,11 +5,11 @@ import numpy as np
 import pytest
 from aligned_views import PLAIN, TARGET, pose, truth, view, width_px
 
-from boxcal.detect.alignment.detector import LocateSettings, locate_copies, locate_tags
+from boxcal.detect.alignment.detector import DetectorSettings, detect_copies, detect_tags
 from boxcal.detect.alignment.tag_patterns import family_patterns
 from boxcal.detect.errors import DetectError
 from boxcal.detect.image.gray import to_grey
-from boxcal.detect.image.log_response import choose_tone
+from boxcal.detect.image.log_response import choose_response
 from boxcal.detect.tags.detections import TagSettings, find_tags
 from boxcal.detect.tags.line_fit import CornerSettings
 from boxcal.target.box import Box, make_target
@@ -31,7 +31,7 @@ def _rms(errors):
 def test_every_tag_in_view_is_found_at_the_noise_limit(azimuth_deg):
     T = pose(azimuth_deg)
     uv, seen = truth(T)
-    tags = locate_tags(view(T), TARGET)
+    tags = detect_tags(view(T), TARGET)
     wanted = seen[width_px(uv[seen]) >= 8]
     assert set(wanted) <= set(tags.ids)
     assert set(tags.ids) <= set(seen)
@@ -45,7 +45,7 @@ def test_corner_sigmas_are_right():
     for seed, azimuth_deg in enumerate((5.0, 20.0, 33.0, 47.0)):
         T = pose(azimuth_deg, distance=0.6 + 0.1 * seed)
         uv, _ = truth(T)
-        errors, covs = _errors(locate_tags(view(T, seed=seed), TARGET), uv)
+        errors, covs = _errors(detect_tags(view(T, seed=seed), TARGET), uv)
         normalised.append(np.linalg.solve(np.linalg.cholesky(covs), errors[..., None]).ravel())
     assert 0.8 < np.concatenate(normalised).std() < 1.2
 
@@ -53,15 +53,15 @@ def test_corner_sigmas_are_right():
 def test_srgb_camera_is_recognised_and_tags_do_not_shrink():
     T = pose(30.0)
     uv, _ = truth(T)
-    tags = locate_tags(view(T, replace(PLAIN, srgb=True)), TARGET)
-    assert tags.tone == "srgb"
+    tags = detect_tags(view(T, replace(PLAIN, srgb=True)), TARGET)
+    assert tags.response == "srgb"
     outward = uv[tags.ids] - uv[tags.ids].mean(axis=1, keepdims=True)
     outward /= np.linalg.norm(outward, axis=2, keepdims=True)
     assert abs(np.mean((tags.corners_px - uv[tags.ids]) * outward) * 2) < 0.02
 
 
 def test_linear_camera_is_recognised():
-    assert locate_tags(view(pose(30.0)), TARGET).tone == "linear"
+    assert detect_tags(view(pose(30.0)), TARGET).response == "linear"
 
 
 @pytest.mark.parametrize(
@@ -72,21 +72,21 @@ def test_any_family_of_the_target_is_read(dictionary):
     target = make_target(Box(dictionary=dictionary, columns=columns, rows=rows, tag_size=0.036, pitch=0.046))
     T = pose(35.0)
     uv, seen = truth(T, target)
-    tags = locate_tags(view(T, target=target), target)
+    tags = detect_tags(view(T, target=target), target)
     assert set(seen[width_px(uv[seen]) >= 12]) <= set(tags.ids)
     assert _rms(tags.corners_px - uv[tags.ids]) < 0.05
 
 
 def test_colour_and_deep_pictures_give_the_same_corners():
     image = view(pose(20.0))
-    plain = locate_tags(image, TARGET)
+    plain = detect_tags(image, TARGET)
     for other in (
         cv2.cvtColor(image, cv2.COLOR_GRAY2BGR),
         image.astype(np.uint16) * 257,
         image.astype(np.float32) / 255,
         image[..., None],
     ):
-        tags = locate_tags(other, TARGET)
+        tags = detect_tags(other, TARGET)
         np.testing.assert_array_equal(tags.ids, plain.ids)
         # the seeds come from rounded greys, so that at a tag's rim some pixels more or fewer may count
         off = np.abs(tags.corners_px - plain.corners_px)
@@ -105,7 +105,7 @@ def test_wide_lens_leaves_corners_accurate():
     camera = Intrinsics(fu=330.0, fv=330.0, cu=325.0, cv=236.0, kr=-0.28)
     T = pose(30.0, distance=0.42)
     uv, seen = truth(T, camera=camera)
-    tags = locate_tags(view(T, camera=camera), TARGET)
+    tags = detect_tags(view(T, camera=camera), TARGET)
     assert set(seen[width_px(uv[seen]) >= 10]) <= set(tags.ids)
     assert _rms(_errors(tags, uv)[0]) < 0.03
 
@@ -113,7 +113,7 @@ def test_wide_lens_leaves_corners_accurate():
 def test_small_tags_are_found_from_those_that_are_seen():
     T = pose(18.0, distance=1.75)
     uv, seen = truth(T)
-    tags = locate_tags(view(T), TARGET)
+    tags = detect_tags(view(T), TARGET)
     wanted = seen[(width_px(uv[seen]) >= 8) & (width_px(uv[seen]) < 14)]
     assert len(wanted) > 20
     assert set(wanted) <= set(tags.ids)
@@ -122,7 +122,7 @@ def test_small_tags_are_found_from_those_that_are_seen():
 def test_fast_mode_finds_what_is_easily_seen():
     T = pose(10.0, distance=0.55)
     uv, seen = truth(T)
-    tags = locate_tags(view(T), TARGET, LocateSettings(fast=True))
+    tags = detect_tags(view(T), TARGET, DetectorSettings(fast=True))
     assert len(tags.ids) >= 0.9 * np.sum(width_px(uv[seen]) > 16)
     assert _rms(tags.corners_px - uv[tags.ids]) < 0.4
 
@@ -132,7 +132,7 @@ def test_copies_of_one_tag_are_all_found():
     marker = cv2.aruco.generateImageMarker(cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11), 0, 64)
     for x, y in ((40, 40), (160, 90), (300, 60)):
         image[y : y + 64, x : x + 64] = np.minimum(marker, 220)
-    tags = locate_copies(cv2.GaussianBlur(image, (0, 0), 0.6), family_patterns("DICT_APRILTAG_36h11", np.arange(2)))
+    tags = detect_copies(cv2.GaussianBlur(image, (0, 0), 0.6), family_patterns("DICT_APRILTAG_36h11", np.arange(2)))
     np.testing.assert_array_equal(tags.ids, [0, 0, 0])
     first = tags.corners_px[np.argmin(tags.corners_px[:, 0, 0])]
     np.testing.assert_allclose(first, [[39.5, 39.5], [103.5, 39.5], [103.5, 103.5], [39.5, 103.5]], atol=0.03)
@@ -149,18 +149,18 @@ def test_copies_of_one_tag_are_all_found():
 )
 def test_what_is_no_image_is_refused_with_a_reason(image, says):
     with pytest.raises(DetectError, match=says):
-        locate_tags(image, TARGET)
+        detect_tags(image, TARGET)
 
 
 def test_unknown_tone_is_refused():
     with pytest.raises(DetectError, match="linear, srgb"):
-        LocateSettings(tone="gamma")
+        DetectorSettings(response="gamma")
 
 
 def test_extraction_aligns_by_default_and_tells_each_corners_covariance():
     T = pose(20.0)
     uv, _ = truth(T)
-    tags = find_tags(view(T), TARGET, TagSettings(corners=CornerSettings(tone="linear")))
+    tags = find_tags(view(T), TARGET, TagSettings(corners=CornerSettings(response="linear")))
     assert _rms(tags.corners_px - uv[tags.ids]) < 0.03
     assert tags.cov_px2.shape == (len(tags.ids), 4, 2, 2)
     assert np.all(np.sqrt(np.trace(tags.cov_px2, axis1=2, axis2=3)) < 0.1)
@@ -169,7 +169,7 @@ def test_extraction_aligns_by_default_and_tells_each_corners_covariance():
 @pytest.mark.parametrize("srgb", [True, False])
 def test_tone_curve_of_a_log_is_told_with_aligned_corners(srgb):
     images = [view(pose(a), replace(PLAIN, srgb=srgb)) for a in (10.0, 40.0)]
-    assert choose_tone(images, TARGET, TagSettings()) == ("srgb" if srgb else "linear")
+    assert choose_response(images, TARGET, TagSettings()) == ("srgb" if srgb else "linear")
 
 
 def test_all_tags_of_real_photographs_are_found(shared_data):
@@ -178,7 +178,7 @@ def test_all_tags_of_real_photographs_are_found(shared_data):
         lines = [line for line in path.with_suffix(".txt").read_text().split("\n") if line.strip()]
         numbers = [line.replace("(", " ").replace(")", " ").replace(",", " ").split()[1:] for line in lines]
         centres = np.array(numbers, dtype=float).reshape(-1, 4, 2).mean(axis=1) - 0.5
-        found = locate_copies(cv2.imread(str(path)), patterns).corners_px.mean(axis=1)
+        found = detect_copies(cv2.imread(str(path)), patterns).corners_px.mean(axis=1)
         off = np.linalg.norm(found[:, None] - centres[None], axis=2).min(axis=0)
         assert off.max() < 2.0
         assert np.median(off) < 0.4

@@ -7,20 +7,20 @@ from fisheye_views import aimed, fisheye, fisheye_truth, fisheye_view
 
 from boxcal.detect.alignment.box_pose import _prediction, _steps, fit_box, predict
 from boxcal.detect.alignment.box_refinement import Tangent, levenberg_marquardt, moved_by
-from boxcal.detect.alignment.detector import locate_tags
+from boxcal.detect.alignment.detector import detect_tags
 from boxcal.detect.alignment.homography import least_squares_homography, map_points
 from boxcal.detect.alignment.radial_camera import (
-    bend,
-    bend_jacobian,
     depth,
-    fisheye_lens,
-    straight_lens,
-    straighten,
+    distort_locally,
+    distortion_jacobian,
+    fisheye_distortion,
+    no_distortion,
     to_pixels,
+    undistort_locally,
 )
 
 PLAIN = np.array([325.0, 236.0, 0.04, -0.01, 1 / 320, 0.002])
-SIDEWAYS = fisheye_lens(SIZE, 200.0)
+SIDEWAYS = fisheye_distortion(SIZE, 200.0)
 LENSES = pytest.mark.parametrize("lens", [PLAIN, SIDEWAYS], ids=["plain", "fisheye"])
 PLACES = {"centre": (320, 240), "side": (90, 265), "corner": (525, 105)}
 
@@ -48,7 +48,7 @@ def test_rays_lead_back_to_their_pixels(lens):
 def test_a_fisheye_sees_sideways_and_a_pinhole_does_not():
     assert (_rays(SIDEWAYS, _pixels())[:, 2] < 0).any()
     behind = np.array([[10.0, 3.0, -1.0], [0.0, 0.0, -1.0], [np.nan, 1.0, 1.0]])
-    assert np.isnan(to_pixels(fisheye_lens(SIZE, 1e9), behind)).all()
+    assert np.isnan(to_pixels(fisheye_distortion(SIZE, 1e9), behind)).all()
 
 
 def test_angles_of_a_fisheye_grow_as_the_radius():
@@ -59,23 +59,23 @@ def test_angles_of_a_fisheye_grow_as_the_radius():
 
 
 @LENSES
-def test_bend_undoes_straighten(lens):
+def test_bend_undoes_undistort_locally(lens):
     place, near = _charts(_pixels(), 25)
-    np.testing.assert_allclose(bend(lens, place, straighten(lens, place, near)), near, atol=1e-9)
+    np.testing.assert_allclose(distort_locally(lens, place, undistort_locally(lens, place, near)), near, atol=1e-9)
 
 
 @LENSES
 def test_a_charts_steps_are_pixels_at_its_centre(lens):
     place, near = _charts(_pixels(), 1e-4)
-    np.testing.assert_allclose(straighten(lens, place, near) * 10, near - place[:, None, :2], atol=1e-9)
+    np.testing.assert_allclose(undistort_locally(lens, place, near) * 10, near - place[:, None, :2], atol=1e-9)
 
 
 @LENSES
-def test_bend_jacobian_is_its_derivative(lens):
+def test_distortion_jacobian_is_its_derivative(lens):
     place, near = _charts(_pixels(), 25)
-    xy, J = straighten(lens, place, near), bend_jacobian(lens, place, near)
+    xy, J = undistort_locally(lens, place, near), distortion_jacobian(lens, place, near)
     for k, step in enumerate(np.eye(2) * 1e-4):
-        numeric = (bend(lens, place, xy + step) - bend(lens, place, xy - step)) / 2e-3
+        numeric = (distort_locally(lens, place, xy + step) - distort_locally(lens, place, xy - step)) / 2e-3
         np.testing.assert_allclose(numeric, J[..., k], atol=1e-6)
 
 
@@ -85,7 +85,7 @@ def test_a_plane_is_a_homography_on_a_chart_to_the_side_of_a_fisheye():
     p_cam = [1, 0.1, 0.09] + on_plane[:, :1] * [0.1, 0.05, -0.3] + on_plane[:, 1:] * [0.02, 0.3, 0.05]
     uv = to_pixels(SIDEWAYS, p_cam * (1, 1, 1 / 200.0))
     place = np.array([[*uv.mean(axis=0), 0.05]])
-    xy = straighten(SIDEWAYS, place, uv[None])[0]
+    xy = undistort_locally(SIDEWAYS, place, uv[None])[0]
     np.testing.assert_allclose(map_points(least_squares_homography(on_plane, xy), on_plane), xy, atol=1e-9)
     bent = np.abs(map_points(least_squares_homography(on_plane, uv), on_plane) - uv).max()
     assert bent > 3.0
@@ -124,7 +124,7 @@ def test_tags_curved_by_a_fisheye_are_found_at_the_noise_limit(fov_deg, place):
     camera = fisheye(fov_deg, k=(-0.02, -0.004, 0.001, 0.0))
     T = aimed(pose(18.0, distance=0.36), camera, PLACES[place])
     uv, seen = fisheye_truth(T, camera)
-    tags = locate_tags(fisheye_view(T, camera), TARGET)
+    tags = detect_tags(fisheye_view(T, camera), TARGET)
     wanted = seen[width_px(uv[seen]) >= 10]
     assert len(wanted) > 15
     assert set(wanted) <= set(tags.ids)
@@ -146,7 +146,7 @@ def test_compiled_fit_of_the_rigid_box_is_that_in_numpy(lens, focal, off_px):
     rng = np.random.default_rng(4)
     p_box = TARGET.tag_corners[rows].reshape(-1, 3)
     uv = to_pixels(lens, (p_box @ T[:3, :3].T + T[:3, 3]) * (1, 1, 1 / focal)) + rng.normal(0, off_px, (len(p_box), 2))
-    started = straight_lens(SIZE) if lens is PLAIN else fisheye_lens(SIZE, 230.0)
+    started = no_distortion(SIZE) if lens is PLAIN else fisheye_distortion(SIZE, 230.0)
     expected = np.array([np.log(600.0), *started[[0, 1, 2, 3, 5]]])
     prior = (0.3 / np.array([0.7, 32.0, 32.0, 0.15, 0.05, 0.02])) ** 2
     moved = T.copy()

@@ -6,8 +6,8 @@ import pytest
 from aligned_views import PATTERNS, PLAIN, TARGET, pose, some_tags, truth, view, width_px
 
 from boxcal.detect.alignment import covariance as misfit
-from boxcal.detect.alignment.detector import locate_tags
-from boxcal.detect.alignment.radial_camera import straight_lens
+from boxcal.detect.alignment.detector import detect_tags
+from boxcal.detect.alignment.radial_camera import no_distortion
 from boxcal.detect.alignment.registration import image_model as model
 from boxcal.detect.alignment.registration.align import align
 from boxcal.detect.alignment.registration.tag_batch import Frame
@@ -24,24 +24,24 @@ def _grained(azimuth_deg, seed, spread_px):
     return np.clip(np.rint(image), 0, 255).astype(np.uint8), truth(T)[0]
 
 
-@pytest.mark.parametrize("tone", ["linear", "srgb"])
-def test_sums_over_squares_are_those_over_all(tone):
-    batch = some_tags(33.0, tone, 5)
-    normal, gradient = model.squares(batch, np.array([8, 9, 12]))
+@pytest.mark.parametrize("response", ["linear", "srgb"])
+def test_sums_over_squares_are_those_over_all(response):
+    batch = some_tags(33.0, response, 5)
+    normal, gradient = model.clusters(batch, np.array([8, 9, 12]))
     whole = model.accumulate(batch)
     assert np.all((normal[..., 0, 0] > 0).sum(axis=1) > 3)
     np.testing.assert_allclose(normal.sum(axis=1), whole.normal, rtol=1e-9, atol=1e-12)
     np.testing.assert_allclose(gradient.sum(axis=1), whole.gradient, rtol=1e-9, atol=1e-12)
 
 
-@pytest.mark.parametrize("tone", ["linear", "srgb"])
-def test_compiled_sums_over_squares_are_those_of_the_reference(tone):
+@pytest.mark.parametrize("response", ["linear", "srgb"])
+def test_compiled_sums_over_squares_are_those_of_the_reference(response):
     pytest.importorskip("numba", reason="numba is not installed")
-    batch = some_tags(33.0, tone, 5)
+    batch = some_tags(33.0, response, 5)
     tags = align(batch.frame, PATTERNS, batch.rows, truth(pose(33.0))[0][batch.rows])
-    arguments = (replace(batch, theta=tags.theta, place=tags.place), tags, np.array([8, 9, 12]))
-    plain, fast = misfit.squared(*arguments), misfit._sums()(*arguments)
-    assert misfit._sums() is not misfit.squared
+    arguments = (replace(batch, theta=tags.theta, normalisation=tags.normalisation), tags, np.array([8, 9, 12]))
+    plain, fast = misfit.cluster_sums(*arguments), misfit._sums()(*arguments)
+    assert misfit._sums() is not misfit.cluster_sums
     np.testing.assert_allclose(fast[0], plain[0], rtol=0.02)
     np.testing.assert_allclose(fast[1], plain[1], rtol=0.02)
 
@@ -50,7 +50,7 @@ def _normalised_deviation():
     normalised = []
     for seed, azimuth_deg in enumerate((5.0, 20.0, 33.0, 47.0)):
         image, uv = _grained(azimuth_deg, seed, spread_px=0.8)
-        tags = locate_tags(image, TARGET)
+        tags = detect_tags(image, TARGET)
         wide = width_px(uv[tags.ids]) >= 12
         errors, covs = (tags.corners_px - uv[tags.ids])[wide], tags.cov_px2[wide]
         normalised.append(np.linalg.solve(np.linalg.cholesky(covs), errors[..., None]).ravel())
@@ -59,7 +59,7 @@ def _normalised_deviation():
 
 def test_sigmas_hold_where_neighbouring_pixels_agree(monkeypatch):
     assert 0.85 < _normalised_deviation() < 1.35
-    monkeypatch.setattr("boxcal.detect.alignment.detector.noise_share", lambda *_: 1.0)
+    monkeypatch.setattr("boxcal.detect.alignment.detector.variance_inflation", lambda *_: 1.0)
     assert _normalised_deviation() > 1.5
 
 
@@ -67,19 +67,19 @@ def test_sigmas_hold_where_neighbouring_pixels_agree(monkeypatch):
 def test_share_is_one_only_where_noise_is_white(monkeypatch, spread_px, least, most):
     told = []
     monkeypatch.setattr(
-        "boxcal.detect.alignment.detector.noise_share",
-        lambda *arguments: told.append(misfit.noise_share(*arguments)) or told[-1],
+        "boxcal.detect.alignment.detector.variance_inflation",
+        lambda *arguments: told.append(misfit.variance_inflation(*arguments)) or told[-1],
     )
     for seed, azimuth_deg in enumerate((5.0, 33.0)):
         T = pose(azimuth_deg, distance=0.6)
         if spread_px:
-            locate_tags(_grained(azimuth_deg, seed, spread_px)[0], TARGET)
+            detect_tags(_grained(azimuth_deg, seed, spread_px)[0], TARGET)
         else:
-            locate_tags(view(T, Look(blur_px=0.6, noise=8.0), seed=seed), TARGET)
+            detect_tags(view(T, Look(blur_px=0.6, noise=8.0), seed=seed), TARGET)
     assert least < np.mean(told) / misfit.TOGETHER < most
 
 
 def test_nothing_seen_is_taken_for_white_noise():
-    frame = Frame(grey=np.zeros((8, 8), np.float32), tone=np.array([0.0, 1.0]), lens=straight_lens((8, 8)))
+    frame = Frame(grey=np.zeros((8, 8), np.float32), response=np.array([0.0, 1.0]), lens=no_distortion((8, 8)))
     none = align(frame, PATTERNS, np.zeros(0, np.int64), np.zeros((0, 4, 2)))
-    assert misfit.noise_share(frame, PATTERNS, none, 22.0) == 1.0
+    assert misfit.variance_inflation(frame, PATTERNS, none, 22.0) == 1.0

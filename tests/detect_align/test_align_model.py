@@ -10,9 +10,9 @@ from boxcal.detect.alignment.registration import image_model as model
 from boxcal.detect.alignment.registration import psf as blur
 from boxcal.detect.alignment.registration.align import align
 from boxcal.detect.alignment.registration.finish import finish
-from boxcal.detect.alignment.registration.parameters import GAIN, LOG_SIGMA, OFFSET, PARAMETERS
+from boxcal.detect.alignment.registration.parameters import BLACK, CONTRAST, LOG_PSF, PARAMETERS
 from boxcal.detect.alignment.registration.tag_batch import Frame
-from boxcal.detect.image.response_curve import tone_table
+from boxcal.detect.image.response_curve import response_table
 
 
 def _pixels(batch, theta):
@@ -24,10 +24,10 @@ def _cost(batch, theta):
 
 
 @pytest.mark.parametrize(
-    ("azimuth_deg", "tone", "tolerance"), [(0.0, "linear", 6e-3), (38.0, "linear", 2e-2), (0.0, "srgb", 1e-2)]
+    ("azimuth_deg", "response", "tolerance"), [(0.0, "linear", 6e-3), (38.0, "linear", 2e-2), (0.0, "srgb", 1e-2)]
 )
-def test_gradient_is_the_derivative_of_the_residuals(azimuth_deg, tone, tolerance):
-    batch = some_tags(azimuth_deg, tone)
+def test_gradient_is_the_derivative_of_the_residuals(azimuth_deg, response, tolerance):
+    batch = some_tags(azimuth_deg, response)
     theta = batch.theta
     theta[:, 10:12] = 0
     sums = model.accumulate(batch)
@@ -45,16 +45,16 @@ def test_gradient_is_the_derivative_of_the_residuals(azimuth_deg, tone, toleranc
 
 
 @pytest.mark.parametrize("side", [1, 5])
-@pytest.mark.parametrize("tone", ["linear", "srgb"])
+@pytest.mark.parametrize("response", ["linear", "srgb"])
 @pytest.mark.parametrize("lens", [LENS, BENT], ids=["plain", "fisheye"])
-def test_compiled_sums_are_those_of_the_reference(tone, side, lens):
+def test_compiled_sums_are_those_of_the_reference(response, side, lens):
     kernels = pytest.importorskip("boxcal.detect.alignment.numba.image_model", reason="numba is not installed")
-    batch = some_tags(33.0, tone, side, lens)
+    batch = some_tags(33.0, response, side, lens)
     plain, fast = model.accumulate(batch), kernels.accumulate(batch)
     np.testing.assert_array_equal(fast.stats[:, 0], plain.stats[:, 0])
     scale = np.sqrt(np.einsum("nii,njj->nij", plain.normal, plain.normal))
-    # the tone curve is a table: at a step of its slope the two may fall on different sides
-    atol = 6e-3 if tone == "linear" else 0.03
+    # the response curve is a table: at a step of its slope the two may fall on different sides
+    atol = 6e-3 if response == "linear" else 0.03
     np.testing.assert_allclose(fast.normal / scale, plain.normal / scale, atol=atol)
     np.testing.assert_allclose(fast.stats, plain.stats, rtol=2e-3)
     np.testing.assert_allclose(fast.blocks, plain.blocks, atol=0.02)
@@ -66,7 +66,7 @@ def test_numpy_alone_aligns_as_well_as_compiled(lens):
     T = pose(25.0)
     uv, seen = truth(T)
     rows = seen[::10]
-    frame = Frame(grey=(view(T) / np.float32(255)), tone=tone_table("linear"), lens=lens)
+    frame = Frame(grey=(view(T) / np.float32(255)), response=response_table("linear"), lens=lens)
     plain = align(frame, PATTERNS, rows, uv[rows] + 0.2, stop_px=1e-4, iterations=30, sums_of=model.accumulate)
     fast = align(frame, PATTERNS, rows, uv[rows] + 0.2, stop_px=1e-4, iterations=30)
     off = np.linalg.norm(plain.corners_px - fast.corners_px, axis=2)
@@ -78,10 +78,10 @@ def test_numpy_alone_aligns_as_well_as_compiled(lens):
 def test_compiled_end_of_an_alignment_is_that_of_the_reference():
     pytest.importorskip("numba", reason="numba is not installed")
     batch = some_tags(33.0)
-    frame, theta, place = batch.frame, batch.theta, batch.place
+    frame, theta, place = batch.frame, batch.theta, batch.normalisation
     sums = model.accumulate(batch)
-    plain = finish(frame, PATTERNS, theta=theta, place=place, sums=sums, covariance=True)
-    fast = solve._finishing()(frame, PATTERNS, theta=theta, place=place, sums=sums, covariance=True)
+    plain = finish(frame, PATTERNS, theta=theta, normalisation=place, sums=sums, covariance=True)
+    fast = solve._finishing()(frame, PATTERNS, theta=theta, normalisation=place, sums=sums, covariance=True)
     assert solve._finishing() is not finish
     np.testing.assert_allclose(fast[0], plain[0], rtol=0, atol=1e-9)
     np.testing.assert_allclose(fast[1], plain[1], rtol=1e-6)
@@ -89,14 +89,14 @@ def test_compiled_end_of_an_alignment_is_that_of_the_reference():
     lost = theta.copy()
     lost[:, 3:6] = lost[:, :3]
     for end in (finish, solve._finishing()):
-        corners, *_ = end(frame, PATTERNS, theta=lost, place=place, sums=sums, covariance=True)
+        corners, *_ = end(frame, PATTERNS, theta=lost, normalisation=place, sums=sums, covariance=True)
         assert np.isnan(corners).any(axis=(1, 2)).all()
 
 
 def test_pattern_without_blur_is_the_pattern():
     theta = np.zeros(PARAMETERS)
     theta[[0, 4]] = 1.0
-    theta[[OFFSET, GAIN, LOG_SIGMA]] = 0, 1, np.log(1e-3)
+    theta[[BLACK, CONTRAST, LOG_PSF]] = 0, 1, np.log(1e-3)
     uv = np.stack(np.meshgrid(np.arange(-1, 9) + 0.5, np.arange(-1, 9) + 0.5), -1).reshape(-1, 2)
     p, *_ = blur.pattern_value(PATTERNS.cells[7], theta, uv, uv, 1.0)
     np.testing.assert_allclose(p.reshape(10, 10), PATTERNS.cells[7], atol=1e-12)
@@ -105,7 +105,7 @@ def test_pattern_without_blur_is_the_pattern():
 def test_pattern_under_a_sheared_blur_is_the_convolution():
     theta = np.zeros(PARAMETERS)
     theta[:8] = (0.25, 0.1, 0.1, -0.05, 0.2, 0.3, 0, 0)
-    theta[LOG_SIGMA] = np.log(1.5)
+    theta[LOG_PSF] = np.log(1.5)
     rng = np.random.default_rng(3)
     xy = rng.uniform(0, 25, (40, 2))
     uv = model.apply_h(theta[None, :8], xy[None])[0]

@@ -3,9 +3,9 @@ import numpy as np
 import pytest
 from aligned_views import SIZE, TARGET, pose, truth, view
 
-from boxcal.detect.alignment.box_search import consistent_seeds
-from boxcal.detect.alignment.candidates import find_seeds
-from boxcal.detect.alignment.detector import locate_copies, locate_tags
+from boxcal.detect.alignment.box_search import consistent_candidates
+from boxcal.detect.alignment.candidates import find_candidates
+from boxcal.detect.alignment.detector import detect_copies, detect_tags
 from boxcal.detect.alignment.tag_patterns import target_patterns
 from boxcal.target.box import Box, make_target
 
@@ -22,7 +22,7 @@ def test_covered_tags_are_rejected_and_the_others_kept():
     image = view(T)
     middle = int(np.median(uv[seen][..., 0]))
     image[:, middle:] = np.random.default_rng(1).integers(90, 130, image[:, middle:].shape)
-    tags = locate_tags(image, TARGET)
+    tags = detect_tags(image, TARGET)
     clear = uv[..., 0].max(axis=1) < middle - 3
     touched = uv[..., 0].max(axis=1) > middle + 1
     assert set(seen[clear[seen]]) <= set(tags.ids)
@@ -38,13 +38,13 @@ def test_finger_glare_and_wrong_bit_are_each_rejected():
         corner, across, down = uv[tag][0], uv[tag][1] - uv[tag][0], uv[tag][3] - uv[tag][0]
         quad = [corner + a * across + b * down for a, b in ((0.4, 0.3), (0.8, 0.3), (0.8, 0.7), (0.4, 0.7))]
         cv2.fillPoly(image, [np.round(quad).astype(np.int32)], level)
-    tags = locate_tags(image, TARGET)
+    tags = detect_tags(image, TARGET)
     assert not set(spoilt) & set(tags.ids)
     assert set(seen) - set(spoilt) <= set(tags.ids)
 
 
 def test_mirrored_picture_shows_no_tags():
-    assert len(locate_tags(np.ascontiguousarray(view(pose(20.0))[:, ::-1]), TARGET).ids) == 0
+    assert len(detect_tags(np.ascontiguousarray(view(pose(20.0))[:, ::-1]), TARGET).ids) == 0
 
 
 def test_noise_text_and_squares_are_no_tags():
@@ -55,19 +55,19 @@ def test_noise_text_and_squares_are_no_tags():
         cv2.putText(text, "THE QUICK BROWN FOX 0123456789 #%&@", (3, y), 0, 0.8, 20, 2)
     squares = np.kron(rng.random((24, 32)) < 0.5, np.ones((20, 20))).astype(np.uint8) * 200
     for image in (noise, text, squares):
-        assert len(locate_tags(image, TARGET).ids) == 0
+        assert len(detect_tags(image, TARGET).ids) == 0
 
 
 @pytest.mark.parametrize("shape", [(8, 9600), (8, 16_384), (16_384, 9), (9, 4000)])
 def test_a_thin_strip_shows_no_tags(shape):
     noise = np.random.default_rng(6).integers(0, 255, shape, dtype=np.uint8)
-    assert len(locate_tags(noise, TARGET).ids) == 0
-    assert len(locate_copies(noise, PATTERNS).ids) == 0
+    assert len(detect_tags(noise, TARGET).ids) == 0
+    assert len(detect_copies(noise, PATTERNS).ids) == 0
 
 
 def test_tags_of_other_ids_are_no_tags_of_the_target():
     other = make_target(Box(first_id=200))
-    assert len(locate_tags(view(pose(20.0), target=other), TARGET).ids) == 0
+    assert len(detect_tags(view(pose(20.0), target=other), TARGET).ids) == 0
 
 
 def test_poster_of_the_same_tags_does_not_move_the_box():
@@ -76,7 +76,7 @@ def test_poster_of_the_same_tags_does_not_move_the_box():
     image = view(T)
     small = cv2.resize(image[150:330, 240:420], None, fx=0.55, fy=0.55, interpolation=cv2.INTER_AREA)
     image[:99, :99] = small[:99, :99]
-    tags = locate_tags(image, TARGET)
+    tags = detect_tags(image, TARGET)
     assert _wrong(tags, uv) == []
     assert set(seen[uv[seen].min(axis=(1, 2)) > 100]) <= set(tags.ids)
 
@@ -85,10 +85,10 @@ def test_two_copies_of_one_tag_alone_are_both_dropped():
     image = np.full(SIZE[::-1], 220, np.uint8)
     marker = cv2.aruco.generateImageMarker(cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11), 3, 64)
     image[100:164, 100:164] = image[300:364, 400:464] = marker
-    seeds = find_seeds(image, PATTERNS, (25,))
+    seeds = find_candidates(image, PATTERNS, (25,))
     assert len(seeds) == 2
-    assert len(consistent_seeds(TARGET, seeds, SIZE)) == 0
-    assert len(locate_tags(image, TARGET).ids) == 0
+    assert len(consistent_candidates(TARGET, seeds, SIZE)) == 0
+    assert len(detect_tags(image, TARGET).ids) == 0
 
 
 def test_tag_pasted_elsewhere_on_the_face_is_dropped():
@@ -99,7 +99,7 @@ def test_tag_pasted_elsewhere_on_the_face_is_dropped():
     a, b = np.floor(uv[target_tag].min(axis=0)).astype(int) - 3, np.floor(uv[source].min(axis=0)).astype(int) - 3
     span = 40
     image[a[1] : a[1] + span, a[0] : a[0] + span] = image[b[1] : b[1] + span, b[0] : b[0] + span].copy()
-    tags = locate_tags(image, TARGET)
+    tags = detect_tags(image, TARGET)
     assert _wrong(tags, uv) == []
     assert target_tag not in tags.ids
 
@@ -114,6 +114,6 @@ def test_seeds_that_no_box_explains_do_no_harm():
                 side = int(rng.integers(24, 70))
                 tag = cv2.aruco.generateImageMarker(dictionary, int(rng.integers(140)), side)
                 image[y : y + side, x : x + side] = np.rot90(tag, int(rng.integers(4)))
-        tags = locate_tags(image, TARGET)
+        tags = detect_tags(image, TARGET)
         assert len(np.unique(tags.ids)) == len(tags.ids)
         assert np.isfinite(tags.corners_px).all()

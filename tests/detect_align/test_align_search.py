@@ -4,7 +4,7 @@ import numpy as np
 from aligned_views import TARGET, pose, width_px
 
 from boxcal.detect.alignment import pyramid_search as find
-from boxcal.detect.alignment.detector import locate_tags
+from boxcal.detect.alignment.detector import detect_tags
 from boxcal.target.camera.pinhole import Intrinsics, project
 from boxcal.target.render.renderer import Look, render, visible_tags
 
@@ -24,7 +24,7 @@ def _aimed(T_cam_box, focal, off_px):
 
 
 def _found(image, uv, rows):
-    tags = locate_tags(image, TARGET)
+    tags = detect_tags(image, TARGET)
     right = np.abs(tags.corners_px - uv[tags.ids]).max(axis=(1, 2)) < 0.5
     assert right.all()
     return len(np.intersect1d(tags.ids, rows))
@@ -49,9 +49,9 @@ def test_a_large_near_box_is_found_without_looking_at_the_whole_picture(monkeypa
     T = pose(25.0, distance=0.7)
     image = render(TARGET, camera, T, SIZE, Look(noise=2.0, blur_px=0.6), np.random.default_rng(1))
     scales = []
-    whole = find.find_seeds
+    whole = find.find_candidates
     monkeypatch.setattr(
-        find, "find_seeds", lambda *arguments, scale=1.0: scales.append(scale) or whole(*arguments, scale=scale)
+        find, "find_candidates", lambda *arguments, scale=1.0: scales.append(scale) or whole(*arguments, scale=scale)
     )
-    assert len(locate_tags(image, TARGET).ids) >= 60
+    assert len(detect_tags(image, TARGET).ids) >= 60
     assert scales == [0.5]

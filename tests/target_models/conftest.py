@@ -67,7 +67,7 @@ def poses() -> dict[str, Array]:
 def worst_corner_px() -> Callable[[Picture, Target, Array], float]:
     """How far corners in a (linear) picture lie from those in our renderer's picture of the same view, px."""
     camera = Intrinsics(fu=FOCAL_PX, fv=FOCAL_PX, cu=(WIDTH - 1) / 2, cv=(HEIGHT - 1) / 2, kr=0.0)
-    settings = TagSettings(corners=CornerSettings(tone="linear"))
+    settings = TagSettings(corners=CornerSettings(response="linear"))
 
     def worst(picture: Picture, target: Target, T_cam_box: Array) -> float:
         ours = render(target, camera, T_cam_box, (WIDTH, HEIGHT), Look(background="plain"))

@@ -161,7 +161,7 @@ def _differentiate(focal: Any, lens: Any, dx: Any, dy: Any, x: Any, y: Any, z: A
     w, least = ax * x + ay * y + az * z, _LEAST_W / focal
     per_w = 1 / (w if abs(w) > least else least)
     seen_x, seen_y = x * per_w, y * per_w
-    # see detect.align.search.box_steps: the same, of one corner
+    # as box_refinement.Tangent, for one corner
     toward = 2 * lens[4] * lens[4] * (dx * seen_x + dy * seen_y)
     for row, seen in ((0, seen_x), (1, seen_y)):
         along = seen / D

@@ -1,6 +1,6 @@
 """Residuals summed over squares of the image, and what white noise would make of them.
 
-The reference is :func:`boxcal.detect.alignment.covariance.squared`.
+The reference is :func:`boxcal.detect.alignment.covariance.cluster_sums`.
 """
 
 from typing import Any
@@ -13,40 +13,43 @@ from boxcal.detect.alignment.numba.cholesky import factor, solve_lower, solve_po
 from boxcal.detect.alignment.numba.finish import moves_of
 from boxcal.detect.alignment.numba.image_model import ROWS, differentiate
 from boxcal.detect.alignment.numba.pixels import BLOCK, collect, room
-from boxcal.detect.alignment.registration.image_model import SQUARES
-from boxcal.detect.alignment.registration.parameters import KURTOSIS, OFFSET, PARAMETERS
+from boxcal.detect.alignment.registration.image_model import CLUSTERS
+from boxcal.detect.alignment.registration.parameters import BLACK, KURTOSIS, PARAMETERS
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def squared(  # noqa: PLR0917 - arrays in, arrays out
-    grey: Any, tone: Any, linear: Any, lens: Any, cells: Any, rows: Any, theta: Any, place: Any, boxes: Any,
-    margin: Any, stride: Any, square_px: Any, corners: Any, noise2: Any, prior: Any, observed: Any, expected: Any,
+def cluster_sums(  # noqa: PLR0917 - arrays in, arrays out
+    grey: Any, response: Any, linear: Any, lens: Any, cells: Any, rows: Any, theta: Any, normalisation: Any,
+    bounding_boxes: Any, margin: Any,
+    stride: Any, cluster_px: Any, corners: Any, noise2: Any, prior: Any, observed: Any, expected: Any,
 ) -> None:  # fmt: skip
     """Fill the squares' mean square (N,) and its expectation, in units of the corners' variance under white noise.
 
     ``noise2`` (N,) is the residuals' variance, ``prior`` the kurtosis's deviation, for the others see
-    :func:`boxcal.detect.alignment.registration.image_model.squares`; ``corners`` (N, 4, 2) in px.
+    :func:`boxcal.detect.alignment.registration.image_model.clusters`; ``corners`` (N, 4, 2) in px.
     """
     stats, moves = np.zeros(6), np.zeros((2, PARAMETERS))
     A, B = np.empty((PARAMETERS, PARAMETERS)), np.empty((8, PARAMETERS))
     normal, inverse = np.empty((PARAMETERS, PARAMETERS)), np.empty((PARAMETERS, PARAMETERS))
     for k in range(len(rows)):
-        products = np.zeros((SQUARES * SQUARES, PARAMETERS, ROWS), np.float32)
-        pixels = room(boxes[k])
-        n = collect(grey, lens, cells[rows[k]], theta[k], place[k], boxes[k], margin[k], stride[k], pixels)
-        jac = differentiate(tone, linear, cells[rows[k]], theta[k], place[k], pixels, n, stats)
-        _add(pixels, n, jac, square_px[k], boxes[k], products)
+        products = np.zeros((CLUSTERS * CLUSTERS, PARAMETERS, ROWS), np.float32)
+        pixels = room(bounding_boxes[k])
+        n = collect(
+            grey, lens, cells[rows[k]], theta[k], normalisation[k], bounding_boxes[k], margin[k], stride[k], pixels
+        )
+        jac = differentiate(response, linear, cells[rows[k]], theta[k], normalisation[k], pixels, n, stats)
+        _add(pixels, n, jac, cluster_px[k], bounding_boxes[k], products)
         for i in range(PARAMETERS):
             for j in range(PARAMETERS):
                 normal[i, j] = 0.0
-                for square in range(SQUARES * SQUARES):
+                for square in range(CLUSTERS * CLUSTERS):
                     normal[i, j] += products[square, i, j]
         put_rows(A, normal)
         for i in range(PARAMETERS):
             A[i, i] += 1e-12 + 1e-9 * normal[i, i]
         A[KURTOSIS, KURTOSIS] += max(noise2[k], 1e-9) / prior**2
         for c in range(4):
-            moves_of(lens, theta[k], place[k], corners[k, c], moves)
+            moves_of(lens, theta[k], normalisation[k], corners[k, c], moves)
             for row in range(2):
                 put_rows(inverse, A)
                 solve_positive(inverse, moves[row], B[2 * c + row])
@@ -60,9 +63,9 @@ def _add(pixels: Any, n: Any, jac: Any, side: Any, box: Any, products: Any) -> N
     row = np.empty(ROWS, np.float32)
     left, top = box[0] // side, box[2] // side
     for p in range(n):
-        i = min(int(pixels[5, p]) // side - left, SQUARES - 1)
-        j = min(int(pixels[6, p]) // side - top, SQUARES - 1)
-        square = products[j * SQUARES + i]
+        i = min(int(pixels[5, p]) // side - left, CLUSTERS - 1)
+        j = min(int(pixels[6, p]) // side - top, CLUSTERS - 1)
+        square = products[j * CLUSTERS + i]
         for a in range(ROWS):
             row[a] = jac[p // BLOCK, a, p % BLOCK]
         for a in range(PARAMETERS):
@@ -83,7 +86,7 @@ def _mean_squares(products: Any, normal: Any, L: Any, B: Any, noise2: Any) -> tu
         white = max(white, 1e-300)
         moved2, fitted = 0.0, 0.0
         for square in range(len(products)):
-            if products[square, OFFSET, OFFSET] == 0:
+            if products[square, BLACK, BLACK] == 0:
                 continue
             moved = 0.0
             for i in range(PARAMETERS):

@@ -112,14 +112,14 @@ def down(sums: Any, edge: Any, rho: Any, total: Any) -> None:
 
 
 @njit(cache=True, fastmath=True, nogil=True, error_model="numpy")
-def jacobian(light: Any, at: Any, geometry: Any, total: Any, bend: Any, out: Any) -> None:  # noqa: PLR0917
-    """Fill the rows of the Jacobian; ``bend`` is the tone curve's slope, 0 for what fills up the last block."""
+def jacobian(light: Any, at: Any, geometry: Any, total: Any, response_slope: Any, out: Any) -> None:  # noqa: PLR0917
+    """Fill the rows of the Jacobian; ``response_slope`` is 0 behind the last pixel."""
     gain, slope_x, slope_y, kappa = (
         np.float32(light[1]), np.float32(light[2]), np.float32(light[3]), np.float32(light[4])
     )  # fmt: skip
     # short loops: of one with all of these rows the compiler does not see that they lie apart
     for p in range(BLOCK):
-        factor = (gain + slope_x * at[0, p] + slope_y * at[1, p]) * bend[p]
+        factor = (gain + slope_x * at[0, p] + slope_y * at[1, p]) * response_slope[p]
         out[12, p] = factor * total[3, p]
         out[13, p] = factor * total[4, p]
         out[2, p] = factor * total[1, p] * geometry[1, p] * geometry[0, p]
@@ -133,8 +133,8 @@ def jacobian(light: Any, at: Any, geometry: Any, total: Any, bend: Any, out: Any
         out[6, p] = both * at[0, p]
         out[7, p] = both * at[1, p]
     for p in range(BLOCK):
-        lit = (total[0, p] + kappa) * bend[p]
-        out[8, p] = bend[p]
-        out[9, p] = total[0, p] * bend[p]
+        lit = (total[0, p] + kappa) * response_slope[p]
+        out[8, p] = response_slope[p]
+        out[9, p] = total[0, p] * response_slope[p]
         out[10, p] = at[0, p] * lit
         out[11, p] = at[1, p] * lit

@@ -7,13 +7,13 @@ from numba import njit
 
 from boxcal.detect.alignment.numba.arrays import put_rows
 from boxcal.detect.alignment.numba.cholesky import factor, solve_lower
-from boxcal.detect.alignment.numba.radial_camera import chart, depth, to_pixel
+from boxcal.detect.alignment.numba.radial_camera import depth, local_undistortion, to_pixel
 from boxcal.detect.alignment.registration.parameters import KURTOSIS, PARAMETERS
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def finish(  # noqa: PLR0917 - arrays in, arrays out
-    lens: Any, modules: Any, theta: Any, place: Any, normal: Any, stats: Any, blocks: Any, prior: Any,
+    lens: Any, modules: Any, theta: Any, normalisation: Any, normal: Any, stats: Any, blocks: Any, prior: Any,
     covariance: Any, corners: Any, cov: Any, figures: Any,
 ) -> None:  # fmt: skip
     """Fill the corners (N, 4, 2), covariances (N, 4, 2, 2) and figures (N, 4) of tags.
@@ -43,9 +43,9 @@ def finish(  # noqa: PLR0917 - arrays in, arrays out
             factor(A)
         for c in range(4):
             u, v = modules * (c == 1 or c == 2), modules * (c >= 2)  # noqa: PLR1714 - a set takes long to compile
-            _corner(lens, theta[k], place[k], float(u), float(v), corners[k, c])
+            _corner(lens, theta[k], normalisation[k], float(u), float(v), corners[k, c])
             if covariance:
-                moves_of(lens, theta[k], place[k], corners[k, c], moves)
+                moves_of(lens, theta[k], normalisation[k], corners[k, c], moves)
                 solve_lower(A, moves[0], half[0])
                 solve_lower(A, moves[1], half[1])
                 for i in range(2):
@@ -74,7 +74,7 @@ def _worst(blocks: Any, side: Any, least: Any) -> float:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _corner(lens: Any, h: Any, place: Any, u: Any, v: Any, out: Any) -> None:  # noqa: PLR0917
+def _corner(lens: Any, h: Any, normalisation: Any, u: Any, v: Any, out: Any) -> None:  # noqa: PLR0917
     """Fill the pixel of a place on the tag: H inverted by its adjugate, then bent as the reference does."""
     out[0], out[1] = np.nan, np.nan
     x = (h[4] - h[5] * h[7]) * u + (h[2] * h[7] - h[1]) * v + (h[1] * h[5] - h[2] * h[4])
@@ -83,19 +83,22 @@ def _corner(lens: Any, h: Any, place: Any, u: Any, v: Any, out: Any) -> None:  #
     x, y = x / w, y / w
     if not (abs(x) < 1e3 and abs(y) < 1e3):
         return
-    bx, by, D = chart(lens, place)
-    ex, ey = x / place[2] + place[0] - lens[0], y / place[2] + place[1] - lens[1]
+    bx, by, D = local_undistortion(lens, normalisation)
+    ex, ey = x / normalisation[2] + normalisation[0] - lens[0], y / normalisation[2] + normalisation[1] - lens[1]
     out[0], out[1] = to_pixel(lens, ex, ey, D + bx * ex + by * ey)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def moves_of(lens: Any, h: Any, place: Any, corner: Any, out: Any) -> None:
+def moves_of(lens: Any, h: Any, normalisation: Any, corner: Any, out: Any) -> None:
     """Fill how a corner, px, moves with the homography: it stays where its modules are."""
-    bx, by, D = chart(lens, place)
+    bx, by, D = local_undistortion(lens, normalisation)
     dx, dy = corner[0] - lens[0], corner[1] - lens[1]
     g, slope, _ = depth(lens, (dx * dx + dy * dy) * lens[4] ** 2)
     f = D / (g - bx * dx - by * dy)
-    x, y = (dx * f + lens[0] - place[0]) * place[2], (dy * f + lens[1] - place[1]) * place[2]
+    x, y = (
+        (dx * f + lens[0] - normalisation[0]) * normalisation[2],
+        (dy * f + lens[1] - normalisation[1]) * normalisation[2],
+    )
     # of the place on the chart by the pixel
     cx, cy = -f * f / D * (slope * dx - bx), -f * f / D * (slope * dy - by)
     xx, xy, yx, yy = f + dx * cx, dx * cy, dy * cx, f + dy * cy
@@ -103,8 +106,8 @@ def moves_of(lens: Any, h: Any, place: Any, corner: Any, out: Any) -> None:
     u, v = (h[0] * x + h[1] * y + h[2]) * w, (h[3] * x + h[4] * y + h[5]) * w
     ux, uy, vx, vy = (h[0] - u * h[6]) * w, (h[1] - u * h[7]) * w, (h[3] - v * h[6]) * w, (h[4] - v * h[7]) * w
     # of the modules by the pixel, and its inverse
-    a, b = (ux * xx + uy * yx) * place[2], (ux * xy + uy * yy) * place[2]
-    c, d = (vx * xx + vy * yx) * place[2], (vx * xy + vy * yy) * place[2]
+    a, b = (ux * xx + uy * yx) * normalisation[2], (ux * xy + uy * yy) * normalisation[2]
+    c, d = (vx * xx + vy * yx) * normalisation[2], (vx * xy + vy * yy) * normalisation[2]
     det = a * d - b * c
     det = det if abs(det) > 1e-15 else 1e-15
     for row in range(2):

@@ -1,6 +1,6 @@
 """The steps of an alignment, tag after tag, without a call per step and sum.
 
-The reference is :func:`boxcal.detect.alignment.registration.gauss_newton.descend`.
+The reference is :func:`boxcal.detect.alignment.registration.gauss_newton.iterate`.
 """
 
 from typing import Any
@@ -11,9 +11,9 @@ from numba import njit
 from boxcal.detect.alignment.numba.arrays import clear, clear_rows, finite, put, put_rows
 from boxcal.detect.alignment.numba.cholesky import solve_positive
 from boxcal.detect.alignment.numba.image_model import ROWS, add_products, differentiate
-from boxcal.detect.alignment.numba.pixels import BLOCK, add_blocks, collect, first_light, replace_pixels, room
+from boxcal.detect.alignment.numba.pixels import BLOCK, add_blocks, collect, initial_intensity, replace_pixels, room
 from boxcal.detect.alignment.registration.image_model import Sums
-from boxcal.detect.alignment.registration.parameters import KURTOSIS, LOG_SIGMA, PARAMETERS
+from boxcal.detect.alignment.registration.parameters import KURTOSIS, LOG_PSF, PARAMETERS
 from boxcal.detect.alignment.registration.tag_batch import Batch
 from boxcal.detect.alignment.tag_patterns import Array
 
@@ -21,8 +21,8 @@ _FAR_MODULES = 0.1
 """A tag that has moved less still covers the same pixels."""
 
 
-def descend(
-    batch: Batch, sums: Sums, *, places: Array, module_px: Array, free: Any, damping: float, stop_px: float,
+def iterate(
+    batch: Batch, sums: Sums, *, normalised: Array, module_px: Array, free: Any, damping: float, stop_px: float,
     iterations: int, limits: Array, held: tuple[float, float, float], much: float, prior: float, guess: bool,
 ) -> None:  # fmt: skip
     """Take Gauss-Newton steps until each tag stands still; parameters and ``sums`` (from zero) change in place.
@@ -33,7 +33,7 @@ def descend(
         The tags.
     sums
         Of the last step, the sum of squared residuals less what that step explains.
-    places : (N, 4, 2)
+    normalised : (N, 4, 2)
         Corners in normalised places; what moves there says when to stop.
     module_px : (N,), px
     free : (S, 14)
@@ -43,7 +43,7 @@ def descend(
     limits : (2, 2)
         Least and most log sigma, then kurtosis.
     held
-        Longest step of a place, in modules; of log sigma; largest share of the squared residuals a step may explain.
+        Longest step of a point, in modules; of log sigma; largest fraction of the squared residuals a step may explain.
     much
         A step that explains this share is not the last.
     prior
@@ -51,18 +51,19 @@ def descend(
     guess
         Set black and white from the middle of the modules first.
     """
-    _descend(
+    _iterate(
         *batch.arrays_and(
-            sums.normal, sums.gradient, sums.stats, sums.blocks, places, module_px, free, damping, stop_px, iterations,
-            limits, held, much, prior, guess,
+            sums.normal, sums.gradient, sums.stats, sums.blocks, normalised, module_px, free, damping, stop_px,
+            iterations, limits, held, much, prior, guess,
         )
     )  # fmt: skip
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _descend(  # noqa: PLR0917 - arrays in, arrays out
-    grey: Any, tone: Any, linear: Any, lens: Any, cells: Any, rows: Any, theta: Any, place: Any, boxes: Any,
-    margin: Any, stride: Any, normal: Any, gradient: Any, stats: Any, blocks: Any, places: Any, module_px: Any,
+def _iterate(  # noqa: PLR0917 - arrays in, arrays out
+    grey: Any, response: Any, linear: Any, lens: Any, cells: Any, rows: Any, theta: Any, normalisation: Any,
+    bounding_boxes: Any, margin: Any,
+    stride: Any, normal: Any, gradient: Any, stats: Any, blocks: Any, normalised: Any, module_px: Any,
     free: Any, damping: Any, stop_px: Any, iterations: Any, limits: Any, held: Any, much: Any, prior: Any,
     guess: Any,
 ) -> None:  # fmt: skip
@@ -70,20 +71,30 @@ def _descend(  # noqa: PLR0917 - arrays in, arrays out
     for k in range(len(rows)):
         if not finite(theta[k]):
             continue
-        pixels, n, since = room(boxes[k]), 0, np.inf
+        pixels, n, since = room(bounding_boxes[k]), 0, np.inf
         jac = np.empty((0, ROWS, BLOCK), np.float32)
         for number in range(iterations):
             clear_rows(normal[k])
             clear(gradient[k])
             clear(stats[k])
             if since > _FAR_MODULES:
-                n = collect(grey, lens, cells[rows[k]], theta[k], place[k], boxes[k], margin[k], stride[k], pixels)
+                n = collect(
+                    grey,
+                    lens,
+                    cells[rows[k]],
+                    theta[k],
+                    normalisation[k],
+                    bounding_boxes[k],
+                    margin[k],
+                    stride[k],
+                    pixels,
+                )
                 since = 0.0
                 if guess and number == 0:
-                    first_light(tone, cells[rows[k]], pixels, n, theta[k])
+                    initial_intensity(response, cells[rows[k]], pixels, n, theta[k])
             else:
                 replace_pixels(theta[k], pixels, n)
-            jac = differentiate(tone, linear, cells[rows[k]], theta[k], place[k], pixels, n, stats[k])
+            jac = differentiate(response, linear, cells[rows[k]], theta[k], normalisation[k], pixels, n, stats[k])
             add_products(jac, normal[k], gradient[k])
             information = max(stats[k, 1], 1e-9) / max(stats[k, 0] - PARAMETERS, 1.0) / prior**2
             _solve(normal[k], gradient[k], free[min(number, len(free) - 1)], theta[k], information, damping, step)
@@ -97,7 +108,7 @@ def _descend(  # noqa: PLR0917 - arrays in, arrays out
             less = min(max(less, 0.0), held[2] * stats[k, 1])
             converging = less > much * stats[k, 1]
             stats[k, 1] -= less
-            moved = _step_on(theta[k], step, places[k])
+            moved = _step_on(theta[k], step, normalised[k])
             since += moved
             if number >= len(free) - 1 and moved * module_px[k] < stop_px and not converging:
                 break
@@ -132,19 +143,19 @@ def _hold(theta: Any, limits: Any, held: Any, step: Any) -> None:
     share = min(1.0, held[0] / max(abs(step[2]), abs(step[5]), 1e-12))
     for i in range(8):
         step[i] *= share
-    step[LOG_SIGMA] = min(max(step[LOG_SIGMA], -held[1]), held[1])
-    for row, i in enumerate((LOG_SIGMA, KURTOSIS)):
+    step[LOG_PSF] = min(max(step[LOG_PSF], -held[1]), held[1])
+    for row, i in enumerate((LOG_PSF, KURTOSIS)):
         step[i] = min(max(theta[i] + step[i], limits[row, 0]), limits[row, 1]) - theta[i]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _step_on(theta: Any, step: Any, places: Any) -> float:
+def _step_on(theta: Any, step: Any, normalised: Any) -> float:
     """Take the step; return how far that moves a corner at most, in modules."""
     most = 0.0
     before = np.empty((4, 2))
     for turn in range(2):
         for c in range(4):
-            x, y = places[c, 0], places[c, 1]
+            x, y = normalised[c, 0], normalised[c, 1]
             w = theta[6] * x + theta[7] * y + 1
             u = (theta[0] * x + theta[1] * y + theta[2]) / w
             v = (theta[3] * x + theta[4] * y + theta[5]) / w

@@ -35,28 +35,30 @@ def accumulate(batch: Batch) -> Sums:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _run(  # noqa: PLR0917 - arrays in, arrays out
-    grey: Any, tone: Any, linear: Any, lens: Any, cells: Any, rows: Any, theta: Any, place: Any, boxes: Any,
-    margin: Any, stride: Any, normal: Any, gradient: Any, stats: Any, blocks: Any,
+    grey: Any, response: Any, linear: Any, lens: Any, cells: Any, rows: Any, theta: Any, normalisation: Any,
+    bounding_boxes: Any, margin: Any, stride: Any, normal: Any, gradient: Any, stats: Any, blocks: Any,
 ) -> None:  # fmt: skip
     for k in range(len(rows)):
         if not finite(theta[k]):
             continue
-        pixels = room(boxes[k])
-        n = collect(grey, lens, cells[rows[k]], theta[k], place[k], boxes[k], margin[k], stride[k], pixels)
-        jac = differentiate(tone, linear, cells[rows[k]], theta[k], place[k], pixels, n, stats[k])
+        pixels = room(bounding_boxes[k])
+        n = collect(
+            grey, lens, cells[rows[k]], theta[k], normalisation[k], bounding_boxes[k], margin[k], stride[k], pixels
+        )
+        jac = differentiate(response, linear, cells[rows[k]], theta[k], normalisation[k], pixels, n, stats[k])
         add_blocks(pixels, n, jac, blocks[k])
         add_products(jac, normal[k], gradient[k])
 
 
 @njit(cache=True, fastmath=True, nogil=True, error_model="numpy")
 def _residuals(  # noqa: PLR0917
-    at: Any, light: Any, tone: Any, linear: Any, total: Any, used: Any, bend: Any, out: Any, stats: Any
+    at: Any, light: Any, response: Any, linear: Any, total: Any, used: Any, response_slope: Any, out: Any, stats: Any
 ) -> None:
-    """Fill the residuals of a block and the tone curve's slope, both 0 behind the used pixels; add to the sums."""
+    """Fill the residuals of a block and the response curve's slope, both 0 behind the used pixels; add to the sums."""
     offset, gain, slope_x, slope_y, kappa = (
         np.float32(light[0]), np.float32(light[1]), np.float32(light[2]), np.float32(light[3]), np.float32(light[4])
     )  # fmt: skip
-    shown = bend  # for a moment
+    shown = response_slope  # for a moment
     for p in range(BLOCK):
         lit = offset + gain * total[0, p] + (slope_x * at[0, p] + slope_y * at[1, p]) * (total[0, p] + kappa)
         shown[p] = lit
@@ -67,23 +69,23 @@ def _residuals(  # noqa: PLR0917
             value, predicted = at[4, p] * live, min(max(lit, _F0), _F1) * live
             r = value - predicted
             out[p] = r
-            bend[p] = live if lit >= _F0 and lit < _F1 else _F0
+            response_slope[p] = live if lit >= _F0 and lit < _F1 else _F0
             r2 += r * r
             y1 += value
             y2 += value * value
             p1 += predicted
             p2 += predicted * predicted
     else:
-        last = len(tone) - 1
+        last = len(response) - 1
         for p in range(used):
             lit = np.float64(shown[p])
             t = min(max(lit * last, 0.0), last - 1e-9)
             i = int(t)
-            step = tone[i + 1] - tone[i]
-            value, predicted = at[4, p], np.float32(tone[i] + (t - i) * step)
+            step = response[i + 1] - response[i]
+            value, predicted = at[4, p], np.float32(response[i] + (t - i) * step)
             r = value - predicted
             out[p] = r
-            bend[p] = step * last if lit >= 0 and lit < 1 else 0.0
+            response_slope[p] = step * last if lit >= 0 and lit < 1 else 0.0
             r2 += r * r
             y1 += value
             y2 += value * value
@@ -91,7 +93,7 @@ def _residuals(  # noqa: PLR0917
             p2 += predicted * predicted
         for p in range(used, BLOCK):
             out[p] = _F0
-            bend[p] = _F0
+            response_slope[p] = _F0
     stats[1] += r2
     stats[2] += y1
     stats[3] += y2
@@ -101,16 +103,16 @@ def _residuals(  # noqa: PLR0917
 
 @njit(cache=True, fastmath=True, nogil=True, error_model="numpy")
 def differentiate(  # noqa: PLR0915, PLR0917 - arrays in, arrays out
-    tone: Any, linear: Any, cells: Any, theta: Any, place: Any, pixels: Any, n: Any, stats: Any
+    response: Any, linear: Any, cells: Any, theta: Any, normalisation: Any, pixels: Any, n: Any, stats: Any
 ) -> Any:
     """Return the Jacobian of collected pixels, (B, 16, 64), residuals in row 14; add to the sums of residuals."""
     modules = cells.shape[0] - 2
     side = cells.shape[0]
-    wide_u, wide_v = widths(theta, place)
-    # edges in reach of a place, by the blur at the tag's centre
+    wide_u, wide_v = widths(theta, normalisation)
+    # edges in reach of a normalisation, by the blur at the tag's centre
     count_u = min(int(2 * _NEAR * wide_u) + 1, modules + 1, _MOST)
     count_v = min(int(2 * _NEAR * wide_v) + 1, modules + 1, _MOST)
-    sigma = np.exp(theta[12]) * place[2]
+    sigma = np.exp(theta[12]) * normalisation[2]
     kappa = theta[8] / theta[9] if abs(theta[9]) > 1e-9 else 0.0
     light = (theta[8], theta[9], theta[10], theta[11], kappa)
     parts = (n + BLOCK - 1) // BLOCK
@@ -121,7 +123,7 @@ def differentiate(  # noqa: PLR0915, PLR0917 - arrays in, arrays out
     corner = np.empty(BLOCK, np.uint32)
     edges_u = np.empty((count_u, OF_EDGE, BLOCK), np.float32)
     edge_v = np.empty((OF_EDGE, BLOCK), np.float32)
-    weight, bend = np.empty(BLOCK, np.float32), np.empty(BLOCK, np.float32)
+    weight, response_slope = np.empty(BLOCK, np.float32), np.empty(BLOCK, np.float32)
     sums, total = np.empty((7, BLOCK), np.float32), np.empty((5, BLOCK), np.float32)
     table = np.zeros((4, side * side), np.float32)
     module_differences(cells, table)
@@ -165,9 +167,9 @@ def differentiate(  # noqa: PLR0915, PLR0917 - arrays in, arrays out
                 sums[0, p] += along_v[corner[p] + f * side]
             down(sums, edge_v, geometry[3], total)
         into = jac[part]
-        _residuals(at, light, tone, linear, total, used, bend, into[14], stats)
+        _residuals(at, light, response, linear, total, used, response_slope, into[14], stats)
         clear(into[15])
-        jacobian(light, at, geometry, total, bend, into)
+        jacobian(light, at, geometry, total, response_slope, into)
     stats[0] += n
     return jac
 

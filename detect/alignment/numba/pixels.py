@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from boxcal.detect.alignment.registration.image_model import LEAST_GAIN, MIDDLE, NEAR_SIGMAS
+from boxcal.detect.alignment.registration.image_model import LEAST_CONTRAST, MIDDLE, NEAR_SIGMAS
 
 BLOCK = 64
 """Pixels that are summed together."""
@@ -22,22 +22,22 @@ def room(box: Any) -> Any:
 
 
 @njit(cache=True, fastmath=ORDER, nogil=True, error_model="numpy")
-def widths(theta: Any, place: Any) -> Any:
+def widths(theta: Any, normalisation: Any) -> Any:
     """Return the blur's deviations along u and v at the tag's centre, modules."""
-    sigma = np.exp(theta[12]) * place[2]
+    sigma = np.exp(theta[12]) * normalisation[2]
     u0, u1 = theta[0] - theta[2] * theta[6], theta[1] - theta[2] * theta[7]
     v0, v1 = theta[3] - theta[5] * theta[6], theta[4] - theta[5] * theta[7]
     return sigma * np.sqrt(u0 * u0 + u1 * u1), sigma * np.sqrt(v0 * v0 + v1 * v1)
 
 
 @njit(cache=True, fastmath=ORDER, nogil=True, error_model="numpy")
-def _line(lens: Any, theta: Any, place: Any, first: Any, row: Any, out: Any) -> None:  # noqa: PLR0917
+def _line(lens: Any, theta: Any, normalisation: Any, first: Any, row: Any, out: Any) -> None:  # noqa: PLR0917
     """Fill x, y, u and v of the pixels of a row, from the first column on."""
     h0, h1, h2, h3, h4, h5, h6, h7 = theta[0], theta[1], theta[2], theta[3], theta[4], theta[5], theta[6], theta[7]
     centre_x, centre_y, a1, a2, a3, per_px2 = lens[0], lens[1], lens[2], lens[3], lens[5], lens[4] * lens[4]
-    place_x, place_y, scale = place[0], place[1], place[2]
+    tag_x, tag_y, scale = normalisation[0], normalisation[1], normalisation[2]
     # the chart about the tag's centre
-    dx, dy = place_x - centre_x, place_y - centre_y
+    dx, dy = tag_x - centre_x, tag_y - centre_y
     q = (dx * dx + dy * dy) * per_px2
     slope = -2 * per_px2 * (a1 + q * (2 * a2 + q * (3 * a3)))
     bx, by, D = slope * dx, slope * dy, 1 + q * (a1 + q * (3 * a2 + q * (5 * a3)))
@@ -47,8 +47,8 @@ def _line(lens: Any, theta: Any, place: Any, first: Any, row: Any, out: Any) -> 
         dx = np.float64(first + i) - centre_x
         q = (dx * dx + dy * dy) * per_px2
         f = D / (rest - bx * dx - q * (a1 + q * (a2 + q * a3)))
-        x = (centre_x + dx * f - place_x) * scale
-        y = (centre_y + dy * f - place_y) * scale
+        x = (centre_x + dx * f - tag_x) * scale
+        y = (centre_y + dy * f - tag_y) * scale
         w = 1 / (h6 * x + h7 * y + 1)
         out[0, i] = x
         out[1, i] = y
@@ -58,17 +58,17 @@ def _line(lens: Any, theta: Any, place: Any, first: Any, row: Any, out: Any) -> 
 
 @njit(cache=True, fastmath=ORDER, nogil=True, error_model="numpy")
 def collect(  # noqa: PLR0917
-    grey: Any, lens: Any, cells: Any, theta: Any, place: Any, box: Any, margin: Any, stride: Any, into: Any
+    grey: Any, lens: Any, cells: Any, theta: Any, normalisation: Any, box: Any, margin: Any, stride: Any, into: Any
 ) -> int:
     """Write x, y, u, v, grey level, column and row of the pixels that count; return how many."""
-    wide_u, wide_v = widths(theta, place)
+    wide_u, wide_v = widths(theta, normalisation)
     near_u, near_v = NEAR_SIGMAS * wide_u, NEAR_SIGMAS * wide_v
     modules = cells.shape[0] - 2
     every, shift, every_near = stride[0], stride[1], stride[2]
     line = np.empty((4, max(box[1] - box[0], 1)))
     n = 0
     for row in range(box[2], box[3]):
-        _line(lens, theta, place, box[0], row, line)
+        _line(lens, theta, normalisation, box[0], row, line)
         to_chosen = (row * shift) % every
         to_near = (every_near - (box[0] + row) % every_near) % every_near
         column = box[0]
@@ -123,10 +123,10 @@ def replace_pixels(theta: Any, pixels: Any, n: Any) -> None:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def first_light(tone: Any, cells: Any, pixels: Any, n: Any, theta: Any) -> None:
+def initial_intensity(response: Any, cells: Any, pixels: Any, n: Any, theta: Any) -> None:
     """Set offset and gain of a tag from its collected pixels.
 
-    The reference is :func:`boxcal.detect.alignment.registration.image_model.first_light`.
+    The reference is :func:`boxcal.detect.alignment.registration.image_model.initial_intensity`.
     """
     total, count = np.zeros(2), np.zeros(2)
     for p in range(n):
@@ -137,26 +137,26 @@ def first_light(tone: Any, cells: Any, pixels: Any, n: Any, theta: Any) -> None:
             total[kind] += pixels[4, p]
             count[kind] += 1
     if count[0] > 0 and count[1] > 0:
-        black, white = _light_of(tone, total[0] / count[0]), _light_of(tone, total[1] / count[1])
-        theta[8], theta[9] = black, max(white - black, LEAST_GAIN)
+        black, white = _light_of(response, total[0] / count[0]), _light_of(response, total[1] / count[1])
+        theta[8], theta[9] = black, max(white - black, LEAST_CONTRAST)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _light_of(tone: Any, grey: Any) -> Any:
-    """Return the light that a tone curve makes a grey level of."""
-    last = len(tone) - 1
-    if grey <= tone[0]:
+def _light_of(response: Any, grey: Any) -> Any:
+    """Return the light that a response curve makes a grey level of."""
+    last = len(response) - 1
+    if grey <= response[0]:
         return 0.0
-    if grey >= tone[last]:
+    if grey >= response[last]:
         return 1.0
     low, high = 0, last
     while high - low > 1:
         middle = (low + high) // 2
-        if tone[middle] <= grey:
+        if response[middle] <= grey:
             low = middle
         else:
             high = middle
-    return (low + (grey - tone[low]) / (tone[high] - tone[low])) / last
+    return (low + (grey - response[low]) / (response[high] - response[low])) / last
 
 
 @njit(cache=True, fastmath=ORDER, nogil=True, error_model="numpy")

@@ -20,9 +20,9 @@ def depth(lens: Any, q: Any) -> tuple[float, float, float]:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def chart(lens: Any, place: Any) -> tuple[float, float, float]:
+def local_undistortion(lens: Any, normalisation: Any) -> tuple[float, float, float]:
     """Return b and D of the chart about a tag's centre, see :func:`boxcal.detect.alignment.radial_camera.chart`."""
-    dx, dy = place[0] - lens[0], place[1] - lens[1]
+    dx, dy = normalisation[0] - lens[0], normalisation[1] - lens[1]
     _, slope, D = depth(lens, (dx * dx + dy * dy) * lens[4] ** 2)
     return slope * dx, slope * dy, D
 

@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from boxcal.detect.alignment.homography import to_square
-from boxcal.detect.alignment.radial_camera import straighten
+from boxcal.detect.alignment.radial_camera import undistort_locally
 from boxcal.detect.alignment.registration import gauss_newton as steps
 from boxcal.detect.alignment.registration import image_model as model
 from boxcal.detect.alignment.registration.finish import KURTOSIS_PRIOR, finish
 from boxcal.detect.alignment.registration.image_model import Sums
-from boxcal.detect.alignment.registration.parameters import GAIN, KURTOSIS, LOG_SIGMA, OFFSET, PARAMETERS
+from boxcal.detect.alignment.registration.parameters import BLACK, CONTRAST, KURTOSIS, LOG_PSF, PARAMETERS
 from boxcal.detect.alignment.registration.tag_batch import Batch, Frame
 from boxcal.detect.alignment.tag_patterns import Array, Index, Patterns
 
@@ -35,8 +35,8 @@ def _free(*names: slice) -> NDArray[np.bool_]:
     return chosen
 
 
-_LIGHT, _AFFINE, _PERSPECTIVE = slice(OFFSET, LOG_SIGMA), slice(0, 6), slice(0, 8)
-_BLUR, _SHAPE = slice(LOG_SIGMA, LOG_SIGMA + 1), slice(KURTOSIS, KURTOSIS + 1)
+_LIGHT, _AFFINE, _PERSPECTIVE = slice(BLACK, LOG_PSF), slice(0, 6), slice(0, 8)
+_BLUR, _SHAPE = slice(LOG_PSF, LOG_PSF + 1), slice(KURTOSIS, KURTOSIS + 1)
 _FIRST = (
     _free(_LIGHT, _BLUR, _AFFINE),
     _free(_LIGHT, _BLUR, _PERSPECTIVE),
@@ -47,7 +47,7 @@ _AGAIN = (_free(_LIGHT), *_FURTHER, *_FURTHER)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Aligned:
+class TagAlignments:
     """Tags aligned with an image.
 
     Attributes
@@ -58,9 +58,9 @@ class Aligned:
         Corners in the image (distorted, as seen).
     cov_px2 : (N, 4, 2, 2), px^2
         Covariance of each corner from the residuals.
-    sigma_px : (N,), px
+    psf_sigma_px : (N,), px
         Deviation of blur and pixel area together.
-    offset, gain : (N,)
+    black_level, contrast : (N,)
         Light of black modules, and white less black; 1 is full scale.
     correlation : (N,)
         Of the image with the aligned pattern.
@@ -72,33 +72,33 @@ class Aligned:
         Deviation of the residuals; 1 is full scale.
     theta : (N, 14)
         All parameters (see :mod:`boxcal.detect.alignment.registration.image_model`).
-    place : (N, 3)
+    normalisation : (N, 3)
         Their centres and scales.
     """
 
     rows: Index
     corners_px: Array
     cov_px2: Array
-    sigma_px: Array
-    offset: Array
-    gain: Array
+    psf_sigma_px: Array
+    black_level: Array
+    contrast: Array
     correlation: Array
     worst_block: Array
     worst_module: Array
     noise: Array
     theta: Array
-    place: Array
+    normalisation: Array
 
     def __len__(self) -> int:
         return len(self.rows)
 
-    def take(self, at: NDArray[np.bool_] | Index) -> "Aligned":
+    def take(self, at: NDArray[np.bool_] | Index) -> "TagAlignments":
         """Return some of the tags."""
-        return Aligned(**{name: getattr(self, name)[at] for name in self.__dataclass_fields__})
+        return TagAlignments(**{name: getattr(self, name)[at] for name in self.__dataclass_fields__})
 
-    def joined(self, more: "Aligned") -> "Aligned":
+    def joined(self, more: "TagAlignments") -> "TagAlignments":
         """Return these tags and others."""
-        return Aligned(
+        return TagAlignments(
             **{name: np.concatenate([getattr(self, name), getattr(more, name)]) for name in self.__dataclass_fields__}
         )
 
@@ -109,14 +109,14 @@ def align(
     rows: Index,
     corners_px: Array,
     *,
-    start: Aligned | None = None,
-    relight: bool = False,
+    start: TagAlignments | None = None,
+    intensity_unknown: bool = False,
     stop_px: float = STOP_PX,
     iterations: int = ITERATIONS,
     side_px: float = np.inf,
     covariance: bool = True,
     sums_of: Callable[[Batch], Sums] | None = None,
-) -> Aligned:
+) -> TagAlignments:
     """Align tags whose corners are roughly known (to about a module).
 
     Parameters
@@ -130,8 +130,8 @@ def align(
     start
         The same tags aligned before, for their light and blur. Without it black and white are guessed from the middle
         of the modules, the first step changes light, blur and an affine map only, and the blur stays Gaussian.
-    relight
-        The light of ``start`` is a guess (it was told under another tone curve).
+    intensity_unknown
+        The light of ``start`` is a guess (it was told under another response curve).
     stop_px
         A tag is done once its corners move less and its residuals have settled.
     iterations
@@ -148,46 +148,48 @@ def align(
     Aligned
         As many as went in, in their order; those that diverged have a correlation of -1.
     """
-    schedule = _FIRST if start is None else (_AGAIN if relight else _FURTHER)
-    place, places, theta = _start(frame.lens, patterns, corners_px)
+    schedule = _FIRST if start is None else (_AGAIN if intensity_unknown else _FURTHER)
+    normalisation, normalised, theta = _start(frame.lens, patterns, corners_px)
     if start is not None:
-        theta[:, OFFSET:] = start.theta[:, OFFSET:]
-    boxes, margin, stride, module_px = footprints(
-        frame, patterns, corners_px, theta[:, LOG_SIGMA], side_px=side_px, edges=start is not None
+        theta[:, BLACK:] = start.theta[:, BLACK:]
+    bounding_boxes, margin, stride, module_px = footprints(
+        frame, patterns, corners_px, theta[:, LOG_PSF], side_px=side_px, edges=start is not None
     )
     batch = Batch(
         frame=frame,
         cells=patterns.cells,
         rows=rows,
         theta=theta,
-        place=place,
-        boxes=boxes,
+        normalisation=normalisation,
+        bounding_boxes=bounding_boxes,
         margin=margin,
         stride=stride,
     )
     last = model.no_sums(len(rows), patterns.cells)
-    (_descent() if sums_of is None else partial(steps.descend, sums_of))(
-        batch, last, places=places, module_px=module_px, free=np.stack(schedule),
+    (_iteration() if sums_of is None else partial(steps.iterate, sums_of))(
+        batch, last, normalised=normalised, module_px=module_px, free=np.stack(schedule),
         damping=_DAMPING if start is not None else _FIRST_DAMPING, stop_px=stop_px, iterations=iterations,
         guess=start is None,
     )  # fmt: skip
     finishing = finish if sums_of is not None else _finishing()
-    corners, cov, figures = finishing(frame, patterns, theta=theta, place=place, sums=last, covariance=covariance)
+    corners, cov, figures = finishing(
+        frame, patterns, theta=theta, normalisation=normalisation, sums=last, covariance=covariance
+    )
     good = np.isfinite(corners).all(axis=(1, 2)) & np.isfinite(cov).all(axis=(1, 2, 3))
     good &= last.stats[:, 0] > 2 * PARAMETERS
-    return Aligned(
+    return TagAlignments(
         rows=rows,
         corners_px=np.where(good[:, None, None], corners, 0.0),
         cov_px2=np.where(good[:, None, None, None], cov, 1.0),
-        sigma_px=np.exp(theta[:, LOG_SIGMA]),
-        offset=theta[:, OFFSET],
-        gain=theta[:, GAIN],
+        psf_sigma_px=np.exp(theta[:, LOG_PSF]),
+        black_level=theta[:, BLACK],
+        contrast=theta[:, CONTRAST],
         correlation=np.where(good, figures[:, 0], -1.0),
         worst_block=figures[:, 1],
         worst_module=figures[:, 2],
         noise=figures[:, 3],
         theta=theta,
-        place=place,
+        normalisation=normalisation,
     )
 
 
@@ -200,12 +202,12 @@ def _finishing() -> Callable[..., tuple[Array, Array, Array]]:
         return finish
 
     def run(
-        frame: Frame, patterns: Patterns, *, theta: Array, place: Array, sums: Sums, covariance: bool
+        frame: Frame, patterns: Patterns, *, theta: Array, normalisation: Array, sums: Sums, covariance: bool
     ) -> tuple[Array, Array, Array]:
         n = len(theta)
         corners, cov, figures = np.empty((n, 4, 2)), np.zeros((n, 4, 2, 2)), np.empty((n, 4))
         compiled.finish(
-            frame.lens, patterns.modules, theta, place, sums.normal, sums.stats, sums.blocks, KURTOSIS_PRIOR,
+            frame.lens, patterns.modules, theta, normalisation, sums.normal, sums.stats, sums.blocks, KURTOSIS_PRIOR,
             covariance, corners, cov, figures,
         )  # fmt: skip
         return corners, cov, figures
@@ -214,21 +216,21 @@ def _finishing() -> Callable[..., tuple[Array, Array, Array]]:
 
 
 @cache
-def _descent() -> Callable[..., None]:
+def _iteration() -> Callable[..., None]:
     """Return the compiled steps where numba is installed, else those in numpy."""
     try:
-        from boxcal.detect.alignment.numba.gauss_newton import descend  # noqa: PLC0415 - optional and slow to import
+        from boxcal.detect.alignment.numba.gauss_newton import iterate  # noqa: PLC0415 - optional and slow to import
     except ImportError:
-        return partial(steps.descend, model.accumulate)
+        return partial(steps.iterate, model.accumulate)
     limits = np.array([np.log([steps.MIN_SIGMA_PX, steps.MAX_SIGMA_PX]), steps.KURTOSIS_RANGE])
     held = (steps.LONGEST_MODULES, steps.LONGEST_LOG, steps.MOST_EXPLAINED)
-    return partial(descend, limits=limits, held=held, much=steps.MUCH, prior=KURTOSIS_PRIOR)
+    return partial(iterate, limits=limits, held=held, much=steps.MUCH, prior=KURTOSIS_PRIOR)
 
 
 def footprints(
     frame: Frame, patterns: Patterns, corners_px: Array, log_sigma: Array, *, side_px: float, edges: bool
 ) -> tuple[NDArray[np.int64], Array, NDArray[np.int64], Array]:
-    """Return which pixels of tags to use: boxes (N, 4), margins (N,) and strides (N, 3), and modules' widths (N,), px.
+    """Return which pixels of tags to use: boxes (N, 4), margins (N,), strides (N, 3), and modules' widths (N,) px.
 
     For the first three see :class:`boxcal.detect.alignment.registration.tag_batch.Batch`. Of the white ring so much
     may be used as
@@ -245,28 +247,28 @@ def footprints(
     margin = np.clip(patterns.gap_modules - 2.5 * blur, 0.35, min(MARGIN_MODULES, 0.9 * patterns.gap_modules))
     centre = corners.mean(axis=1, keepdims=True)
     grown = centre + (corners - centre) * (1 + 2.2 * margin / m)[:, None, None]
-    boxes = np.empty((len(corners), 2, 2), dtype=np.int64)
+    bounding_boxes = np.empty((len(corners), 2, 2), dtype=np.int64)
     limit = frame.grey.shape[::-1]
-    boxes[:, :, 0] = np.clip(np.floor(grown.min(axis=1)), 0, limit)
-    boxes[:, :, 1] = np.clip(np.ceil(grown.max(axis=1)) + 1, 0, limit)
+    bounding_boxes[:, :, 0] = np.clip(np.floor(grown.min(axis=1)), 0, limit)
+    bounding_boxes[:, :, 1] = np.clip(np.ceil(grown.max(axis=1)) + 1, 0, limit)
     mean = side.mean(axis=1)
     at = np.searchsorted(_FIBONACCI, (mean / side_px) ** 2, side="right") - 1
     at = np.clip(at, 1, len(_FIBONACCI) - 1)
     stride = np.stack([_FIBONACCI[at], _FIBONACCI[at - 1], np.full(len(at), 1 << 40)], axis=1)
     if edges:
         stride[:, 2] = np.clip(mean / EDGE_SIDE_PX, 1, 1000)
-    return boxes.reshape(-1, 4), margin, stride, side.max(axis=1) / m
+    return bounding_boxes.reshape(-1, 4), margin, stride, side.max(axis=1) / m
 
 
 def _start(lens: Array, patterns: Patterns, corners_px: Array) -> tuple[Array, Array, Array]:
     """Return centres and scales (N, 3), the corners' normalised places (N, 4, 2) and parameters (N, 14)."""
-    place = np.empty((len(corners_px), 3))
-    place[:, :2] = corners_px.mean(axis=1)
-    apart = corners_px - place[:, None, :2]
-    place[:, 2] = 1 / np.maximum(np.hypot(apart[..., 0], apart[..., 1]).max(axis=1), 1.0)
-    places = straighten(lens, place, corners_px)
+    normalisation = np.empty((len(corners_px), 3))
+    normalisation[:, :2] = corners_px.mean(axis=1)
+    apart = corners_px - normalisation[:, None, :2]
+    normalisation[:, 2] = 1 / np.maximum(np.hypot(apart[..., 0], apart[..., 1]).max(axis=1), 1.0)
+    normalised = undistort_locally(lens, normalisation, corners_px)
     theta = np.zeros((len(corners_px), PARAMETERS))
-    theta[:, :8] = to_square(places, patterns.modules)
-    theta[:, OFFSET], theta[:, GAIN] = 0.2, 0.5
-    theta[:, LOG_SIGMA] = np.log(START_SIGMA_PX)
-    return place, places, theta
+    theta[:, :8] = to_square(normalised, patterns.modules)
+    theta[:, BLACK], theta[:, CONTRAST] = 0.2, 0.5
+    theta[:, LOG_PSF] = np.log(START_SIGMA_PX)
+    return normalisation, normalised, theta

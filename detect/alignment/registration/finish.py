@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from boxcal.detect.alignment.radial_camera import bend, bend_jacobian, straighten
+from boxcal.detect.alignment.radial_camera import distort_locally, distortion_jacobian, undistort_locally
 from boxcal.detect.alignment.registration.image_model import Sums
 from boxcal.detect.alignment.registration.parameters import KURTOSIS, PARAMETERS
 from boxcal.detect.alignment.registration.tag_batch import Frame
@@ -13,17 +13,21 @@ KURTOSIS_PRIOR = 0.5
 
 
 def finish(
-    frame: Frame, patterns: Patterns, *, theta: Array, place: Array, sums: Sums, covariance: bool
+    frame: Frame, patterns: Patterns, *, theta: Array, normalisation: Array, sums: Sums, covariance: bool
 ) -> tuple[Array, Array, Array]:
     """Return corners (N, 4, 2), px, covariances (N, 4, 2, 2), px^2, and correlation, worst block and module, noise."""
-    corners = bend(frame.lens, place, _normalised_corners(patterns, theta))
+    corners = distort_locally(frame.lens, normalisation, _normalised_corners(patterns, theta))
     n, r2, y, y2, p, p2 = sums.stats.T
     count = np.maximum(n, 1)
     var_y, var_p = y2 / count - (y / count) ** 2, p2 / count - (p / count) ** 2
     cross = 0.5 * (y2 + p2 - r2) / count - (y / count) * (p / count)
     correlation = np.minimum(cross / np.sqrt(np.maximum(var_y * var_p, 1e-12)), 1.0)
     noise2 = r2 / np.maximum(n - PARAMETERS, 1)
-    cov = _covariance(frame, sums, noise2, theta, place, corners) if covariance else np.zeros((len(theta), 4, 2, 2))
+    cov = (
+        _covariance(frame, sums, noise2, theta, normalisation, corners)
+        if covariance
+        else np.zeros((len(theta), 4, 2, 2))
+    )
     mean = sums.blocks[..., 0] / np.maximum(sums.blocks[..., 1], 1)
     contrast = np.maximum(np.sqrt(np.maximum(var_y, 0)) * 2, 1e-6)
     worst_module = np.where(sums.blocks[..., 1] >= 4, np.abs(mean), 0).max(axis=(1, 2)) / contrast
@@ -35,7 +39,7 @@ def finish(
 
 
 def _normalised_corners(patterns: Patterns, theta: Array) -> Array:
-    """Return the corners (N, 4, 2) in normalised places: H inverted by its adjugate; NaN where it is singular."""
+    """Return the corners (N, 4, 2) in normalised normalised: H inverted by its adjugate; NaN where it is singular."""
     h0, h1, h2, h3, h4, h5, h6, h7 = theta[:, :8].T
     u, v = patterns.corners[:, 0, None], patterns.corners[:, 1, None]
     x = (h4 - h5 * h7) * u + (h2 * h7 - h1) * v + (h1 * h5 - h2 * h4)
@@ -47,11 +51,11 @@ def _normalised_corners(patterns: Patterns, theta: Array) -> Array:
 
 
 def _covariance(  # noqa: PLR0917
-    frame: Frame, sums: Sums, noise2: Array, theta: Array, place: Array, corners: Array
+    frame: Frame, sums: Sums, noise2: Array, theta: Array, normalisation: Array, corners: Array
 ) -> Array:
     """Return the corners' covariances (N, 4, 2, 2): residual variance by the inverse normal matrix."""
     cov_h = inverse_normal(sums.normal, sums.stats)[:, :8, :8] * noise2[:, None, None]
-    D = corners_by_homography(frame, theta, place, corners)
+    D = corners_by_homography(frame, theta, normalisation, corners)
     cov = np.einsum("ncik,nkl,ncjl->ncij", D, cov_h, D)
     return np.asarray(cov)
 
@@ -64,10 +68,13 @@ def inverse_normal(normal: Array, stats: Array) -> Array:
     return np.asarray(np.linalg.inv(normal))
 
 
-def corners_by_homography(frame: Frame, theta: Array, place: Array, corners_px: Array) -> Array:
+def corners_by_homography(frame: Frame, theta: Array, normalisation: Array, corners_px: Array) -> Array:
     """Return how corners (N, 4, 2), px, move with the homographies' entries: (N, 4, 2, 8)."""
-    D = _corner_jacobian(theta, straighten(frame.lens, place, corners_px)) / place[:, 2, None, None, None]
-    return np.asarray(np.einsum("ncij,ncjk->ncik", bend_jacobian(frame.lens, place, corners_px), D))
+    D = (
+        _corner_jacobian(theta, undistort_locally(frame.lens, normalisation, corners_px))
+        / normalisation[:, 2, None, None, None]
+    )
+    return np.asarray(np.einsum("ncij,ncjk->ncik", distortion_jacobian(frame.lens, normalisation, corners_px), D))
 
 
 def _corner_jacobian(theta: Array, xy: Array) -> Array:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from boxcal.detect.alignment.registration import image_model as model
 from boxcal.detect.alignment.registration.finish import kurtosis_prior
 from boxcal.detect.alignment.registration.image_model import Sums
-from boxcal.detect.alignment.registration.parameters import KURTOSIS, LOG_SIGMA, PARAMETERS
+from boxcal.detect.alignment.registration.parameters import KURTOSIS, LOG_PSF, PARAMETERS
 from boxcal.detect.alignment.registration.tag_batch import Batch
 from boxcal.detect.alignment.tag_patterns import Array, Index
 
@@ -19,12 +19,12 @@ MUCH = 0.6
 LONGEST_MODULES, LONGEST_LOG, MOST_EXPLAINED = 0.8, 0.35, 0.98
 
 
-def descend(
+def iterate(
     sums_of: Callable[[Batch], Sums],
     batch: Batch,
     last: Sums,
     *,
-    places: Array,
+    normalised: Array,
     module_px: Array,
     free: NDArray[np.bool_],
     damping: float,
@@ -35,7 +35,7 @@ def descend(
     """Take steps until each tag stands still; for the arguments see the compiled function of the same name."""
     theta = batch.theta
     if guess:
-        model.first_light(batch)
+        model.initial_intensity(batch)
     active = np.arange(len(batch))
     for step_no in range(iterations):
         if len(active) == 0:
@@ -47,7 +47,7 @@ def descend(
         converging = less > MUCH * sums.stats[:, 1]
         sums.stats[:, 1] -= less
         _put(last, active, sums)
-        moved = model.apply_h(stepped, places[active]) - model.apply_h(theta[active], places[active])
+        moved = model.apply_h(stepped, normalised[active]) - model.apply_h(theta[active], normalised[active])
         theta[active] = stepped
         moved_px = np.abs(moved).max(axis=(1, 2)) * module_px[active]
         if step_no >= len(free) - 1:
@@ -84,8 +84,8 @@ def _stepped(theta: Array, step: Array) -> Array:
     reach = np.abs(step[:, [2, 5]]).max(axis=1)
     held = np.minimum(1.0, LONGEST_MODULES / np.maximum(reach, 1e-12))
     step[:, :8] *= held[:, None]
-    step[:, LOG_SIGMA] = np.clip(step[:, LOG_SIGMA], -LONGEST_LOG, LONGEST_LOG)
+    step[:, LOG_PSF] = np.clip(step[:, LOG_PSF], -LONGEST_LOG, LONGEST_LOG)
     new = theta + step
     new[:, KURTOSIS] = np.clip(new[:, KURTOSIS], *KURTOSIS_RANGE)
-    new[:, LOG_SIGMA] = np.clip(new[:, LOG_SIGMA], np.log(MIN_SIGMA_PX), np.log(MAX_SIGMA_PX))
+    new[:, LOG_PSF] = np.clip(new[:, LOG_PSF], np.log(MIN_SIGMA_PX), np.log(MAX_SIGMA_PX))
     return new

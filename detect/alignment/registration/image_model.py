@@ -1,4 +1,4 @@
-"""A tag in the picture: light, tone curve and pattern make grey levels; sums over its pixels tell how to fit them.
+"""A tag in the picture: light, response curve and pattern make grey levels; sums over its pixels tell how to fit them.
 
 The light is ``m = o + g P + (s_x x + s_y y)(P + kappa)`` with the blurred pattern P
 (:mod:`boxcal.detect.alignment.registration.psf`), kappa = o / g held fixed, and the grey level T(m).
@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from boxcal.detect.alignment.radial_camera import straighten
-from boxcal.detect.alignment.registration.parameters import GAIN, LOG_SIGMA, OFFSET, PARAMETERS, SLOPE_X, SLOPE_Y
+from boxcal.detect.alignment.radial_camera import undistort_locally
+from boxcal.detect.alignment.registration.parameters import BLACK, CONTRAST, GRADIENT_X, GRADIENT_Y, LOG_PSF, PARAMETERS
 from boxcal.detect.alignment.registration.psf import pattern_value
 from boxcal.detect.alignment.registration.tag_batch import Batch
 from boxcal.detect.alignment.tag_patterns import Array
@@ -21,8 +21,8 @@ NEAR_SIGMAS = 2.5
 """Pixels this close to an edge, in sigma, tell where it is."""
 MIDDLE = 0.3
 """Half the width of the middle of a module, modules: there blur hardly mixes black and white."""
-LEAST_GAIN = 1e-3
-SQUARES = 6
+LEAST_CONTRAST = 1e-3
+CLUSTERS = 6
 """Squares of the image each way that a tag is divided into, see :func:`squares`."""
 STATS = 6
 """n, sum r^2, sum y, sum y^2, sum p, sum p^2 have columns 0..5; y grey level, p prediction."""
@@ -109,24 +109,24 @@ class TagPixels:
     jacobian: Array
 
 
-def squares(batch: Batch, square_px: NDArray[np.int64]) -> tuple[Array, Array]:
-    """Return the normal equations of each square of the image apart: (N, S * S, 14, 14) and (N, S * S, 14).
+def clusters(batch: Batch, cluster_px: NDArray[np.int64]) -> tuple[Array, Array]:
+    """Return the normal equations of each cluster of pixels: (N, S * S, 14, 14) and (N, S * S, 14).
 
-    The squares' sides are multiples of ``square_px`` (N,) px from the image's corner; of each tag S by S are looked at,
+    The clusters are squares of ``cluster_px`` (N,) px, counted from the image's corner; of each tag there are S by S,
     from that of its box's first pixel on.
     """
-    normal = np.zeros((len(batch), SQUARES**2, PARAMETERS, PARAMETERS))
-    gradient = np.zeros((len(batch), SQUARES**2, PARAMETERS))
+    normal = np.zeros((len(batch), CLUSTERS**2, PARAMETERS, PARAMETERS))
+    gradient = np.zeros((len(batch), CLUSTERS**2, PARAMETERS))
     for k in range(len(batch)):
         seen = differentiate(batch, k)
         if seen is None:
             continue
-        side = square_px[k]
-        i = np.minimum(seen.columns // side - batch.boxes[k, 0] // side, SQUARES - 1)
-        j = np.minimum(seen.lines // side - batch.boxes[k, 2] // side, SQUARES - 1)
+        side = cluster_px[k]
+        i = np.minimum(seen.columns // side - batch.bounding_boxes[k, 0] // side, CLUSTERS - 1)
+        j = np.minimum(seen.lines // side - batch.bounding_boxes[k, 2] // side, CLUSTERS - 1)
         J = seen.jacobian
-        np.add.at(normal[k], j * SQUARES + i, J[:, :, None] * J[:, None, :])
-        np.add.at(gradient[k], j * SQUARES + i, J * (seen.grey - seen.predicted)[:, None])
+        np.add.at(normal[k], j * CLUSTERS + i, J[:, :, None] * J[:, None, :])
+        np.add.at(gradient[k], j * CLUSTERS + i, J * (seen.grey - seen.predicted)[:, None])
     return normal, gradient
 
 
@@ -136,15 +136,15 @@ def differentiate(batch: Batch, k: int) -> TagPixels | None:
     if seen is None:
         return None
     columns, lines, xy, uv = seen
-    frame, cells, theta, place = batch.frame, batch.cells[batch.rows[k]], batch.theta[k], batch.place[k]
-    p, p_u, p_v, p_s, p_k = pattern_value(cells, theta, xy, uv, place[2])
+    frame, cells, theta, normalisation = batch.frame, batch.cells[batch.rows[k]], batch.theta[k], batch.normalisation[k]
+    p, p_u, p_v, p_s, p_k = pattern_value(cells, theta, xy, uv, normalisation[2])
     x, y = xy.T
     u, v = uv.T
     w = 1 / (theta[6] * x + theta[7] * y + 1)
-    kappa = theta[OFFSET] / theta[GAIN] if abs(theta[GAIN]) > 1e-9 else 0.0
-    slope = theta[SLOPE_X] * x + theta[SLOPE_Y] * y
-    light = theta[OFFSET] + theta[GAIN] * p + slope * (p + kappa)
-    factor = theta[GAIN] + slope
+    kappa = theta[BLACK] / theta[CONTRAST] if abs(theta[CONTRAST]) > 1e-9 else 0.0
+    slope = theta[GRADIENT_X] * x + theta[GRADIENT_Y] * y
+    light = theta[BLACK] + theta[CONTRAST] * p + slope * (p + kappa)
+    factor = theta[CONTRAST] + slope
     du, dv = factor * p_u * w, factor * p_v * w
     both = -(du * u + dv * v)
     jacobian = np.stack(
@@ -166,18 +166,18 @@ def differentiate(batch: Batch, k: int) -> TagPixels | None:
         ],
         axis=1,
     )
-    predicted, slope_t = tone_value(frame.tone, light)
+    predicted, slope_t = response_value(frame.response, light)
     jacobian *= slope_t[:, None]
     grey = frame.grey[lines, columns].astype(float)
     return TagPixels(columns=columns, lines=lines, grey=grey, uv=uv, predicted=predicted, jacobian=jacobian)
 
 
-def first_light(batch: Batch) -> None:
+def initial_intensity(batch: Batch) -> None:
     """Set offset and gain of tags from the mean grey levels in the middle of their black and white modules, in place.
 
     Tags of which no pixel lies in the middle of a module of each kind are left as they are.
     """
-    tone = batch.frame.tone
+    response = batch.frame.response
     for k in range(len(batch)):
         seen = _seen(batch, k)
         if seen is None:
@@ -189,22 +189,22 @@ def first_light(batch: Batch) -> None:
         grey = batch.frame.grey[lines[middle], columns[middle]]
         if white.any() and not white.all():
             levels = np.array([grey[~white].mean(), grey[white].mean()])
-            black, bright = np.interp(levels, tone, np.linspace(0, 1, len(tone)))
-            batch.theta[k, OFFSET], batch.theta[k, GAIN] = black, max(bright - black, LEAST_GAIN)
+            black, bright = np.interp(levels, response, np.linspace(0, 1, len(response)))
+            batch.theta[k, BLACK], batch.theta[k, CONTRAST] = black, max(bright - black, LEAST_CONTRAST)
 
 
 def _seen(batch: Batch, k: int) -> tuple[NDArray[np.int64], NDArray[np.int64], Array, Array] | None:
     """Return columns and rows of the pixels that count, their normalised places and modules; None if there are none."""
-    x0, x1, y0, y1 = (int(b) for b in batch.boxes[k])
+    x0, x1, y0, y1 = (int(b) for b in batch.bounding_boxes[k])
     if x1 <= x0 or y1 <= y0:
         return None
-    cells, theta, place = batch.cells[batch.rows[k]], batch.theta[k], batch.place[k]
+    cells, theta, normalisation = batch.cells[batch.rows[k]], batch.theta[k], batch.normalisation[k]
     margin, stride = float(batch.margin[k]), batch.stride[k]
     columns, lines = (a.ravel() for a in np.meshgrid(np.arange(x0, x1), np.arange(y0, y1)))
-    xy = straighten(batch.frame.lens, place[None], np.stack([columns, lines], -1).astype(float)[None])[0]
+    xy = undistort_locally(batch.frame.lens, normalisation[None], np.stack([columns, lines], -1).astype(float)[None])[0]
     uv = apply_h(theta[None, :8], xy[None])[0]
     sampled = (columns - x0 - lines * stride[1] % stride[0]) % stride[0] == 0
-    sampled |= ((columns + lines) % stride[2] == 0) & _crossed(cells, theta, place[2], uv)
+    sampled |= ((columns + lines) % stride[2] == 0) & _crossed(cells, theta, normalisation[2], uv)
     used = sampled & np.all((uv > -margin) & (uv < cells.shape[0] - 2 + margin), axis=1)
     return (columns[used], lines[used], xy[used], uv[used]) if used.any() else None
 
@@ -212,7 +212,7 @@ def _seen(batch: Batch, k: int) -> tuple[NDArray[np.int64], NDArray[np.int64], A
 def _crossed(cells: Array, theta: Array, scale: float, uv: Array) -> NDArray[np.bool_]:
     """Return which places (P, 2) an edge between black and white blurs, by the blur at the tag's centre."""
     h, last = theta[:8], cells.shape[0] - 1
-    sigma = np.exp(theta[LOG_SIGMA]) * scale
+    sigma = np.exp(theta[LOG_PSF]) * scale
     near = (
         NEAR_SIGMAS
         * sigma
@@ -227,11 +227,11 @@ def _crossed(cells: Array, theta: Array, scale: float, uv: Array) -> NDArray[np.
     return np.asarray((close[:, 0] & across) | (close[:, 1] & down))
 
 
-def tone_value(tone: Array, light: Array) -> tuple[Array, Array]:
+def response_value(response: Array, light: Array) -> tuple[Array, Array]:
     """Return the grey levels of light and their derivative; both ends saturate."""
-    last = len(tone) - 1
+    last = len(response) - 1
     at = np.clip(light * last, 0, last - 1e-9)
     i = at.astype(np.int64)
-    step = tone[i + 1] - tone[i]
+    step = response[i + 1] - response[i]
     inside = (light >= 0) & (light < 1)
-    return np.asarray(tone[i] + (at - i) * step), np.asarray(np.where(inside, step * last, 0.0))
+    return np.asarray(response[i] + (at - i) * step), np.asarray(np.where(inside, step * last, 0.0))

@@ -2,4 +2,4 @@
 
 PARAMETERS = 14
 """h (8), offset o, gain g, slopes s_x and s_y, log sigma, excess kurtosis of the blur."""
-OFFSET, GAIN, SLOPE_X, SLOPE_Y, LOG_SIGMA, KURTOSIS = range(8, 14)
+BLACK, CONTRAST, GRADIENT_X, GRADIENT_Y, LOG_PSF, KURTOSIS = range(8, 14)

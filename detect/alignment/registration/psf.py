@@ -17,7 +17,7 @@ term of the Edgeworth series, ``Phi(a) - k (a^3 - 3 a) phi(a) / 24`` with the ex
 import numpy as np
 from scipy.special import ndtr
 
-from boxcal.detect.alignment.registration.parameters import KURTOSIS, LOG_SIGMA
+from boxcal.detect.alignment.registration.parameters import KURTOSIS, LOG_PSF
 from boxcal.detect.alignment.tag_patterns import Array
 
 
@@ -26,7 +26,7 @@ def pattern_value(
 ) -> tuple[Array, Array, Array, Array, Array]:
     """Return P at places of one tag and its derivatives by u, v, log sigma and kurtosis, each (P,)."""
     modules = cells.shape[0] - 2
-    sigma = np.exp(theta[LOG_SIGMA])
+    sigma = np.exp(theta[LOG_PSF])
     w = 1 / (theta[6] * xy[:, 0] + theta[7] * xy[:, 1] + 1)
     u, v = uv[:, 0], uv[:, 1]
     ux, uy = (theta[0] - u * theta[6]) * w, (theta[1] - u * theta[7]) * w

@@ -17,20 +17,20 @@ class Frame:
     ----------
     grey : (H, W) float32
         Grey levels, scaled so that 1 is full scale.
-    tone : (K,)
+    response : (K,)
         Grey level T(m) of light m at ``m = k / (K - 1)``; the identity for a linear camera.
     lens : (6,)
         Centre (x, y) px, a1, a2, 1 / radius px and a3, see :mod:`boxcal.detect.alignment.radial_camera`.
     """
 
     grey: NDArray[np.float32]
-    tone: Array
+    response: Array
     lens: Array
 
     @property
     def linear(self) -> bool:
-        """Whether the tone curve is the identity."""
-        return bool(len(self.tone) == 2 and self.tone[0] == 0 and self.tone[1] == 1)
+        """Whether the response curve is the identity."""
+        return bool(len(self.response) == 2 and self.response[0] == 0 and self.response[1] == 1)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -46,11 +46,11 @@ class Batch:
     rows : (N,)
         Which of them each tag is.
     theta : (N, 14)
-        Parameters; h maps normalised places, see ``place``, to modules.
-    place : (N, 3)
+        Parameters; h maps normalised normalised, see ``normalisation``, to modules.
+    normalisation : (N, 3)
         Centre (x, y) px and 1 / scale px: the normalised place of a pixel is ``(chart - centre) / scale``, on the chart
         about the centre (:mod:`boxcal.detect.alignment.radial_camera`).
-    boxes : (N, 4)
+    bounding_boxes : (N, 4)
         Pixels to use: first and last column, first and last row (last exclusive), within the image.
     margin : (N,)
         How many modules of the white ring count.
@@ -63,8 +63,8 @@ class Batch:
     cells: Array
     rows: Index
     theta: Array
-    place: Array
-    boxes: NDArray[np.int64]
+    normalisation: Array
+    bounding_boxes: NDArray[np.int64]
     margin: Array
     stride: NDArray[np.int64]
 
@@ -73,14 +73,14 @@ class Batch:
 
     def take(self, at: Index) -> "Batch":
         """Return some of the tags, copied."""
-        names = ("rows", "theta", "place", "boxes", "margin", "stride")
+        names = ("rows", "theta", "normalisation", "bounding_boxes", "margin", "stride")
         return replace(self, **{name: getattr(self, name)[at] for name in names})
 
     def arrays_and(self, *more: Any) -> tuple[Any, ...]:
         """Return all figures as compiled code takes them: the frame's, the tags' in their order, and more."""
         frame = self.frame
         return (
-            frame.grey, frame.tone, frame.linear, frame.lens,
-            self.cells, self.rows, self.theta, self.place, self.boxes, self.margin, self.stride,
+            frame.grey, frame.response, frame.linear, frame.lens,
+            self.cells, self.rows, self.theta, self.normalisation, self.bounding_boxes, self.margin, self.stride,
             *more,
         )  # fmt: skip
