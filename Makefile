@@ -8,10 +8,10 @@ INSTALLED := $(VENV)/.installed
 ALL_INSTALLED := $(VENV)/.installed-all
 # The package as it is installed, as links: what the type checker and the import linter read.
 TREE := build/tree
-EXTRAS ?= dev,fast,cad,models-test
+EXTRAS ?= dev,docs,fast,cad,models-test
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable
 
-.PHONY: demo test lint format printables dist docker clean
+.PHONY: demo test lint format docs printables dist docker clean
 
 # The main job without hardware: print files, three simulated robots and their logs, three calibrations.
 demo: $(INSTALLED)
@@ -32,6 +32,10 @@ lint: $(ALL_INSTALLED) $(TREE)
 format: $(ALL_INSTALLED)
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
+
+# The documentation, strict: a dead link fails. The pages are build/docs/*.html.
+docs: $(ALL_INSTALLED) $(TREE)
+	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict
 
 # The default box's sheets and landmark table, as they are kept in the repository.
 printables: $(INSTALLED)
