@@ -62,3 +62,13 @@ def test_links_to_files_lead_somewhere() -> None:
     for page in pages:
         for link in re.findall(r"\]\(([^)#:]+)\)", page.read_text()):
             assert (page.parent / link).exists(), f"{page.name}: {link}"
+
+
+def test_files_that_the_pages_name_exist() -> None:
+    """A file named in backticks is there, from the project's folder or from the one that the page is about."""
+    here = {"docs/detector.md": ROOT / "detect/alignment", "docs/method.md": ROOT / "calib/likelihood"}
+    for page in [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").glob("*.md")]:
+        about = here.get(page.relative_to(ROOT).as_posix(), ROOT)
+        for name in re.findall(r"`(?:python )?([\w./-]+(?:\.py|/))(?= [^`]*`|`)", page.read_text()):
+            made = name.startswith(("build/", "dist", "box/", "seen/", "demo/", "docs/<"))
+            assert made or (ROOT / name).exists() or (about / name).exists(), f"{page.name}: {name}"
