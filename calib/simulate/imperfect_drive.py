@@ -77,9 +77,10 @@ def imperfect_drive(
     read = np.concatenate(phi)
     for at, by in jumps:
         read[at:] -= by
-    read = read[every] * faults.wheels.counts
+    read = read[every]
     if options.encoder_step:
         read = np.floor(read / options.encoder_step) * options.encoder_step
+    read = read * faults.wheels.counts
     wheels = WheelSamples(t_ns=t_ns[every], phi_R=read[:, 0].copy(), phi_L=read[:, 1].copy())
     motion = _Motion(t_ns=t_ns, path=np.concatenate(path), ends=np.array(ends), wheels=wheels)
     stops = _stops(robot, target, faults, motion, rng)
@@ -143,7 +144,8 @@ def _path(start: Array, travel: Array, b: float, w: WheelFaults, leg: int) -> Ar
 
 def as_built(target: Target, box: BoxFaults) -> Target:
     """Return the landmarks where they really are."""
-    grid, design = target.box.grid_corners(), target.box
+    design = box.other or target.box
+    grid = design.grid_corners()
     count, n = design.tags_a_face, FACES * design.tags_a_face
     corners, faces = np.zeros((n, CORNERS, 3)), np.zeros(n, dtype=np.int64)
     place = np.zeros((FACES, 3)) if box.place is None else box.place

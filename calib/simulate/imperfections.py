@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from boxcal.calib.geometry.so3_se3 import Array
-from boxcal.target.box import FACES
+from boxcal.target.box import FACES, Box
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -103,6 +103,8 @@ class BoxFaults:
         Displacement of the box, in its own frame, before a stop.
     standing : (4, 4), optional
         Pose of the box' frame on the floor, where it does not stand upright on it.
+    other
+        Another box that carries the same tags.
     """
 
     order: tuple[int, ...] = tuple(range(FACES))
@@ -113,6 +115,7 @@ class BoxFaults:
     bow: tuple[float, ...] = (0.0,) * FACES
     moved: tuple[int, float, float, float] | None = None
     standing: Array | None = None
+    other: Box | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
