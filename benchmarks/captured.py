@@ -11,17 +11,18 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.optimize import minimize
 
-from boxcal.calib.geometry.so3_se3 import Array, inverse, planar
+from boxcal.calib.geometry.so3_se3 import inverse, planar
 from boxcal.calib.simulate.robot import mount
 from boxcal.detect.correspondences import Correspondences, StopObservation
 from boxcal.detect.log.wheel_samples import WheelSamples
+from boxcal.target.arrays import Array
 from boxcal.target.box import Box, make_target
-from boxcal.target.camera.pinhole import Intrinsics, project
+from boxcal.target.camera.camera_model import CameraModel, project
 
 TICKS_A_TURN = 2796.8
 NOMINAL = (0.042, 0.042, 0.200)
 """rR, rL, b as the makers give them, m."""
-CAMERA = Intrinsics(fu=600.0, fv=600.0, cu=319.5, cv=239.5, kr=-0.1)
+CAMERA = CameraModel(fu=600.0, fv=600.0, cu=319.5, cv=239.5, kr=-0.1)
 IMAGE_SIZE = (640, 480)
 SIGMA_PX = 0.25
 T_CAPTURED_CAM = mount(x=0.05, z=0.3, pitch=0.05)

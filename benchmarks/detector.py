@@ -16,6 +16,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from boxcal.target.arrays import Array
+
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
@@ -27,11 +29,10 @@ from numpy.typing import NDArray  # noqa: E402
 from boxcal.detect.alignment.detector import DetectorSettings, detect_copies, detect_tags  # noqa: E402
 from boxcal.detect.alignment.tag_patterns import family_patterns  # noqa: E402
 from boxcal.target.box import make_target  # noqa: E402
-from boxcal.target.camera.pinhole import Intrinsics, project  # noqa: E402
+from boxcal.target.camera.camera_model import CameraModel, project  # noqa: E402
 from boxcal.target.render.renderer import Look, encode_jpeg, render, visible_tags  # noqa: E402
 from boxcal.target.tags.families import load_dictionary  # noqa: E402
 
-Array = NDArray[np.float64]
 Grey = NDArray[np.uint8]
 Found = tuple[NDArray[np.int64], Array, Array | None]
 """Ids (N,), corners (N, 4, 2) px, covariances (N, 4, 2, 2) px^2 if the detector gives any."""
@@ -128,7 +129,7 @@ def scenes(
     rng = np.random.default_rng(seed)
     made = []
     while len(made) < views:
-        camera = Intrinsics(
+        camera = CameraModel(
             fu=focal * scale, fv=focal * scale, cu=size[0] / 2 + 9 * scale, cv=size[1] / 2 - 7 * scale, kr=kr
         )
         T_cam_box, centre = pose(rng, *distances)
@@ -445,7 +446,7 @@ def logged(log: Path) -> list[Scene]:
 
     truth = json.loads(log.with_suffix(".truth.json").read_text())
     figures = truth["camera"]
-    camera = Intrinsics(**{k: figures[k] for k in ("fu", "fv", "cu", "cv", "kr")})
+    camera = CameraModel(**{k: figures[k] for k in ("fu", "fv", "cu", "cv", "kr")})
     size = (figures["width"], figures["height"])
     recording = open_recording(log)
     made = []

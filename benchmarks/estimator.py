@@ -17,7 +17,6 @@ import numpy as np
 from scipy import stats
 
 from boxcal.calib.errors import CalibError
-from boxcal.calib.geometry.so3_se3 import Array
 from boxcal.calib.likelihood import EstimateOptions, estimate
 from boxcal.calib.likelihood.problem import REPORTED
 from boxcal.calib.simulate.drive import DriveOptions, exact_correspondences, simulate_drive
@@ -25,6 +24,7 @@ from boxcal.calib.simulate.robot import Robot, paper
 from boxcal.calib.simulate.viewpoints import choose_stops
 from boxcal.calib.uncertainty.cramer_rao import Truth, cramer_rao, errors
 from boxcal.detect.correspondences import Correspondences
+from boxcal.target.arrays import Array
 from boxcal.target.box import Target, make_target
 
 SIGMA_PX = 0.25

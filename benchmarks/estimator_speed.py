@@ -16,7 +16,6 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from boxcal.calib.four_steps.procedure import FourSteps, solve_four_steps
-from boxcal.calib.geometry.so3_se3 import Array
 from boxcal.calib.likelihood import EstimateOptions, estimate
 from boxcal.calib.likelihood.estimator import fit, step_of
 from boxcal.calib.likelihood.initial_guess import camera_start, first_states
@@ -25,6 +24,7 @@ from boxcal.calib.likelihood.residuals import corner_residuals, leg_covariance, 
 from boxcal.calib.simulate.drive import DriveOptions, exact_correspondences, simulate_drive
 from boxcal.calib.simulate.robot import khepera
 from boxcal.detect.correspondences import Correspondences
+from boxcal.target.arrays import Array
 from boxcal.target.box import make_target
 
 

@@ -15,13 +15,14 @@ from math import radians
 import numpy as np
 
 from boxcal.calib.errors import CalibError
-from boxcal.calib.geometry.so3_se3 import Array, inverse, planar
+from boxcal.calib.geometry.so3_se3 import inverse, planar
 from boxcal.calib.likelihood import Estimate, estimate
 from boxcal.calib.simulate.drive import Drive, DriveOptions, exact_correspondences, simulate_drive
 from boxcal.calib.simulate.robot import khepera
 from boxcal.calib.uncertainty.cramer_rao import Truth, errors
 from boxcal.detect.correspondences import Correspondences, StopObservation
 from boxcal.detect.log.wheel_samples import WheelSamples
+from boxcal.target.arrays import Array
 from boxcal.target.box import make_target
 
 STOPS = 20

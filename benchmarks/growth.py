@@ -7,9 +7,9 @@ from runs import difference, estimate_sigma, estimate_values, step_values
 
 from boxcal.calib.errors import CalibError
 from boxcal.calib.four_steps.procedure import solve_four_steps
-from boxcal.calib.geometry.so3_se3 import Array
 from boxcal.calib.likelihood import EstimateOptions, estimate
 from boxcal.detect.correspondences import Correspondences
+from boxcal.target.arrays import Array
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

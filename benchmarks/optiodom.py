@@ -18,10 +18,11 @@ import numpy as np
 from blocks import fill, table
 from captured import NOMINAL, T_CAPTURED_CAM, CapturedRun, carry_camera, load_run, with_clock
 
-from boxcal.calib.geometry.so3_se3 import Array, exp_so3, inverse, planar, rigid
+from boxcal.calib.geometry.so3_se3 import exp_so3, inverse, planar, rigid
 from boxcal.calib.likelihood import Estimate, EstimateOptions, estimate
 from boxcal.calib.likelihood.leg_model import LegModel, WheelPath, leg_model
 from boxcal.detect.correspondences import Correspondences
+from boxcal.target.arrays import Array
 
 ROOT = Path(__file__).resolve().parents[1]
 DATA = ROOT / "../shared/data/optiodom"

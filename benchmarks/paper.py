@@ -21,12 +21,13 @@ from plans import best_plan
 from runs import ANGLES, MOTION, PARAMETERS, TRANSLATION, Runs, Setting, drive, rms, simulate_runs, true_values
 
 from boxcal.calib.compare.ground_truth import load_truth, truth_path
-from boxcal.calib.geometry.so3_se3 import Array, rot_y, rot_z
+from boxcal.calib.geometry.so3_se3 import rot_y, rot_z
 from boxcal.calib.likelihood import EstimateOptions
 from boxcal.calib.simulate.robot import khepera, paper
 from boxcal.detect.extract import extract
+from boxcal.target.arrays import Array
 from boxcal.target.box import make_target
-from boxcal.target.camera.pinhole import Intrinsics
+from boxcal.target.camera.camera_model import CameraModel
 
 ROOT = Path(__file__).resolve().parents[1]
 LOG = ROOT / "../shared/data/fleet/khepera.mcap"
@@ -92,7 +93,7 @@ def section_5(stops: list[int], seed: int) -> list[Growth]:
     true = true_values(
         replace(
             robot,
-            camera=Intrinsics(**{n: getattr(truth.camera, n) for n in ("fu", "fv", "cu", "cv", "kr")}),
+            camera=CameraModel(**{n: getattr(truth.camera, n) for n in ("fu", "fv", "cu", "cv", "kr")}),
             rR=truth.wheels.rR,
             rL=truth.wheels.rL,
             b=truth.wheels.b,

@@ -15,6 +15,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from boxcal.target.arrays import Array
+
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from boxcal.detect.alignment.detector import DetectorSettings, detect_copies
@@ -27,7 +29,6 @@ from boxcal.detect.alignment.tag_patterns import Patterns, family_patterns
 from boxcal.detect.image.gray import to_grey
 from boxcal.detect.image.response_curve import response_table
 
-Array = NDArray[np.float64]
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data" / "photos"
 PATTERNS = family_patterns("DICT_APRILTAG_36h11", np.arange(1))
 ORDERS = [[(s + k * d) % 4 for k in range(4)] for s in range(4) for d in (1, -1)]

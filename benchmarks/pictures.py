@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from runs import PARAMETERS, Runs, rms
 from scipy import stats
 
-from boxcal.calib.geometry.so3_se3 import Array
+from boxcal.target.arrays import Array
 
 mpl.use("Agg")
 OURS, PAPER, TRUTH = "#1f5fa8", "#9a9a9a", "#c0392b"

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 from runs import TRANSLATION, WHEELS, Setting, drive, true_values
 
-from boxcal.calib.geometry.so3_se3 import Array
 from boxcal.calib.simulate.drive import DriveOptions
 from boxcal.calib.simulate.robot import Robot
 from boxcal.calib.simulate.viewpoints import choose_stops
 from boxcal.calib.uncertainty.cramer_rao import Truth, cramer_rao
+from boxcal.target.arrays import Array
 from boxcal.target.box import Target
 
 

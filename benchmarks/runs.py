@@ -8,13 +8,14 @@ import numpy as np
 
 from boxcal.calib.errors import CalibError
 from boxcal.calib.four_steps.procedure import FourSteps, solve_four_steps
-from boxcal.calib.geometry.so3_se3 import Array, rot_y, rot_z, wrap
+from boxcal.calib.geometry.so3_se3 import rot_y, rot_z, wrap
 from boxcal.calib.likelihood import Estimate, EstimateOptions, estimate
 from boxcal.calib.simulate.drive import Drive, DriveOptions, exact_correspondences, simulate_drive
 from boxcal.calib.simulate.robot import Robot
 from boxcal.detect.correspondences import Correspondences
+from boxcal.target.arrays import Array
 from boxcal.target.box import Target, make_target
-from boxcal.target.camera.pinhole import Intrinsics
+from boxcal.target.camera.camera_model import CameraModel
 
 PARAMETERS = ("fu", "fv", "cu", "cv", "kr", "rR", "rL", "b", "a1", "a2", "a3", "tx", "ty", "tz")
 WHEELS, ANGLES, TRANSLATION = slice(5, 8), slice(8, 11), slice(11, 14)
@@ -182,6 +183,6 @@ def _angle_axes(R: Array) -> Array:
     return np.stack([back[:, 2], rot_z(a3).T[:, 1], np.array([0.0, 0.0, 1.0])], axis=1)
 
 
-def _values(camera: Intrinsics, wheels: tuple[float, float, float], T_body_cam: Array) -> Array:
+def _values(camera: CameraModel, wheels: tuple[float, float, float], T_body_cam: Array) -> Array:
     k = camera
     return np.array([k.fu, k.fv, k.cu, k.cv, k.kr, *wheels, *angles(T_body_cam[:3, :3]), *T_body_cam[:3, 3]])

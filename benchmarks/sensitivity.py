@@ -19,9 +19,9 @@ from sources import Sources, observe, weaving_drive
 
 from boxcal.calib.errors import CalibError
 from boxcal.calib.four_steps.procedure import solve_four_steps
-from boxcal.calib.geometry.so3_se3 import Array
 from boxcal.calib.likelihood import EstimateOptions, estimate
 from boxcal.calib.simulate.robot import Robot, paper
+from boxcal.target.arrays import Array
 from boxcal.target.box import Target, make_target
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -4,11 +4,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from boxcal.calib.geometry.so3_se3 import Array, planar
+from boxcal.calib.geometry.so3_se3 import planar
 from boxcal.calib.simulate.drive import Drive, DriveOptions, exact_correspondences, simulate_drive
 from boxcal.calib.simulate.kinematics import slipped
 from boxcal.calib.simulate.robot import Robot
 from boxcal.detect.correspondences import Correspondences
+from boxcal.target.arrays import Array
 from boxcal.target.box import Target
 
 FINE_S = 0.002

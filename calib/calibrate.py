@@ -10,7 +10,7 @@ import numpy as np
 
 from boxcal.calib.errors import CalibError
 from boxcal.calib.four_steps.procedure import FourSteps, solve_four_steps
-from boxcal.calib.likelihood import EstimateOptions, Lens, choose_lens, estimate
+from boxcal.calib.likelihood import CameraKind, EstimateOptions, choose_lens, estimate
 from boxcal.calib.results.build import closed_form, refined
 from boxcal.calib.results.calibration import Calibration, Provenance
 from boxcal.calib.settings import Job
@@ -50,7 +50,7 @@ def solve(job: Job, drives: list[Correspondences]) -> Calibration:
     if settings.closed_form:
         return closed_form(job.robot, drives, steps, provenance)
     options = EstimateOptions(
-        lens=settings.lens or Lens.RADIAL,
+        lens=settings.lens or CameraKind.RADIAL,
         tilt_sigma=settings.tilt_prior,
         ink_sigma=settings.ink_prior,
         scale_sigma=settings.scale_prior,
@@ -62,7 +62,7 @@ def solve(job: Job, drives: list[Correspondences]) -> Calibration:
     )
     if settings.lens is None:
         choice = choose_lens(drives, steps, options)
-        found, options = choice.best, replace(options, lens=choice.best.lens)
+        found, options = choice.best, replace(options, lens=choice.best.camera.kind)
         scores = ", ".join(f"{score.lens} {score.bic - choice.scores[0].bic:+.1f}" for score in choice.scores)
         found = replace(found, notes=(*found.notes, f"lens chosen by BIC (difference to the best): {scores}"))
     else:

@@ -201,7 +201,7 @@ def _settings(args: argparse.Namespace, target: "Target") -> "Settings":
 
     from boxcal.calib.exports.nominal import load_nominal
     from boxcal.calib.four_steps.step1_camera import CameraMode
-    from boxcal.calib.likelihood import Lens
+    from boxcal.calib.likelihood import CameraKind
     from boxcal.calib.settings import Settings
     from boxcal.detect.log.topics import Topics
     from boxcal.detect.log.wheel_samples import JointUnit, WheelUnits
@@ -224,7 +224,7 @@ def _settings(args: argparse.Namespace, target: "Target") -> "Settings":
         camera_mode=CameraMode.PER_STOP if args.per_stop else CameraMode.JOINT,
         closed_form=args.closed_form,
         validate=args.validate,
-        lens=None if args.lens == "auto" else Lens(args.lens),
+        lens=None if args.lens == "auto" else CameraKind(args.lens),
         tilt_prior=radians(args.tilt_prior_deg),
         ink_prior=args.ink_prior_mm * 1e-3,
         scale_prior=args.scale_prior_percent * 1e-2,

@@ -9,7 +9,7 @@ from boxcal.calib.assessment.limits import Verdict
 from boxcal.calib.errors import CalibError
 from boxcal.calib.exports.nominal import Nominal
 from boxcal.calib.four_steps.step1_camera import CameraMode
-from boxcal.calib.likelihood import Lens
+from boxcal.calib.likelihood import CameraKind
 from boxcal.calib.results.calibration import Calibration
 from boxcal.detect.log.topics import Topics
 from boxcal.detect.log.wheel_samples import WheelUnits
@@ -69,7 +69,7 @@ class Settings:
     camera_mode: CameraMode = CameraMode.JOINT
     closed_form: bool = False
     validate: bool = False
-    lens: Lens | None = Lens.RADIAL
+    lens: CameraKind | None = CameraKind.RADIAL
     tilt_prior: float = radians(1.0)
     ink_prior: float = 1e-4
     scale_prior: float = 0.0

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from boxcal.detect.errors import DetectError
-from boxcal.detect.log.wheel_samples import Array, Flags, Ids, JointUnit, WheelSamples, WheelUnits
+from boxcal.detect.log.wheel_samples import Flags, JointUnit, WheelSamples, WheelUnits
+from boxcal.target.arrays import Array, Ids
 from boxcal.target.box import CORNERS, FACES
 from boxcal.target.files.atomic_write import write_atomically
 

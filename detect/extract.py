@@ -14,10 +14,11 @@ from boxcal.detect.log.messages import Grey
 from boxcal.detect.log.recording import Recording, file_sha256, open_recording
 from boxcal.detect.log.safe_text import listed, printable
 from boxcal.detect.log.topics import Topics
-from boxcal.detect.log.wheel_samples import Array, Ids, WheelUnits
+from boxcal.detect.log.wheel_samples import WheelUnits
 from boxcal.detect.stops import Stop, StopSettings, find_stops
 from boxcal.detect.tags.averaging import FLOOR_PX, AveragedCorners, combine, covariances
 from boxcal.detect.tags.detections import TagDetections, TagSettings, find_tags, other_family
+from boxcal.target.arrays import Array, Ids
 from boxcal.target.box import Target
 from boxcal.target.files.target_json import target_sha256
 

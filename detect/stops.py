@@ -11,7 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from boxcal.detect.errors import DetectError
-from boxcal.detect.log.wheel_samples import Array, WheelSamples
+from boxcal.detect.log.wheel_samples import WheelSamples
+from boxcal.target.arrays import Array
 
 _BAND_STEPS = 1.5
 _AWAY_BANDS = 3.0

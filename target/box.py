@@ -4,14 +4,11 @@ from dataclasses import dataclass, field, replace
 from math import isfinite
 
 import numpy as np
-from numpy.typing import NDArray
 
+from boxcal.target.arrays import Array, Ids
 from boxcal.target.errors import TargetError
 from boxcal.target.measure.measured_size import Measured, check_credible
 from boxcal.target.tags.families import family_size, modules_per_side
-
-Array = NDArray[np.float64]
-Ids = NDArray[np.int64]
 
 FACES = 4
 CORNERS = 4

@@ -5,8 +5,8 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from boxcal.calib.assessment.limits import LIMITS, Reason, judge
-from boxcal.calib.geometry.so3_se3 import Array
 from boxcal.calib.results.calibration import Calibration
+from boxcal.target.arrays import Array
 
 
 def _stops(c: Calibration) -> list[Reason]:

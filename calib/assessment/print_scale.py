@@ -11,11 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from boxcal.calib.four_steps.reprojection import left_pose_jacobian
-from boxcal.calib.geometry.so3_se3 import Array
 from boxcal.calib.results.calibration import Calibration
-from boxcal.calib.results.stop_residuals import SeenStop, lens_values
+from boxcal.calib.results.stop_residuals import SeenStop
+from boxcal.target.arrays import Array
 from boxcal.target.box import FACES, Target
-from boxcal.target.camera.camera_model import project_lens
+from boxcal.target.camera.camera_model import project_with_jacobians
 
 _TELLS = 0.003
 """A scale that the corners leave open by more than this is not worth telling."""
@@ -49,7 +49,7 @@ def find_print_scale(calibration: Calibration, seen: Sequence[SeenStop], target:
     target
         The landmark table that it was calibrated with.
     """
-    lens, values = lens_values(calibration)
+    kind, values = calibration.camera.kind, calibration.camera.values
     n = len(values) + 2
     A, g, squares, count = np.zeros((n, n)), np.zeros(n), 0.0, 0
     faces = np.array([target.T_box_face(f) for f in range(FACES)])
@@ -61,7 +61,7 @@ def find_print_scale(calibration: Calibration, seen: Sequence[SeenStop], target:
         p_face = np.einsum("lji,lj->li", face[:, :3, :3], stop.p_box[rows] - face[:, :3, 3])
         R_cam_box = stop.result.T_box_cam[:3, :3].T
         by_scale = R_cam_box @ face[:, :3, :2] * p_face[:, None, :2]
-        _, by_lens, by_point = project_lens(lens, values, p_cam)
+        _, by_lens, by_point = project_with_jacobians(kind, values, p_cam)
         whiten = np.linalg.inv(np.linalg.cholesky(stop.view.cov_px2[rows]))
         shared = (whiten @ np.concatenate([by_lens, by_point @ by_scale], axis=2)).reshape(-1, n)
         own = (whiten @ by_point @ left_pose_jacobian(p_cam)).reshape(-1, 6)

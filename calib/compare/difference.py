@@ -6,12 +6,11 @@ import numpy as np
 from scipy.special import gammaincc
 
 from boxcal.calib.errors import CalibError
-from boxcal.calib.exports.lens_models import lens_of
 from boxcal.calib.four_steps.reprojection import transform
-from boxcal.calib.geometry.so3_se3 import Array, inverse, log_so3
-from boxcal.calib.report.projection import rays
+from boxcal.calib.geometry.so3_se3 import inverse, log_so3
 from boxcal.calib.results.calibration import Calibration, Wheels
-from boxcal.target.camera.camera_model import project_lens
+from boxcal.target.arrays import Array
+from boxcal.target.camera.camera_model import project, unproject
 
 STRAIGHT = 10.0
 """Distance driven straight ahead, m."""
@@ -88,9 +87,9 @@ def difference(a: Calibration, b: Calibration) -> Difference:
     if a.image_size != b.image_size:
         sizes = " and ".join(f"{w} x {h}" for w, h in (a.image_size, b.image_size))
         raise CalibError(f"images of {sizes} px, one size is needed", remedy="calibrate both with one camera mode")
-    if lens_of(a)[0] != lens_of(b)[0]:
+    if a.camera.kind != b.camera.kind:
         raise CalibError(
-            f"lens models {lens_of(a)[0]} and {lens_of(b)[0]}, one is needed", remedy="calibrate both with one"
+            f"lens models {a.camera.kind} and {b.camera.kind}, one is needed", remedy="calibrate both with one"
         )
     for which, c in (("A", a), ("B", b)):
         if min(c.wheels.rR, c.wheels.rL, c.wheels.b, c.camera.fu, c.camera.fv) <= 0:
@@ -153,13 +152,12 @@ def projection_shift(a: Calibration, b: Calibration, distance: float) -> Array:
     """
     u, v = (np.linspace(0, size - 1, count) for size, count in zip(a.image_size, _GRID, strict=True))
     uv_px = np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2)
-    lens, values = lens_of(a)
-    directions = np.column_stack([rays(lens, values, uv_px), np.ones(len(uv_px))])
+    directions = np.column_stack([unproject(a.camera, uv_px), np.ones(len(uv_px))])
     p_cam = distance * directions / np.linalg.norm(directions, axis=1, keepdims=True)
     p_there = transform(inverse(b.T_body_cam), transform(a.T_body_cam, p_cam))
     ahead = np.nan_to_num(p_there[:, 2]) > _AHEAD * distance
     shift = np.full(len(uv_px), np.nan)
-    shift[ahead] = np.linalg.norm(project_lens(*lens_of(b), p_there[ahead])[0] - uv_px[ahead], axis=1)
+    shift[ahead] = np.linalg.norm(project(b.camera, p_there[ahead]) - uv_px[ahead], axis=1)
     return shift
 
 

@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 
 from boxcal.calib.errors import CalibError
-from boxcal.calib.geometry.so3_se3 import Array, log_so3
+from boxcal.calib.geometry.so3_se3 import log_so3
 from boxcal.calib.results.calibration import Calibration, Wheels
-from boxcal.target.camera.pinhole import Intrinsics
+from boxcal.target.arrays import Array
+from boxcal.target.camera.camera_model import CameraKind, CameraModel
 
 MAX_FILE_BYTES = 64 << 20
 
@@ -27,7 +28,7 @@ class Truth:
         The mounting, body origin on the floor.
     """
 
-    camera: Intrinsics
+    camera: CameraModel
     wheels: Wheels
     T_body_cam: Array
 
@@ -88,7 +89,7 @@ def load_truth(path: Path) -> Truth:
         if T.shape != (4, 4):
             raise ValueError("T_vehicle_camera is not 4x4")
         return Truth(
-            camera=Intrinsics(**camera),
+            camera=CameraModel.from_names(CameraKind.RADIAL, camera, {}),
             wheels=Wheels(rR=float(document["rR"]), rL=float(document["rL"]), b=float(document["b"])),
             T_body_cam=T,
         )

@@ -8,8 +8,9 @@ import numpy as np
 
 from boxcal.calib.errors import CalibError
 from boxcal.calib.exports.scene import MAGNIFIED, Images, Scene, residual_colours
-from boxcal.calib.geometry.so3_se3 import Array, inverse, planar
+from boxcal.calib.geometry.so3_se3 import inverse, planar
 from boxcal.calib.results.stop_residuals import SeenStop
+from boxcal.target.arrays import Array
 
 _TIMELINE = "log"
 _PIXEL_CORNER = 0.5

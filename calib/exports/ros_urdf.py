@@ -2,8 +2,8 @@
 
 from boxcal.calib.exports.rotations import OPTICAL_RPY, link_pose, roll_pitch_yaw
 from boxcal.calib.exports.text import heading, in_xml_comment, ros_name, sigma_line
-from boxcal.calib.geometry.so3_se3 import Array
 from boxcal.calib.results.calibration import Calibration
+from boxcal.target.arrays import Array
 
 BODY = "base_footprint"
 LINK = "camera_link"

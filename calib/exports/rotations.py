@@ -3,7 +3,8 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from boxcal.calib.geometry.so3_se3 import Array, inverse, nearest_rotation, rigid
+from boxcal.calib.geometry.so3_se3 import inverse, nearest_rotation, rigid
+from boxcal.target.arrays import Array
 
 OPTICAL_RPY = (-np.pi / 2, 0.0, -np.pi / 2)
 """Roll, pitch, yaw (rad) of an optical frame in its camera's link: ROS' REP 103."""

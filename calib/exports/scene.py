@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from boxcal.calib.geometry.diff_drive import legs_between, unit_path
-from boxcal.calib.geometry.so3_se3 import Array, inverse
+from boxcal.calib.geometry.so3_se3 import inverse
 from boxcal.calib.results.calibration import Calibration
 from boxcal.calib.results.stop_residuals import SeenStop, stops_seen
 from boxcal.detect.correspondences import Correspondences
-from boxcal.detect.log.wheel_samples import Ids
+from boxcal.target.arrays import Array, Ids
 from boxcal.target.box import Target
 
 PATH_HZ = 10.0

@@ -9,9 +9,10 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from boxcal.calib.errors import CalibError
-from boxcal.calib.geometry.so3_se3 import Array, rigid
+from boxcal.calib.geometry.so3_se3 import rigid
 from boxcal.detect.log.safe_text import listed, printable
 from boxcal.detect.log.topics import Side, wheel_side
+from boxcal.target.arrays import Array
 
 _REMEDY = "give wheel_radius and wheel_separation in a YAML file instead"
 _XACRO = "{http://www.ros.org/wiki/xacro}"

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from boxcal.calib.errors import CalibError
 from boxcal.calib.exports.scene import FULL_SCALE_PX, MAGNIFIED, Images, residual_colours
-from boxcal.calib.geometry.so3_se3 import Array
 from boxcal.calib.results.calibration import Calibration
 from boxcal.calib.results.stop_residuals import SeenStop, stop_label, stops_seen
 from boxcal.detect.correspondences import Correspondences, StopObservation
@@ -19,6 +18,7 @@ from boxcal.detect.log.recording import Recording, open_recording
 from boxcal.detect.log.topics import Topics
 from boxcal.detect.stops import Stop, find_stops
 from boxcal.detect.tags.detections import TagDetections, find_tags
+from boxcal.target.arrays import Array
 from boxcal.target.box import Target
 
 Picture = NDArray[np.uint8]

@@ -16,8 +16,8 @@ from boxcal.calib.four_steps.step4_mounting import (
     upright_translations,
 )
 from boxcal.calib.geometry.diff_drive import Legs, legs_between, pair_displacements, unit_path
-from boxcal.calib.geometry.so3_se3 import Array
 from boxcal.detect.correspondences import Correspondences
+from boxcal.target.arrays import Array
 
 MIN_STOPS = 3
 

@@ -12,17 +12,17 @@ import cv2
 import numpy as np
 
 from boxcal.calib.errors import CalibError
-from boxcal.calib.four_steps.reprojection import move_left, project_with_jacobians, transform
+from boxcal.calib.four_steps.reprojection import move_left, transform
 from boxcal.calib.four_steps.zhang_init import camera_matrix_guesses, face_homographies, planar_groups
-from boxcal.calib.geometry.so3_se3 import Array, rigid
+from boxcal.calib.geometry.so3_se3 import rigid
 from boxcal.detect.correspondences import StopObservation
-from boxcal.target.camera.pinhole import Intrinsics, project
+from boxcal.target.arrays import Array
+from boxcal.target.camera.camera_model import CameraModel, project, project_with_jacobians
 
 MIN_LANDMARKS = 6
 _ITERATIONS = 100
 _STOPS_FOR_GUESS = 6
 """How many stops, spread over the drive, the first guess of the camera is taken from."""
-_NAMES = ("fu", "fv", "cu", "cv", "kr")
 
 
 class CameraMode(StrEnum):
@@ -52,7 +52,7 @@ class CameraStep:
         Stops left out, and why.
     """
 
-    camera: Intrinsics
+    camera: CameraModel
     kept: tuple[int, ...]
     T_cam_box: Array
     rms_px: float
@@ -114,11 +114,11 @@ def _per_stop(stops: tuple[StopObservation, ...], image_size: tuple[int, int]) -
             "add such stops, or calibrate all stops jointly"
         )
     fu, fv, cu, cv, kr = (float(v) for v in np.mean(cameras, axis=0))
-    return _step(Intrinsics(fu=fu, fv=fv, cu=cu, cv=cv, kr=kr), tuple(kept), np.array(poses), stops, tuple(notes))
+    return _step(CameraModel(fu=fu, fv=fv, cu=cu, cv=cv, kr=kr), tuple(kept), np.array(poses), stops, tuple(notes))
 
 
 def _step(
-    camera: Intrinsics, kept: tuple[int, ...], poses: Array, stops: tuple[StopObservation, ...], notes: tuple[str, ...]
+    camera: CameraModel, kept: tuple[int, ...], poses: Array, stops: tuple[StopObservation, ...], notes: tuple[str, ...]
 ) -> CameraStep:
     squares = [
         np.sum((project(camera, transform(T, stops[j].p_box)) - stops[j].uv_px) ** 2, axis=1)
@@ -134,7 +134,7 @@ def _step(
     )
 
 
-def _solve(stops: list[StopObservation], image_size: tuple[int, int]) -> tuple[Intrinsics, Array]:
+def _solve(stops: list[StopObservation], image_size: tuple[int, int]) -> tuple[CameraModel, Array]:
     """Return the camera and poses (P, 4, 4) that minimise the reprojection error, from scratch."""
     rows = np.unique(np.linspace(0, len(stops) - 1, min(len(stops), _STOPS_FOR_GUESS)).round().astype(int))
     some = [stops[j] for j in rows]
@@ -143,14 +143,14 @@ def _solve(stops: list[StopObservation], image_size: tuple[int, int]) -> tuple[I
         raise CalibError("no face of the box shows two tags at once: a larger or nearer view of the box is needed")
     starts = []
     for K in camera_matrix_guesses(homographies, image_size):
-        guess = Intrinsics(fu=K[0, 0], fv=K[1, 1], cu=K[0, 2], cv=K[1, 2], kr=0.0)
+        guess = CameraModel(fu=K[0, 0], fv=K[1, 1], cu=K[0, 2], cv=K[1, 2], kr=0.0)
         starts.append((_linearise(guess, np.array([locate(guess, stop) for stop in some]), some).cost, guess))
     _, guess = min(starts, key=lambda start: start[0])
     camera, poses, _ = minimise_reprojection(guess, np.array([locate(guess, stop) for stop in stops]), stops)
     return camera, poses
 
 
-def locate(camera: Intrinsics, stop: StopObservation) -> Array:
+def locate(camera: CameraModel, stop: StopObservation) -> Array:
     """Return the camera's pose at one stop, ``T_cam_box`` (4, 4), for known intrinsics (OpenCV's PnP)."""
     dist = np.array([camera.kr, 0.0, 0.0, 0.0])
     flat = np.linalg.svd(stop.p_box - stop.p_box.mean(axis=0), compute_uv=False)[2] < 1e-6
@@ -166,8 +166,8 @@ def locate(camera: Intrinsics, stop: StopObservation) -> Array:
 
 
 def minimise_reprojection(
-    camera: Intrinsics, poses: Array, stops: list[StopObservation]
-) -> tuple[Intrinsics, Array, float]:
+    camera: CameraModel, poses: Array, stops: list[StopObservation]
+) -> tuple[CameraModel, Array, float]:
     """Return the intrinsics, poses (P, 4, 4) and sum of squares (px^2) of the least squares reprojection fit.
 
     Levenberg-Marquardt with the poses eliminated (Schur complement), so that the cost is linear in the stops.
@@ -176,7 +176,7 @@ def minimise_reprojection(
     system = _linearise(camera, poses, stops)
     for _ in range(_ITERATIONS):
         d_camera, d_poses = _damped_step(system, lam)
-        trial_camera = Intrinsics(**dict(zip(_NAMES, _values(camera) + d_camera, strict=True)))
+        trial_camera = CameraModel.from_values(camera.kind, camera.values + d_camera)
         trial_poses = np.array([move_left(T, xi) for T, xi in zip(poses, d_poses, strict=True)])
         trial = _linearise(trial_camera, trial_poses, stops)
         if trial.cost < system.cost:
@@ -203,10 +203,10 @@ class _System:
     cost: float
 
 
-def _linearise(camera: Intrinsics, poses: Array, stops: list[StopObservation]) -> _System:
+def _linearise(camera: CameraModel, poses: Array, stops: list[StopObservation]) -> _System:
     starts = np.concatenate([[0], np.cumsum([len(stop.landmark_ids) for stop in stops])[:-1]])
     p_cam = np.concatenate([transform(T, stop.p_box) for T, stop in zip(poses, stops, strict=True)])
-    uv, d_camera, d_point = project_with_jacobians(camera, p_cam)
+    uv, d_camera, d_point = project_with_jacobians(camera.kind, camera.values, p_cam)
     r = np.concatenate([stop.uv_px for stop in stops]) - uv
     cost = float(np.sum(r * r)) if np.all(p_cam[:, 2] > 0) else np.inf
     J = np.empty((len(r), 2, 12))
@@ -233,7 +233,3 @@ def _damped_step(system: _System, lam: float) -> tuple[Array, Array]:
     d_camera = np.linalg.solve(S, system.a - np.einsum("pij,pj->i", BCinv, system.c))
     d_poses = np.linalg.solve(C, (system.c - np.einsum("pij,i->pj", system.B, d_camera))[:, :, None])[:, :, 0]
     return d_camera, d_poses
-
-
-def _values(camera: Intrinsics) -> Array:
-    return np.array([getattr(camera, name) for name in _NAMES])

@@ -6,7 +6,8 @@ from itertools import combinations
 import numpy as np
 
 from boxcal.calib.errors import CalibError
-from boxcal.calib.geometry.so3_se3 import Array, wrap
+from boxcal.calib.geometry.so3_se3 import wrap
+from boxcal.target.arrays import Array
 
 MAX_CONDITION = 3000.0
 """Largest condition number of the regressor; beyond it the moves are proportional to each other for all purposes."""

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from boxcal.calib.errors import CalibError
-from boxcal.calib.geometry.so3_se3 import Array, vee
+from boxcal.calib.geometry.so3_se3 import vee
+from boxcal.target.arrays import Array
 
 MIN_TURN_DEG = 10.0
 """The largest turn between stops must reach this: the axis' error grows as one over it."""

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from boxcal.calib.errors import CalibError
-from boxcal.calib.geometry.so3_se3 import Array, inverse, rigid, rot_y, rot_z
+from boxcal.calib.geometry.so3_se3 import inverse, rigid, rot_y, rot_z
+from boxcal.target.arrays import Array
 
 MIN_RANK_RATIO = 1e-3
 """Smallest sigma4/sigma3: below it the moves leave more than one solution (the appendix' rank condition)."""

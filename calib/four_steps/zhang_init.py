@@ -4,9 +4,8 @@ import cv2
 import numpy as np
 
 from boxcal.calib.errors import CalibError
-from boxcal.calib.geometry.so3_se3 import Array
 from boxcal.detect.correspondences import StopObservation
-from boxcal.detect.log.wheel_samples import Ids
+from boxcal.target.arrays import Array, Ids
 
 MIN_POINTS = 8
 """Landmarks that a face needs in an image before its homography is used."""

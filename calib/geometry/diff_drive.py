@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from boxcal.calib.geometry.so3_se3 import Array
 from boxcal.detect.correspondences import Correspondences
+from boxcal.target.arrays import Array
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -4,10 +4,9 @@
 """
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
+from boxcal.target.arrays import Array
 
 _SMALL = 1e-4
 """Below this angle (rad) series replace quotients that would cancel; their error is under 1e-16 there."""

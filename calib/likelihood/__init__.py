@@ -5,4 +5,4 @@ from boxcal.calib.likelihood.camera_selection import choose_lens as choose_lens
 from boxcal.calib.likelihood.estimate import Estimate as Estimate
 from boxcal.calib.likelihood.estimator import estimate as estimate
 from boxcal.calib.likelihood.options import EstimateOptions as EstimateOptions
-from boxcal.target.camera.camera_model import Lens as Lens
+from boxcal.target.camera.camera_model import CameraKind as CameraKind

@@ -11,7 +11,7 @@ from boxcal.calib.likelihood.estimate import Estimate
 from boxcal.calib.likelihood.estimator import estimate
 from boxcal.calib.likelihood.options import EstimateOptions
 from boxcal.detect.correspondences import Correspondences
-from boxcal.target.camera.camera_model import Lens, extra_names
+from boxcal.target.camera.camera_model import CameraKind, further_names
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -30,7 +30,7 @@ class LensScore:
         Bayesian information criterion, ``k ln(n) - 2 ln L``; the least is best.
     """
 
-    lens: Lens
+    lens: CameraKind
     coefficients: int
     log_likelihood: float
     bic: float
@@ -56,7 +56,7 @@ def choose_lens(
     drives: Sequence[Correspondences],
     start: Sequence[FourSteps] | FourSteps | None = None,
     options: EstimateOptions | None = None,
-    candidates: Sequence[Lens] = tuple(Lens),
+    candidates: Sequence[CameraKind] = tuple(CameraKind),
 ) -> LensChoice:
     """Return the estimate with the lens model that has the least Bayesian information criterion.
 
@@ -84,7 +84,7 @@ def choose_lens(
         except (CalibError, np.linalg.LinAlgError) as error:
             problem = str(error)
             continue
-        coefficients = 1 + len(extra_names(lens))
+        coefficients = 1 + len(further_names(lens))
         scores.append(
             LensScore(
                 lens=lens,

@@ -4,10 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from boxcal.calib.geometry.so3_se3 import Array, Mask
 from boxcal.calib.likelihood.problem import REPORTED
-from boxcal.target.camera.camera_model import Lens
-from boxcal.target.camera.pinhole import Intrinsics
+from boxcal.target.arrays import Array, Mask
+from boxcal.target.camera.camera_model import CameraModel
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -159,9 +158,7 @@ class Estimate:
     Attributes
     ----------
     camera
-        Intrinsics; with a richer lens than the paper's they hold its first coefficient only.
-    lens, lens_extra
-        Lens model, and its further coefficients by name (OpenCV's order).
+        The camera model, with all its distortion coefficients.
     rR, rL, b : m
         Wheel radii and wheelbase.
     T_body_cam : (4, 4), m
@@ -192,9 +189,7 @@ class Estimate:
         Of corners and legs at the solution, up to a constant that depends on the data only; for comparing lens models.
     """
 
-    camera: Intrinsics
-    lens: Lens
-    lens_extra: dict[str, float]
+    camera: CameraModel
     rR: float
     rL: float
     b: float

@@ -29,7 +29,7 @@ from boxcal.calib.likelihood.variance_components import (
     smallest_factor,
 )
 from boxcal.detect.correspondences import Correspondences
-from boxcal.detect.log.wheel_samples import Ids
+from boxcal.target.arrays import Ids
 
 MIN_STOPS = 3
 ASSUMED_SLIP = 1e-3

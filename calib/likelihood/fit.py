@@ -2,13 +2,12 @@
 
 from dataclasses import dataclass
 
-from boxcal.calib.geometry.so3_se3 import Array
 from boxcal.calib.likelihood.levenberg_marquardt import Levels, Linearised, Weights
 from boxcal.calib.likelihood.options import EstimateOptions
 from boxcal.calib.likelihood.outliers import LegTests
 from boxcal.calib.likelihood.problem import Problem, State
 from boxcal.calib.likelihood.variance_components import SlipProfile
-from boxcal.detect.log.wheel_samples import Ids
+from boxcal.target.arrays import Array, Ids
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -17,14 +17,13 @@ from boxcal.calib.four_steps.step1_camera import MIN_LANDMARKS, calibrate_camera
 from boxcal.calib.four_steps.step2_heading import MAX_CONDITION, solve_heading
 from boxcal.calib.four_steps.step4_mounting import solve_mounting, upright_translations
 from boxcal.calib.geometry.diff_drive import Legs, legs_between, pair_displacements, unit_path
-from boxcal.calib.geometry.so3_se3 import Array, inverse, rigid, rot_y, rot_z, wrap
+from boxcal.calib.geometry.so3_se3 import inverse, rigid, rot_y, rot_z, wrap
 from boxcal.calib.likelihood.outliers import most_left_out
 from boxcal.calib.likelihood.problem import Problem, State
 from boxcal.calib.likelihood.residuals import leg_covariance, leg_residuals
 from boxcal.detect.correspondences import Correspondences
-from boxcal.detect.log.wheel_samples import Ids
-from boxcal.target.camera.camera_model import Lens, first_values
-from boxcal.target.camera.pinhole import Intrinsics
+from boxcal.target.arrays import Array, Ids
+from boxcal.target.camera.camera_model import CameraKind, CameraModel, first_values
 
 _COUPLES = 300
 _ROUNDS = 10
@@ -51,7 +50,7 @@ class CameraStart:
         Poses.
     """
 
-    camera: Intrinsics
+    camera: CameraModel
     kept: tuple[tuple[int, ...], ...]
     T_cam_box: Array
 
@@ -94,7 +93,9 @@ def camera_start(drives: Sequence[Correspondences], start: Sequence[FourSteps] |
     return CameraStart(camera=cameras[0].camera, kept=tuple(kept), T_cam_box=np.concatenate(poses))
 
 
-def first_states(problem: Problem, drives: Sequence[Correspondences], camera: CameraStart, lens: Lens) -> list[State]:
+def first_states(
+    problem: Problem, drives: Sequence[Correspondences], camera: CameraStart, lens: CameraKind
+) -> list[State]:
     """Return the states to start from, the most promising first.
 
     Few legs leave several windings of the turns open: each candidate is judged by its legs, positions included, and

@@ -16,8 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from boxcal.calib.geometry.diff_drive import Legs
-from boxcal.calib.geometry.so3_se3 import Array
-from boxcal.detect.log.wheel_samples import Ids
+from boxcal.target.arrays import Array, Ids
 
 _PAIRS = np.array([(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)])
 _UNPACK = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])

@@ -10,11 +10,12 @@ from typing import NamedTuple
 import numpy as np
 from scipy import stats
 
-from boxcal.calib.geometry.so3_se3 import Array, Mask, rot2
+from boxcal.calib.geometry.so3_se3 import rot2
 from boxcal.calib.likelihood.estimate import FlaggedLeg
 from boxcal.calib.likelihood.outliers import LegTests
 from boxcal.calib.likelihood.problem import Problem, State
 from boxcal.detect.correspondences import Correspondences
+from boxcal.target.arrays import Array, Mask
 
 _EXPLAINED = 0.01
 """A slip explains a leg if what it leaves has at least this chance."""

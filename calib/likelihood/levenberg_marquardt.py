@@ -4,7 +4,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from boxcal.calib.geometry.so3_se3 import Array
 from boxcal.calib.likelihood.normal_equations import Normal, solve
 from boxcal.calib.likelihood.problem import Problem, State, moved
 from boxcal.calib.likelihood.residuals import (
@@ -17,6 +16,7 @@ from boxcal.calib.likelihood.residuals import (
     leg_residuals,
     prior_equations,
 )
+from boxcal.target.arrays import Array
 
 CONVERGED = 1e-6
 """A step that promises less than this (in units of the weighted sum of squares) is the last: 1e-3 sigma."""

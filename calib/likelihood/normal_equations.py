@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from boxcal.calib.geometry.so3_se3 import Array
 from boxcal.calib.likelihood.problem import PER_STOP
+from boxcal.target.arrays import Array
 
 _NULL = 1e-13
 """Eigenvalues of the scaled information below this are zero: a direction that the data do not determine."""

@@ -5,7 +5,7 @@ from math import isfinite, radians
 
 from boxcal.calib.errors import CalibError
 from boxcal.target.box import Target
-from boxcal.target.camera.camera_model import Lens
+from boxcal.target.camera.camera_model import CameraKind
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -43,7 +43,7 @@ class EstimateOptions:
         Whether legs and corners are tested and left out.
     """
 
-    lens: Lens = Lens.RADIAL
+    lens: CameraKind = CameraKind.RADIAL
     tilt_sigma: float = field(default=radians(1.0))
     scale_sigma: float = 0.0
     size_sigma: float = 0.0

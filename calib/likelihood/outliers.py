@@ -9,12 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
-from boxcal.calib.geometry.so3_se3 import Array
 from boxcal.calib.likelihood.levenberg_marquardt import Linearised, Weights
 from boxcal.calib.likelihood.problem import Problem
 from boxcal.calib.likelihood.residuals import LEG_UNKNOWNS, leg_covariance
 from boxcal.calib.likelihood.variance_components import SlipProfile
-from boxcal.detect.log.wheel_samples import Ids
+from boxcal.target.arrays import Array, Ids
 
 ENOUGH = 6
 """With fewer legs than this none is left out: 6 unknowns are fitted to 3 numbers a leg."""

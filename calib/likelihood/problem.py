@@ -11,13 +11,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from boxcal.calib.geometry.diff_drive import legs_between
-from boxcal.calib.geometry.so3_se3 import Array, exp_so3, right_jacobian, rigid, rot_z
+from boxcal.calib.geometry.so3_se3 import exp_so3, right_jacobian, rigid, rot_z
 from boxcal.calib.likelihood.leg_model import WheelPath, wheel_path
 from boxcal.calib.likelihood.options import EstimateOptions
 from boxcal.calib.likelihood.target_deformation import BoxShape, box_shape
 from boxcal.detect.correspondences import Correspondences
-from boxcal.detect.log.wheel_samples import Ids
-from boxcal.target.camera.camera_model import Lens, extra_names
+from boxcal.target.arrays import Array, Ids
+from boxcal.target.camera.camera_model import CameraKind, further_names
 
 REPORTED = ("fu", "fv", "cu", "cv", "kr", "rR", "rL", "b", "rx", "ry", "rz", "tx", "ty", "tz")
 """Order of the reported covariance."""
@@ -94,7 +94,7 @@ class Problem:
         First stop of each leg; its second is the next.
     """
 
-    lens: Lens
+    lens: CameraKind
     names: tuple[str, ...]
     prior: Array
     prior_information: Array
@@ -118,7 +118,7 @@ class Problem:
     def extras(self) -> slice:
         """Where the lens' further coefficients stand among the shared unknowns."""
         first = 14 + self.tilt_count
-        return slice(first, first + len(extra_names(self.lens)))
+        return slice(first, first + len(further_names(self.lens)))
 
     @property
     def tilts(self) -> slice:
@@ -161,8 +161,8 @@ def build_problem(
             suffix = "" if len(drives) == 1 else f"_{d + 1}"
             names += [f"tilt_x{suffix}", f"tilt_y{suffix}"]
             prior += [options.tilt_sigma] * 2
-    names += extra_names(options.lens)
-    prior += [np.inf] * len(extra_names(options.lens))
+    names += further_names(options.lens)
+    prior += [np.inf] * len(further_names(options.lens))
     box = box_shape(options, np.concatenate([v.landmark_ids for v in views]), np.concatenate([v.p_box for v in views]))
     prior = [*prior, *np.sqrt(np.diag(box.prior))]
     prior_information = np.diag(1 / np.square(prior))

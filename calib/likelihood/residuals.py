@@ -5,12 +5,12 @@ from itertools import pairwise
 
 import numpy as np
 
-from boxcal.calib.geometry.so3_se3 import Array, wrap
+from boxcal.calib.geometry.so3_se3 import wrap
 from boxcal.calib.likelihood.leg_model import LegModel, leg_model
 from boxcal.calib.likelihood.normal_equations import Normal
 from boxcal.calib.likelihood.problem import MOUNTING, PER_STOP, WHEELS, Problem, State, camera_motions
-from boxcal.detect.log.wheel_samples import Ids
-from boxcal.target.camera.camera_model import project_lens
+from boxcal.target.arrays import Array, Ids
+from boxcal.target.camera.camera_model import project_with_jacobians
 
 LEG_UNKNOWNS = 3 + 2 * PER_STOP
 """A leg depends on rR, rL, b and on the unknowns of its two stops."""
@@ -49,7 +49,7 @@ def corner_residuals(problem: Problem, state: State) -> Corners:
     if not valid:
         p_cam = p_cam.copy()
         p_cam[:, 2] = np.maximum(p_cam[:, 2], 1e-6)
-    uv, by_lens, by_point = project_lens(problem.lens, state.lens, p_cam)
+    uv, by_lens, by_point = project_with_jacobians(problem.lens, state.lens, p_cam)
     by_point = problem.whiten @ by_point
     n_lens, n_shape = by_lens.shape[2], by_shape.shape[2]
     J = np.empty((len(uv), 2, n_lens + 6 + n_shape))

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from boxcal.calib.geometry.so3_se3 import Array, Mask, exp_so3, planar, rigid
+from boxcal.calib.geometry.so3_se3 import exp_so3, planar, rigid
 from boxcal.calib.likelihood.estimate import DriveEstimate, Estimate, FlaggedCorner, FlaggedLeg, NoiseLevels
 from boxcal.calib.likelihood.fit import Fit
 from boxcal.calib.likelihood.leg_outliers import flagged_legs
@@ -13,8 +13,8 @@ from boxcal.calib.likelihood.residuals import leg_covariance
 from boxcal.calib.likelihood.target_deformation import SIZE_NAMES
 from boxcal.calib.uncertainty.observability import open_directions
 from boxcal.detect.correspondences import Correspondences
-from boxcal.target.camera.camera_model import extra_names
-from boxcal.target.camera.pinhole import Intrinsics
+from boxcal.target.arrays import Array, Mask
+from boxcal.target.camera.camera_model import CameraModel
 
 _PRIOR_ONLY = 0.9
 
@@ -27,12 +27,8 @@ def summarise(fit: Fit, drives: Sequence[Correspondences]) -> Estimate:
     cov = reported_cov(fit.cov, state, unknown)
     used = fit.weights.legs > 0
     legs = flagged_legs(problem, state, fit.tests, used, list(drives))
-    k = state.lens
-    extra = extra_names(problem.lens)
     return Estimate(
-        camera=Intrinsics(fu=float(k[0]), fv=float(k[1]), cu=float(k[2]), cv=float(k[3]), kr=float(k[4])),
-        lens=problem.lens,
-        lens_extra=dict(zip(extra, k[5:].tolist(), strict=True)),
+        camera=CameraModel.from_values(problem.lens, state.lens),
         rR=float(state.wheels[0]),
         rL=float(state.wheels[1]),
         b=float(state.wheels[2]),

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from boxcal.calib.errors import CalibError
-from boxcal.calib.geometry.so3_se3 import Array, exp_so3, hat, right_jacobian
+from boxcal.calib.geometry.so3_se3 import exp_so3, hat, right_jacobian
 from boxcal.calib.likelihood.options import EstimateOptions
-from boxcal.detect.log.wheel_samples import Ids
+from boxcal.target.arrays import Array, Ids
 from boxcal.target.box import CORNERS, FACES
 from boxcal.target.measure.size_influence import size_jacobian
 

@@ -11,11 +11,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from boxcal.calib.geometry.so3_se3 import Array
 from boxcal.calib.likelihood.levenberg_marquardt import Levels, Linearised, Weights, equations
 from boxcal.calib.likelihood.normal_equations import Solution, solve
 from boxcal.calib.likelihood.problem import Problem
 from boxcal.calib.likelihood.residuals import leg_covariance
+from boxcal.target.arrays import Array
 
 LARGEST_SLIP = 0.3
 """Levels of slip beyond this (m/sqrt(m)) are not considered: a wheel that slips by a third of a metre in one."""

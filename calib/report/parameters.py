@@ -7,9 +7,9 @@ from math import isfinite, pi
 import numpy as np
 
 from boxcal.calib.assessment.limits import length
-from boxcal.calib.geometry.so3_se3 import Array
 from boxcal.calib.results.calibration import Calibration
 from boxcal.calib.results.text_table import yaw_pitch_roll, yaw_pitch_roll_sigma
+from boxcal.target.arrays import Array
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -92,7 +92,7 @@ def robot_report(calibration: Calibration, drives: Drives, target: Target) -> by
         projection=projection,
         held_out=held_out_rows(detail),
         held_out_ratio=held_out_ratio(detail) if detail else None,
-        extra=extra_rows(detail),
+        extra=extra_rows(calibration),
         provenance=provenance_rows(calibration),
     )
 

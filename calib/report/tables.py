@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from boxcal.calib.geometry.so3_se3 import Array
 from boxcal.calib.results.calibration import Calibration
 from boxcal.calib.results.diagnostics import Detail
 from boxcal.calib.results.stop_residuals import SeenStop
 from boxcal.calib.results.trajectory import DrivenLeg
+from boxcal.target.arrays import Array
 
 _SINGULAR_LOW = 1e-4
 
@@ -109,12 +109,13 @@ def singular_ratios(c: Calibration) -> list[dict[str, Any]]:
     ]
 
 
-def extra_rows(detail: Detail | None) -> list[tuple[str, str, str]]:
+def extra_rows(calibration: Calibration) -> list[tuple[str, str, str]]:
     """Return name, value and sigma of the unknowns beyond the 14."""
+    detail = calibration.detail
     if detail is None:
         return []
     rows = []
-    for name, value in {**detail.lens_extra, **detail.extra}.items():
+    for name, value in {**calibration.camera.further, **detail.extra}.items():
         sigma = detail.extra_sigma.get(name)
         rows.append(
             (name, f"{value:.3g}", "" if sigma is None else f"{sigma:.2g}" if isfinite(sigma) else "not determined")

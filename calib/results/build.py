@@ -97,12 +97,10 @@ def refined(
         detail=Detail(
             covariance=Covariance(matrix=estimate.cov),
             noise=estimate.noise,
-            lens=str(estimate.lens),
-            lens_extra=dict(estimate.lens_extra),
             extra={
                 name: float(value)
                 for name, value in zip(estimate.names, estimate.values, strict=True)
-                if name in estimate.extra_sigma and name not in estimate.lens_extra
+                if name in estimate.extra_sigma and name not in estimate.camera.further
             },
             extra_sigma=dict(estimate.extra_sigma),
             legs=tuple(leg for d, drive in enumerate(drives) for leg in _legs(d, drive, estimate)),

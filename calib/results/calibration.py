@@ -10,14 +10,16 @@ from typing import Any
 import numpy as np
 
 from boxcal.calib.errors import CalibError
-from boxcal.calib.geometry.so3_se3 import Array
 from boxcal.calib.results.diagnostics import Detail
 from boxcal.calib.results.json_format import detail_document, read_detail
-from boxcal.target.camera.pinhole import Intrinsics
+from boxcal.target.arrays import Array
+from boxcal.target.camera.camera_model import CameraKind, CameraModel
+from boxcal.target.errors import TargetError
 from boxcal.target.files.atomic_write import write_atomically
 
 SCHEMA = 1
 MAX_FILE_BYTES = 64 << 20
+_CAMERA = ("fu", "fv", "cu", "cv", "kr")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -127,7 +129,7 @@ class Calibration:
     image_size : px
         Width and height of the images that the intrinsics belong to.
     camera
-        Intrinsics.
+        The camera model.
     wheels
         Radii and wheelbase.
     T_body_cam : (4, 4), m
@@ -149,7 +151,7 @@ class Calibration:
 
     robot: str
     image_size: tuple[int, int]
-    camera: Intrinsics
+    camera: CameraModel
     wheels: Wheels
     T_body_cam: Array
     quality: Quality
@@ -165,7 +167,7 @@ def calibration_document(result: Calibration) -> dict[str, Any]:
     return {
         "schema": SCHEMA,
         "robot": result.robot,
-        "camera": {name: float(value) for name, value in asdict(result.camera).items()},
+        "camera": {name: float(getattr(result.camera, name)) for name in _CAMERA},
         "image_size": list(result.image_size),
         "wheels": {name: float(value) for name, value in asdict(result.wheels).items()},
         "T_body_cam": result.T_body_cam.tolist(),
@@ -191,6 +193,7 @@ def calibration_document(result: Calibration) -> dict[str, Any]:
         },
         "units": "m, rad, px; T_body_cam maps camera points to body, rows of a 4x4 matrix",
         "method": result.method,
+        "lens": {"model": str(result.camera.kind), "coefficients": result.camera.further},
         **(detail_document(result.detail) if result.detail else {}),
     }
 
@@ -229,7 +232,7 @@ def load_calibration(path: Path) -> Calibration:
         return Calibration(
             robot=str(document["robot"]),
             image_size=(int(document["image_size"][0]), int(document["image_size"][1])),
-            camera=Intrinsics(**{k: _number(v) for k, v in document["camera"].items()}),
+            camera=_camera(document["camera"], document.get("lens", {"model": "radial", "coefficients": {}})),
             wheels=Wheels(**{k: _positive(v) for k, v in document["wheels"].items()}),
             T_body_cam=_motion(document["T_body_cam"]),
             quality=Quality(**document["quality"]),
@@ -239,8 +242,13 @@ def load_calibration(path: Path) -> Calibration:
             method=str(document["method"]),
             detail=read_detail(document),
         )
-    except (KeyError, TypeError, ValueError, AttributeError, IndexError) as error:
+    except (KeyError, TypeError, ValueError, AttributeError, IndexError, TargetError) as error:
         raise CalibError(f"not a calibration ({error!r})", source=path, remedy="calibrate again") from error
+
+
+def _camera(intrinsics: Mapping[str, Any], lens: Mapping[str, Any]) -> CameraModel:
+    named, further = ({str(k): _number(v) for k, v in m.items()} for m in (intrinsics, lens["coefficients"]))
+    return CameraModel.from_names(CameraKind(lens["model"]), named, further)
 
 
 def _number(value: object) -> float:

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from boxcal.calib.geometry.so3_se3 import Array
 from boxcal.calib.likelihood.estimate import Direction, FlaggedCorner, FlaggedLeg, NoiseLevels
+from boxcal.target.arrays import Array
 
 ORDER = ("fu", "fv", "cu", "cv", "kr", "rR", "rL", "b", "rx", "ry", "rz", "tx", "ty", "tz")
 """Order of the covariance (px, px, px, px, 1, m, m, m, rad, rad, rad, m, m, m)."""
@@ -146,8 +146,6 @@ class Detail:
         Of the reported parameters.
     noise
         Noise levels found in the data.
-    lens, lens_extra
-        Lens model and its further coefficients (OpenCV's order); the paper's has none.
     extra, extra_sigma
         Further unknowns (tilt of the floor, print scale, face poses, ink) by name, and their sigmas.
     legs
@@ -166,8 +164,6 @@ class Detail:
 
     covariance: Covariance
     noise: NoiseLevels
-    lens: str
-    lens_extra: dict[str, float]
     extra: dict[str, float]
     extra_sigma: dict[str, float]
     legs: tuple[Leg, ...]

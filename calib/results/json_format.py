@@ -20,7 +20,6 @@ def detail_document(detail: Detail) -> dict[str, Any]:
             "sigma": detail.covariance.sigma,
             "covariance": {"order": ORDER, "side": SIDE, "matrix": detail.covariance.matrix.tolist()},
             "noise": asdict(detail.noise),
-            "lens": {"model": detail.lens, "coefficients": detail.lens_extra},
             "extra": detail.extra,
             "extra_sigma": detail.extra_sigma,
             "ground": asdict(detail.ground),
@@ -56,8 +55,6 @@ def read_detail(document: Mapping[str, Any]) -> Detail | None:
     return Detail(
         covariance=Covariance(matrix=matrix),
         noise=_one(NoiseLevels, document["noise"]),
-        lens=str(document["lens"]["model"]),
-        lens_extra={str(k): float(v) for k, v in document["lens"]["coefficients"].items()},
         extra={str(k): float(v) for k, v in document["extra"].items()},
         extra_sigma={str(k): math.inf if v is None else float(v) for k, v in document["extra_sigma"].items()},
         ground=_one(Ground, document["ground"]),

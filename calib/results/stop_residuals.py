@@ -6,14 +6,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from boxcal.calib.four_steps.reprojection import transform
-from boxcal.calib.geometry.so3_se3 import Array, inverse
+from boxcal.calib.geometry.so3_se3 import inverse
 from boxcal.calib.likelihood.options import EstimateOptions
 from boxcal.calib.likelihood.target_deformation import box_shape
 from boxcal.calib.results.calibration import Calibration, StopResult
 from boxcal.detect.correspondences import Correspondences, StopObservation
-from boxcal.detect.log.wheel_samples import Ids
+from boxcal.target.arrays import Array, Ids
 from boxcal.target.box import CORNERS, Target
-from boxcal.target.camera.camera_model import Lens, project_lens
+from boxcal.target.camera.camera_model import project
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -52,13 +52,6 @@ class SeenStop:
     used: np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
 
 
-def lens_values(calibration: Calibration) -> tuple[Lens, Array]:
-    """Return the lens model and its coefficients (fu, fv, cu, cv, kr, further ones)."""
-    k, detail = calibration.camera, calibration.detail
-    extra = list(detail.lens_extra.values()) if detail else []
-    return Lens(detail.lens) if detail else Lens.RADIAL, np.array([k.fu, k.fv, k.cu, k.cv, k.kr, *extra])
-
-
 def stop_label(drive: int, number: int, *, several: bool) -> str:
     """Return how people call a stop: ``4``, or ``2.4`` where there are several drives."""
     return f"{drive + 1}.{number + 1}" if several else str(number + 1)
@@ -66,7 +59,7 @@ def stop_label(drive: int, number: int, *, several: bool) -> str:
 
 def stops_seen(calibration: Calibration, drives: Sequence[Correspondences], target: Target) -> tuple[SeenStop, ...]:
     """Return the stops of the drives that the calibration used, in order."""
-    lens, values = lens_values(calibration)
+    camera = calibration.camera
     results = {(stop.drive, stop.t_start_ns): stop for stop in calibration.stops}
     flagged = calibration.detail.flagged_corners if calibration.detail else ()
     wrong = {(c.drive, c.stop, c.landmark_id) for c in flagged}
@@ -79,7 +72,7 @@ def stops_seen(calibration: Calibration, drives: Sequence[Correspondences], targ
         p_cam = transform(inverse(result.T_box_cam), p_box)
         error = np.full((len(p_cam), 2), np.nan)
         ahead = p_cam[:, 2] > 0
-        error[ahead] = view.uv_px[ahead] - project_lens(lens, values, p_cam[ahead])[0]
+        error[ahead] = view.uv_px[ahead] - project(camera, p_cam[ahead])
         rows = [target.row_of(int(i) // CORNERS) for i in view.landmark_ids]
         seen.append(
             SeenStop(

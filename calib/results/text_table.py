@@ -3,9 +3,10 @@
 import numpy as np
 
 from boxcal.calib.compare.ground_truth import Errors
-from boxcal.calib.geometry.so3_se3 import Array, exp_so3
+from boxcal.calib.geometry.so3_se3 import exp_so3
 from boxcal.calib.results.calibration import Calibration
 from boxcal.calib.results.diagnostics import ORDER
+from boxcal.target.arrays import Array
 
 _DIFFERENCE = 1e-6
 _R_LINK_CAM = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])

@@ -7,12 +7,13 @@ from itertools import pairwise
 import numpy as np
 
 from boxcal.calib.geometry.diff_drive import Legs, legs_between, unit_path
-from boxcal.calib.geometry.so3_se3 import Array, inverse, wrap
+from boxcal.calib.geometry.so3_se3 import inverse, wrap
 from boxcal.calib.likelihood.estimate import FlaggedLeg
 from boxcal.calib.results.calibration import Calibration
 from boxcal.calib.results.diagnostics import Leg
 from boxcal.calib.results.stop_residuals import SeenStop
 from boxcal.detect.correspondences import Correspondences
+from boxcal.target.arrays import Array
 
 MAX_POINTS = 2500
 """Points of the whole path that are drawn at most."""

@@ -6,15 +6,16 @@ from math import radians
 import numpy as np
 
 from boxcal.calib.errors import CalibError
-from boxcal.calib.geometry.so3_se3 import Array, inverse, planar
+from boxcal.calib.geometry.so3_se3 import inverse, planar
 from boxcal.calib.simulate.kinematics import arc_path, slipped, wheel_turns, within_arc
 from boxcal.calib.simulate.robot import Robot
 from boxcal.calib.simulate.route import KeepOut, route
 from boxcal.calib.simulate.viewpoints import choose_stops, decodable_tags
 from boxcal.detect.correspondences import Correspondences, StopObservation
-from boxcal.detect.log.wheel_samples import Ids, WheelSamples
+from boxcal.detect.log.wheel_samples import WheelSamples
+from boxcal.target.arrays import Array, Ids
 from boxcal.target.box import CORNERS, Target
-from boxcal.target.camera.pinhole import project
+from boxcal.target.camera.camera_model import project
 
 _NS = 1e9
 _EXACT_SIGMA_PX = 1e-6

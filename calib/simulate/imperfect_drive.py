@@ -5,7 +5,7 @@ from math import radians
 
 import numpy as np
 
-from boxcal.calib.geometry.so3_se3 import Array, exp_se3, exp_so3, inverse, planar, rigid
+from boxcal.calib.geometry.so3_se3 import exp_se3, exp_so3, inverse, planar, rigid
 from boxcal.calib.simulate.drive import DriveOptions
 from boxcal.calib.simulate.imperfections import BoxFaults, CameraFaults, Imperfections, WheelFaults
 from boxcal.calib.simulate.kinematics import slipped, wheel_turns
@@ -13,9 +13,10 @@ from boxcal.calib.simulate.robot import Robot
 from boxcal.calib.simulate.route import KeepOut, route
 from boxcal.calib.simulate.viewpoints import choose_stops, decodable_tags
 from boxcal.detect.correspondences import Correspondences, StopObservation
-from boxcal.detect.log.wheel_samples import Ids, WheelSamples
+from boxcal.detect.log.wheel_samples import WheelSamples
+from boxcal.target.arrays import Array, Ids
 from boxcal.target.box import CORNERS, FACES, Target
-from boxcal.target.camera.camera_model import Lens, project_lens
+from boxcal.target.camera.camera_model import CameraKind, project_with_jacobians
 
 FRAMES = 3
 """Pictures of a stop, spread evenly over it."""
@@ -235,7 +236,7 @@ def _look(
     frames = []
     for T in views:
         T_cam_box = inverse(T)
-        frames.append(project_lens(Lens.BROWN, values, p @ T_cam_box[:3, :3].T + T_cam_box[:3, 3])[0])
+        frames.append(project_with_jacobians(CameraKind.BROWN, values, p @ T_cam_box[:3, :3].T + T_cam_box[:3, 3])[0])
     uv = np.mean(frames, axis=0)
     motion = np.mean([(f - uv) ** 2 for f in frames], axis=(0, 2))
     tag = uv.reshape(-1, CORNERS, 2)

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from boxcal.calib.geometry.so3_se3 import Array
+from boxcal.target.arrays import Array
 from boxcal.target.box import FACES, Box
 
 

@@ -5,7 +5,7 @@ from math import ceil, pi, sqrt
 
 import numpy as np
 
-from boxcal.calib.geometry.so3_se3 import Array
+from boxcal.target.arrays import Array
 
 MAX_ACCELERATION = 1.0
 """Of a wheel's rim, m/s^2."""

@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from boxcal.calib.errors import CalibError
-from boxcal.calib.geometry.so3_se3 import Array, inverse, planar
+from boxcal.calib.geometry.so3_se3 import inverse, planar
 from boxcal.calib.simulate.drive import Drive
 from boxcal.calib.simulate.mcap_writer import LogWriter
 from boxcal.calib.simulate.robot import Robot
-from boxcal.detect.log.wheel_samples import Ids
+from boxcal.target.arrays import Array, Ids
 from boxcal.target.box import Target
-from boxcal.target.camera.pinhole import project
+from boxcal.target.camera.camera_model import project
 from boxcal.target.render.renderer import encode_jpeg, render
 from boxcal.target.render.sensor import MAX_BLUR_PX, Look
 

@@ -5,8 +5,9 @@ from math import atan2, radians
 
 import numpy as np
 
-from boxcal.calib.geometry.so3_se3 import Array, nearest_rotation, rigid, rot_y, rot_z
-from boxcal.target.camera.pinhole import Intrinsics
+from boxcal.calib.geometry.so3_se3 import nearest_rotation, rigid, rot_y, rot_z
+from boxcal.target.arrays import Array
+from boxcal.target.camera.camera_model import CameraModel
 
 VGA = (640, 480)
 
@@ -32,7 +33,7 @@ class Robot:
     """
 
     name: str
-    camera: Intrinsics
+    camera: CameraModel
     image_size: tuple[int, int]
     rR: float
     rL: float
@@ -66,7 +67,7 @@ def paper(name: str = "paper") -> Robot:
     """
     return Robot(
         name=name,
-        camera=Intrinsics(fu=600.0, fv=600.0, cu=319.5, cv=239.5, kr=-0.1),
+        camera=CameraModel(fu=600.0, fv=600.0, cu=319.5, cv=239.5, kr=-0.1),
         image_size=VGA,
         rR=0.03,
         rL=0.03,
@@ -80,7 +81,7 @@ def khepera(name: str = "khepera") -> Robot:
     R = np.array([[-0.0338, 0.0531, 0.9980], [0.0020, 0.9986, -0.0531], [-0.9994, 0.0002, -0.0339]])
     return Robot(
         name=name,
-        camera=Intrinsics(fu=1013.0, fv=1024.0, cu=325.0, cv=236.0, kr=-0.15),
+        camera=CameraModel(fu=1013.0, fv=1024.0, cu=325.0, cv=236.0, kr=-0.15),
         image_size=VGA,
         rR=0.0209,
         rL=0.0208,
@@ -93,7 +94,7 @@ def turtlebot(name: str = "turtlebot") -> Robot:
     """Return a robot of the size of a TurtleBot3 Burger, its camera on top and tilted down."""
     return Robot(
         name=name,
-        camera=Intrinsics(fu=612.9, fv=614.4, cu=311.8, cv=247.2, kr=-0.08),
+        camera=CameraModel(fu=612.9, fv=614.4, cu=311.8, cv=247.2, kr=-0.08),
         image_size=VGA,
         rR=0.03271,
         rL=0.03318,
@@ -114,7 +115,7 @@ def random_robot(name: str, rng: np.random.Generator, image_size: tuple[int, int
     side = float(rng.choice([0.0, radians(90), radians(-90), radians(180)], p=[0.7, 0.1, 0.1, 0.1]))
     return Robot(
         name=name,
-        camera=Intrinsics(
+        camera=CameraModel(
             fu=f,
             fv=f * rng.uniform(0.99, 1.01),
             cu=(width - 1) / 2 + width * rng.uniform(-0.03, 0.03),

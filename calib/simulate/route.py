@@ -5,8 +5,8 @@ from math import atan2, ceil, cos, hypot, pi, radians, remainder, sin
 
 import numpy as np
 
-from boxcal.calib.geometry.so3_se3 import Array
 from boxcal.calib.simulate.kinematics import Arc, arc_path
+from boxcal.target.arrays import Array
 from boxcal.target.box import Box
 
 _RING_STEP = radians(30)

@@ -5,11 +5,12 @@ from math import atan2, ceil, hypot, pi
 import numpy as np
 
 from boxcal.calib.errors import CalibError
-from boxcal.calib.geometry.so3_se3 import Array, inverse, planar
+from boxcal.calib.geometry.so3_se3 import inverse, planar
 from boxcal.calib.simulate.robot import Robot
 from boxcal.calib.simulate.route import KeepOut
-from boxcal.target.box import FACES, Ids, Target
-from boxcal.target.camera.pinhole import project
+from boxcal.target.arrays import Array, Ids
+from boxcal.target.box import FACES, Target
+from boxcal.target.camera.camera_model import project
 from boxcal.target.render.renderer import visible_tags
 
 DECODABLE_PX = 16.0

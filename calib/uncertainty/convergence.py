@@ -7,10 +7,11 @@ import numpy as np
 
 from boxcal.calib.errors import CalibError
 from boxcal.calib.four_steps.procedure import FourSteps
-from boxcal.calib.geometry.so3_se3 import Array, log_so3
+from boxcal.calib.geometry.so3_se3 import log_so3
 from boxcal.calib.likelihood import Estimate, EstimateOptions, estimate
 from boxcal.calib.results.diagnostics import ORDER, Growth
 from boxcal.detect.correspondences import Correspondences, StopObservation
+from boxcal.target.arrays import Array
 
 STEPS = 6
 """How many numbers of stops are tried: estimates of all would cost more than the calibration itself."""

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from boxcal.calib.geometry.so3_se3 import Array, log_so3
+from boxcal.calib.geometry.so3_se3 import log_so3
 from boxcal.calib.likelihood.estimate import Estimate
 from boxcal.calib.likelihood.levenberg_marquardt import Weights, equations, leg_information, linearise
 from boxcal.calib.likelihood.normal_equations import solve
@@ -14,8 +14,8 @@ from boxcal.calib.likelihood.problem import Problem, State, build_problem
 from boxcal.calib.likelihood.summary import reported_cov
 from boxcal.calib.likelihood.variance_components import least_slip
 from boxcal.detect.correspondences import Correspondences
-from boxcal.target.camera.camera_model import first_values
-from boxcal.target.camera.pinhole import Intrinsics
+from boxcal.target.arrays import Array
+from boxcal.target.camera.camera_model import CameraModel, first_values
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -40,7 +40,7 @@ class Truth:
         What the corners' true standard deviations are of those in their covariances.
     """
 
-    camera: Intrinsics
+    camera: CameraModel
     rR: float
     rL: float
     b: float

@@ -7,7 +7,6 @@ from itertools import pairwise
 import numpy as np
 
 from boxcal.calib.four_steps.procedure import FourSteps
-from boxcal.calib.geometry.so3_se3 import Array
 from boxcal.calib.likelihood.estimator import fit_cameras, step_of
 from boxcal.calib.likelihood.fit import Fit
 from boxcal.calib.likelihood.initial_guess import camera_start
@@ -16,6 +15,7 @@ from boxcal.calib.likelihood.options import EstimateOptions
 from boxcal.calib.likelihood.problem import build_problem
 from boxcal.calib.likelihood.residuals import leg_covariance
 from boxcal.detect.correspondences import Correspondences
+from boxcal.target.arrays import Array
 
 _STEPS = 30
 

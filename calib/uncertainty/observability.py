@@ -7,9 +7,9 @@ that the drive leaves open.
 
 import numpy as np
 
-from boxcal.calib.geometry.so3_se3 import Array, Mask
 from boxcal.calib.likelihood.estimate import Direction
 from boxcal.calib.likelihood.problem import MOUNTING, Problem, State
+from boxcal.target.arrays import Array, Mask
 
 WEAK_SIGMA = 1.0
 """From this standard deviation on (natural units) a direction is called weak."""

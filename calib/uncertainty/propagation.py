@@ -4,12 +4,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from boxcal.calib.geometry.so3_se3 import Array, hat
+from boxcal.calib.geometry.so3_se3 import hat
 from boxcal.calib.likelihood.estimate import Estimate
 from boxcal.calib.likelihood.leg_model import LegModel, WheelPath, leg_model
 from boxcal.calib.likelihood.problem import REPORTED
-from boxcal.target.camera.camera_model import Lens, project_lens
-from boxcal.target.camera.pinhole import normalise
+from boxcal.target.arrays import Array
+from boxcal.target.camera.camera_model import project_with_jacobians, unproject
 
 STRAIGHT_M = 10.0
 _SAMPLES = 500
@@ -133,16 +133,14 @@ def _model(wheels: Array, phi: Array) -> LegModel:
 def _projection(estimate: Estimate, image_size: tuple[int, int], distance_m: float) -> ProjectionUncertainty:
     u, v = np.meshgrid(np.linspace(0, image_size[0] - 1, _GRID[0]), np.linspace(0, image_size[1] - 1, _GRID[1]))
     uv = np.stack([u.ravel(), v.ravel()], axis=1)
-    xy = normalise(estimate.camera, uv)
-    if estimate.lens is not Lens.RADIAL:
-        xy = _rays(estimate, uv, np.nan_to_num(xy))
+    xy = unproject(estimate.camera, uv)
     seen = np.all(np.isfinite(xy), axis=1)
     uv, xy = uv[seen], xy[seen]
     rays = np.concatenate([xy, np.ones((len(xy), 1))], axis=1)
     p_cam = distance_m * rays / np.linalg.norm(rays, axis=1)[:, None]
-    lens = [k for k, name in enumerate(estimate.names) if name in REPORTED[:5] or name in estimate.lens_extra]
+    lens = [k for k, name in enumerate(estimate.names) if name in REPORTED[:5] or name in estimate.camera.further]
     columns = [*lens, *range(8, 14)]
-    _, by_lens, by_point = project_lens(estimate.lens, _lens_values(estimate), p_cam)
+    _, by_lens, by_point = project_with_jacobians(estimate.camera.kind, estimate.camera.values, p_cam)
     # A point fixed to the body moves in the camera by p x w - R^T dt, dt along the body's axes.
     R = estimate.T_body_cam[:3, :3]
     J = np.concatenate([by_lens, by_point @ hat(p_cam), by_point @ -R.T], axis=2)
@@ -154,22 +152,3 @@ def _projection(estimate: Estimate, image_size: tuple[int, int], distance_m: flo
         worst_px=float(np.sqrt(variance[worst])),
         worst_at_px=(float(uv[worst, 0]), float(uv[worst, 1])),
     )
-
-
-def _lens_values(estimate: Estimate) -> Array:
-    k = estimate.camera
-    return np.array([k.fu, k.fv, k.cu, k.cv, k.kr, *estimate.lens_extra.values()])
-
-
-def _rays(estimate: Estimate, uv: Array, first: Array) -> Array:
-    """Return the normalised coordinates of pixels for a richer lens (Newton's method); NaN where it fails."""
-    xy = np.clip(first, -3, 3)
-    values = _lens_values(estimate)
-    for _ in range(50):
-        p = np.concatenate([xy, np.ones((len(xy), 1))], axis=1)
-        found, _, by_point = project_lens(estimate.lens, values, p)
-        step = np.linalg.solve(by_point[:, :, :2] + 1e-9 * np.eye(2), (uv - found)[:, :, None])[:, :, 0]
-        xy = xy + np.clip(step, -0.3, 0.3)
-    p = np.concatenate([xy, np.ones((len(xy), 1))], axis=1)
-    found, _, _ = project_lens(estimate.lens, values, p)
-    return np.where(np.linalg.norm(found - uv, axis=1)[:, None] < 1e-6, xy, np.nan)

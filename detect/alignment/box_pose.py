@@ -31,7 +31,8 @@ from boxcal.detect.alignment.radial_camera import (
     to_pixels,
     undistort_locally,
 )
-from boxcal.detect.alignment.tag_patterns import Array, Index
+from boxcal.detect.alignment.tag_patterns import Index
+from boxcal.target.arrays import Array
 from boxcal.target.box import Target
 
 GOOD, FAIR = 2.2, 5.0

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from boxcal.detect.alignment.radial_camera import depth
-from boxcal.detect.alignment.tag_patterns import Array
+from boxcal.target.arrays import Array
 
 ITERATIONS, MORE_ITERATIONS = 14, 60
 CAMERA = 6

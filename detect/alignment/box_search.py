@@ -11,8 +11,9 @@ from boxcal.detect.alignment.homography import least_squares_homography, map_poi
 from boxcal.detect.alignment.pyramid import Pyramid, align_coarsely, align_midway
 from boxcal.detect.alignment.radial_camera import fisheye_distortion, undistort_locally
 from boxcal.detect.alignment.registration.align import TagAlignments
-from boxcal.detect.alignment.tag_patterns import Array, Index, Patterns
+from boxcal.detect.alignment.tag_patterns import Index, Patterns
 from boxcal.detect.alignment.verification import Limits, convex, module_px, verified
+from boxcal.target.arrays import Array
 from boxcal.target.box import Target
 
 CANDIDATE_SIGMA_PX = 0.5

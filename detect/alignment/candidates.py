@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from boxcal.detect.alignment.homography import from_square
-from boxcal.detect.alignment.tag_patterns import Array, Index, Patterns
+from boxcal.detect.alignment.tag_patterns import Index, Patterns
+from boxcal.target.arrays import Array
 
 MIN_SIDE_PX = 7.0
 MIN_WIDTH_PX = 4.5

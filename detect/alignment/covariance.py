@@ -22,7 +22,8 @@ from boxcal.detect.alignment.registration.finish import KURTOSIS_PRIOR, corners_
 from boxcal.detect.alignment.registration.image_model import CLUSTERS
 from boxcal.detect.alignment.registration.parameters import LOG_PSF, PARAMETERS
 from boxcal.detect.alignment.registration.tag_batch import Batch, Frame
-from boxcal.detect.alignment.tag_patterns import Array, Patterns
+from boxcal.detect.alignment.tag_patterns import Patterns
+from boxcal.target.arrays import Array
 
 MOST_TAGS = 6
 CLUSTER_PX = 8

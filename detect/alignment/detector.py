@@ -18,7 +18,7 @@ from boxcal.detect.alignment.radial_camera import no_distortion, sagitta_differe
 from boxcal.detect.alignment.registration.align import TagAlignments, align
 from boxcal.detect.alignment.registration.parameters import KURTOSIS
 from boxcal.detect.alignment.registration.tag_batch import Frame
-from boxcal.detect.alignment.tag_patterns import Array, Index, Patterns, target_patterns
+from boxcal.detect.alignment.tag_patterns import Index, Patterns, target_patterns
 from boxcal.detect.alignment.verification import Limits, module_px, verified
 from boxcal.detect.errors import DetectError
 from boxcal.detect.image.gray import to_grey, to_grey8
@@ -30,6 +30,7 @@ from boxcal.detect.image.response_curve import (
     response_table,
     with_response,
 )
+from boxcal.target.arrays import Array
 from boxcal.target.box import Target
 
 MODEL_ERROR_PX = 0.001

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from boxcal.detect.alignment.tag_patterns import Array
+from boxcal.target.arrays import Array
 
 
 def from_square(side: float, quads: Array) -> Array:

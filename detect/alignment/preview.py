@@ -6,8 +6,9 @@ from numpy.typing import NDArray
 from boxcal.detect.alignment.box_search import consistent_candidates
 from boxcal.detect.alignment.candidates import find_candidates
 from boxcal.detect.alignment.pyramid_search import FEW_TAGS, shrinkings
-from boxcal.detect.alignment.tag_patterns import Array, Index, target_patterns
+from boxcal.detect.alignment.tag_patterns import Index, target_patterns
 from boxcal.detect.tags.line_fit import CornerSettings, refine
+from boxcal.target.arrays import Array
 from boxcal.target.box import Target
 
 MIN_SCORE = 0.85

@@ -8,8 +8,9 @@ import numpy as np
 from boxcal.detect.alignment.registration.align import TagAlignments, align
 from boxcal.detect.alignment.registration.parameters import LOG_PSF
 from boxcal.detect.alignment.registration.tag_batch import Frame
-from boxcal.detect.alignment.tag_patterns import Array, Index, Patterns
+from boxcal.detect.alignment.tag_patterns import Index, Patterns
 from boxcal.detect.alignment.verification import module_px
+from boxcal.target.arrays import Array
 
 LEAST_MODULE_PX = 1.2
 """A copy is halved again while modules stay wider than this, px."""

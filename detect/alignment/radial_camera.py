@@ -13,7 +13,7 @@ all directions as on the sensor, and of a pinhole the chart is the image.
 
 import numpy as np
 
-from boxcal.detect.alignment.tag_patterns import Array
+from boxcal.target.arrays import Array
 
 STEPS = 12
 STILL = 1e-7

@@ -6,10 +6,10 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from boxcal.target.arrays import Array
 from boxcal.target.box import Target
 from boxcal.target.tags.families import modules_per_side, tag_modules
 
-Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 

@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from boxcal.detect.alignment.registration.align import TagAlignments
-from boxcal.detect.alignment.tag_patterns import Array, Patterns
+from boxcal.detect.alignment.tag_patterns import Patterns
+from boxcal.target.arrays import Array
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

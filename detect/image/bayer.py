@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from boxcal.detect.log.wheel_samples import Array
+from boxcal.target.arrays import Array
 
 MOSAICS = ("bayer_rggb", "bayer_bggr", "bayer_gbrg", "bayer_grbg")
 """ROS's names: the first row from the first pixel, then the second row."""

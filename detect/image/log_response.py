@@ -11,9 +11,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from boxcal.detect.log.wheel_samples import Array
 from boxcal.detect.tags.detections import TagDetections, TagSettings, find_tags
 from boxcal.detect.tags.line_fit import RESPONSES, edge_normals
+from boxcal.target.arrays import Array
 from boxcal.target.box import Target
 
 _MIN_TAGS = 6

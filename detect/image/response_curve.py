@@ -13,8 +13,9 @@ import numpy as np
 from boxcal.detect.alignment.registration.align import TagAlignments, align
 from boxcal.detect.alignment.registration.parameters import BLACK, CONTRAST, GRADIENT_X, GRADIENT_Y, KURTOSIS
 from boxcal.detect.alignment.registration.tag_batch import Frame
-from boxcal.detect.alignment.tag_patterns import Array, Patterns
+from boxcal.detect.alignment.tag_patterns import Patterns
 from boxcal.detect.errors import DetectError
+from boxcal.target.arrays import Array
 
 Response = Literal["auto", "linear", "srgb"]
 RESPONSES: tuple[Response, ...] = ("auto", "linear", "srgb")

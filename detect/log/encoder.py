@@ -6,7 +6,8 @@ import numpy as np
 
 from boxcal.detect.errors import DetectError
 from boxcal.detect.log.encoder_step import encoder_step
-from boxcal.detect.log.wheel_samples import Array, Ids, WheelSamples
+from boxcal.detect.log.wheel_samples import WheelSamples
+from boxcal.target.arrays import Array, Ids
 
 MAX_ANGLE = 1e9
 """Largest wheel angle that is believed, rad."""

@@ -16,7 +16,7 @@ from boxcal.detect.errors import DetectError
 from boxcal.detect.image.bayer import MOSAICS, even_mosaic
 from boxcal.detect.image.bit_depth import DeepGrey
 from boxcal.detect.log.safe_text import printable
-from boxcal.detect.log.wheel_samples import Array
+from boxcal.target.arrays import Array
 
 Grey = NDArray[np.uint8]
 

@@ -22,7 +22,8 @@ from boxcal.detect.log.messages import DECODERS, Grey, header_stamp_ns
 from boxcal.detect.log.safe_text import printable
 from boxcal.detect.log.scan import Scan
 from boxcal.detect.log.topics import Joint, Topics, choose_camera, choose_wheels
-from boxcal.detect.log.wheel_samples import Ids, WheelSamples, WheelUnits
+from boxcal.detect.log.wheel_samples import WheelSamples, WheelUnits
+from boxcal.target.arrays import Ids
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -9,9 +9,8 @@ from numpy.typing import NDArray
 
 from boxcal.detect.errors import DetectError
 from boxcal.detect.log.encoder_step import encoder_step
+from boxcal.target.arrays import Array, Ids
 
-Array = NDArray[np.float64]
-Ids = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
 

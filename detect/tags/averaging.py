@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from boxcal.detect.log.wheel_samples import Array, Ids
 from boxcal.detect.tags.detections import TagDetections
+from boxcal.target.arrays import Array, Ids
 
 FLOOR_PX = 0.02
 """What no picture tells of a landmark (print, paper, lens): standard deviation per axis, px."""

@@ -17,8 +17,8 @@ from boxcal.detect.errors import DetectError
 from boxcal.detect.image.bit_depth import DeepGrey, eight_bits
 from boxcal.detect.image.gray import LEAST_SIDE_PX, to_grey, to_grey8
 from boxcal.detect.image.response_curve import response_table
-from boxcal.detect.log.wheel_samples import Array, Ids
 from boxcal.detect.tags.line_fit import CornerSettings, refine, systematic_px
+from boxcal.target.arrays import Array, Ids
 from boxcal.target.box import Target
 from boxcal.target.tags.families import dictionary_names, family_size, load_dictionary
 

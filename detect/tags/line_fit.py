@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from boxcal.detect.errors import DetectError
-from boxcal.detect.log.wheel_samples import Array
+from boxcal.target.arrays import Array
 
 RESPONSES = ("srgb", "linear")
 MODULES = 8

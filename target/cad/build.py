@@ -5,7 +5,8 @@ from math import isfinite
 
 import numpy as np
 
-from boxcal.target.box import Array, Box
+from boxcal.target.arrays import Array
+from boxcal.target.box import Box
 from boxcal.target.errors import TargetError
 
 

@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from boxcal.target.box import FACES, Array, Target
+from boxcal.target.arrays import Array
+from boxcal.target.box import FACES, Target
 from boxcal.target.cad.build import Build, build_for, check_build
 from boxcal.target.cad.numbers import T_box_lid_number, bars, lid_number_height
 from boxcal.target.cad.panels import Panel, panels

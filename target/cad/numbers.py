@@ -4,7 +4,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from boxcal.target.box import Array, Box
+from boxcal.target.arrays import Array
+from boxcal.target.box import Box
 from boxcal.target.cad.build import margins
 from boxcal.target.tags.families import modules_per_side
 

@@ -4,7 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from boxcal.target.box import FACES, Array, Box
+from boxcal.target.arrays import Array
+from boxcal.target.box import FACES, Box
 from boxcal.target.cad.build import Build
 from boxcal.target.tags.outline import black_outline
 

@@ -4,7 +4,8 @@ from collections import Counter
 
 import numpy as np
 
-from boxcal.target.box import Array, Target
+from boxcal.target.arrays import Array
+from boxcal.target.box import Target
 from boxcal.target.tags.families import tag_modules
 from boxcal.target.tags.outline import Loop, black_outline
 

@@ -1,65 +1,155 @@
-"""Lenses: pixels of points and their derivatives, for the paper's model and for richer ones.
+"""The camera model: pixels of points, with derivatives, and directions of pixels. All stages use this one."""
 
-All begin with (fu, fv, cu, cv, kr); kr is the first coefficient k1. Coefficients stand in OpenCV's order.
-"""
-
-from enum import StrEnum
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from boxcal.target.arrays import Array
+from boxcal.target.camera.distortion import DISTORTION_NAMES, CameraKind, distort
+from boxcal.target.camera.undistort import undistort
+from boxcal.target.errors import TargetError
 
-_ON_AXIS = 1e-9
-_NEAR_AXIS = 3e-3
+__all__ = ["CameraKind", "CameraModel", "further_names", "project", "project_with_jacobians", "unproject"]
 
 
-class Lens(StrEnum):
-    """A lens model.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CameraModel:
+    """A camera: focal lengths, principal point and distortion; pixel (0, 0) is the centre of the top-left pixel.
 
-    RADIAL is the paper's (one coefficient), BROWN OpenCV's 5 coefficients, RATIONAL its 8, FISHEYE its equidistant
-    fisheye with 4.
+    Attributes
+    ----------
+    fu, fv : px
+        Focal lengths.
+    cu, cv : px
+        Principal point.
+    kr
+        First radial distortion coefficient: the paper's kr, OpenCV's k1.
+    k2, p1, p2, k3, k4, k5, k6
+        Further distortion coefficients under OpenCV's names; zero where the kind has none.
+    kind
+        Which of them count, and how.
     """
 
-    RADIAL = "radial"
-    BROWN = "brown"
-    RATIONAL = "rational"
-    FISHEYE = "fisheye"
+    fu: float
+    fv: float
+    cu: float
+    cv: float
+    kr: float = 0.0
+    k2: float = 0.0
+    p1: float = 0.0
+    p2: float = 0.0
+    k3: float = 0.0
+    k4: float = 0.0
+    k5: float = 0.0
+    k6: float = 0.0
+    kind: CameraKind = CameraKind.RADIAL
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "kind", CameraKind(self.kind))
+        stray = [n for n in DISTORTION_NAMES[CameraKind.RATIONAL] if n not in self.names and getattr(self, n) != 0]
+        if stray:
+            raise TargetError(
+                f"camera: {', '.join(stray)} given, a {self.kind} model has {', '.join(self.names)}; name its kind"
+            )
+
+    @classmethod
+    def from_values(cls, kind: CameraKind, values: Array) -> Self:
+        """Return the camera of an array (4 + n,): fu, fv, cu, cv and the kind's coefficients in OpenCV's order."""
+        names = ("fu", "fv", "cu", "cv", *DISTORTION_NAMES[kind])
+        return cls(kind=kind, **dict(zip(names, (float(v) for v in values), strict=True)))
+
+    @classmethod
+    def from_names(cls, kind: CameraKind, intrinsics: Mapping[str, float], further: Mapping[str, float]) -> Self:
+        """Return the camera of fu, fv, cu, cv, kr and the further coefficients by name, whatever their order.
+
+        Raises
+        ------
+        TargetError
+            If a name is missing or does not belong to the kind.
+        """
+        given = {**intrinsics, **further}
+        wanted = {"fu", "fv", "cu", "cv", *DISTORTION_NAMES[kind]}
+        if set(given) != wanted:
+            found = ", ".join(sorted(set(given) ^ wanted))
+            raise TargetError(f"camera: {found} missing or too much; a {kind} model has {', '.join(sorted(wanted))}")
+        return cls(kind=kind, **given)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the distortion coefficients in OpenCV's order, kr for its k1."""
+        return DISTORTION_NAMES[self.kind]
+
+    @property
+    def distortion(self) -> tuple[float, ...]:
+        """Distortion coefficients in OpenCV's order (``cv2.fisheye``'s for a fisheye)."""
+        return tuple(getattr(self, name) for name in self.names)
+
+    @property
+    def further(self) -> dict[str, float]:
+        """Distortion coefficients beyond kr, by name, in OpenCV's order."""
+        return {name: getattr(self, name) for name in further_names(self.kind)}
+
+    @property
+    def values(self) -> Array:
+        """Array of fu, fv, cu, cv and the distortion coefficients in OpenCV's order, (4 + n,)."""
+        return np.array([self.fu, self.fv, self.cu, self.cv, *self.distortion])
+
+    @property
+    def K(self) -> Array:
+        """The camera matrix, (3, 3)."""
+        return np.array([[self.fu, 0.0, self.cu], [0.0, self.fv, self.cv], [0.0, 0.0, 1.0]])
 
 
-_EXTRA = {
-    Lens.RADIAL: (),
-    Lens.BROWN: ("k2", "p1", "p2", "k3"),
-    Lens.RATIONAL: ("k2", "p1", "p2", "k3", "k4", "k5", "k6"),
-    Lens.FISHEYE: ("k2", "k3", "k4"),
-}
+def further_names(kind: CameraKind) -> tuple[str, ...]:
+    """Return the names of the distortion coefficients after kr, in OpenCV's order."""
+    return DISTORTION_NAMES[kind][1:]
 
 
-def extra_names(lens: Lens) -> tuple[str, ...]:
-    """Return the names of the coefficients after kr, in OpenCV's order."""
-    return _EXTRA[lens]
-
-
-def first_values(lens: Lens, radial: Array) -> Array:
-    """Return where to start from the paper's model: (fu, fv, cu, cv, kr) -> (5 + extras,).
+def first_values(kind: CameraKind, radial: Array) -> Array:
+    """Return where to start from the paper's model: (fu, fv, cu, cv, kr) -> (4 + coefficients,).
 
     The equidistant fisheye has ``rho (1 + kr rho^2) = theta (1 + k1 theta^2)``, to third order ``k1 = kr + 1/3``.
     """
-    values = np.concatenate([radial[:5], np.zeros(len(_EXTRA[lens]))])
-    if lens is Lens.FISHEYE:
+    values = np.concatenate([radial[:5], np.zeros(len(further_names(kind)))])
+    if kind is CameraKind.FISHEYE:
         values[4] += 1 / 3
     return values
 
 
-def project_lens(lens: Lens, values: Array, p_cam: Array) -> tuple[Array, Array, Array]:
-    """Return pixels and their derivatives.
+def project(camera: CameraModel, p_cam: Array) -> Array:
+    """Return the pixels of points; NaN where they do not lie in front of the camera.
+
+    The paper's model is ``pu = fu (1 + kr rho2) xc/zc + cu``, ``pv`` likewise, ``rho2 = (xc/zc)^2 + (yc/zc)^2``
+    (Antonelli et al. 2010, section 2.3, DOI 10.1007/s11370-010-0067-2).
 
     Parameters
     ----------
-    lens
-        Model.
+    camera
+        Any kind.
+    p_cam : (..., 3), m
+        Points in frame ``cam``.
+
+    Returns
+    -------
+    (..., 2), px
+    """
+    z = np.where(p_cam[..., 2] > 0, p_cam[..., 2], np.nan)
+    x, y = p_cam[..., 0] / z, p_cam[..., 1] / z
+    (xd, yd), _, _ = distort(camera.kind, np.array(camera.distortion), x, y)
+    return np.stack([camera.fu * xd + camera.cu, camera.fv * yd + camera.cv], axis=-1)
+
+
+def project_with_jacobians(kind: CameraKind, values: Array, p_cam: Array) -> tuple[Array, Array, Array]:
+    """Return pixels of points and their derivatives, on arrays: what solvers call.
+
+    Parameters
+    ----------
+    kind
+        Of camera model.
     values : (n,)
-        fu, fv, cu, cv, kr and the model's further coefficients.
+        fu, fv, cu, cv and the kind's distortion coefficients in OpenCV's order.
     p_cam : (L, 3), m
         Points in front of the camera, frame ``cam``.
 
@@ -71,10 +161,7 @@ def project_lens(lens: Lens, values: Array, p_cam: Array) -> tuple[Array, Array,
     """
     z = p_cam[:, 2]
     x, y = p_cam[:, 0] / z, p_cam[:, 1] / z
-    if lens is Lens.FISHEYE:
-        (xd, yd), (xdx, xdy, ydx, ydy), dk = _fisheye(values[4:], x, y)
-    else:
-        (xd, yd), (xdx, xdy, ydx, ydy), dk = _polynomial(values[4:], x, y)
+    (xd, yd), (xdx, xdy, ydx, ydy), dk = distort(kind, values[4:], x, y)
     fu, fv, cu, cv = values[:4]
     uv = np.stack([fu * xd + cu, fv * yd + cv], axis=1)
     d_values = np.zeros((len(z), 2, len(values)))
@@ -89,53 +176,24 @@ def project_lens(lens: Lens, values: Array, p_cam: Array) -> tuple[Array, Array,
     return uv, d_values, d_point
 
 
-_Distorted = tuple[tuple[Array, Array], tuple[Array, Array, Array, Array], list[tuple[Array, Array]]]
+def unproject(camera: CameraModel, uv_px: Array) -> Array:
+    """Return the normalised coordinates (xc/zc, yc/zc) of pixels: the inverse of :func:`project`.
 
+    A pixel has an answer if a ray in front of the camera leads to it on which the distortion grows steadily from the
+    axis outwards (no fold, no pole of a rational model before it). All others come back as NaN; what comes back is
+    right to rounding.
 
-def _polynomial(k: Array, x: Array, y: Array) -> _Distorted:
-    """Return OpenCV's radial and tangential distortion: coefficients k1 [k2 p1 p2 k3 [k4 k5 k6]]."""
-    r2 = x * x + y * y
-    if len(k) == 1:
-        g, dg = 1 + k[0] * r2, np.full_like(r2, k[0])
-        parts = (g + 2 * dg * x * x, 2 * dg * x * y, 2 * dg * x * y, g + 2 * dg * y * y)
-        return (g * x, g * y), parts, [(r2 * x, r2 * y)]
-    k1, k2, p1, p2, k3 = k[:5]
-    k4, k5, k6 = k[5:8] if len(k) > 5 else (0.0, 0.0, 0.0)
-    top, bottom = 1 + r2 * (k1 + r2 * (k2 + r2 * k3)), 1 + r2 * (k4 + r2 * (k5 + r2 * k6))
-    d_top, d_bottom = k1 + r2 * (2 * k2 + 3 * r2 * k3), k4 + r2 * (2 * k5 + 3 * r2 * k6)
-    g = top / bottom
-    dg = (d_top - g * d_bottom) / bottom  # by r2
-    xd = g * x + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
-    yd = g * y + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
-    cross = 2 * dg * x * y + 2 * p1 * x + 2 * p2 * y
-    parts = (g + 2 * dg * x * x + 2 * p1 * y + 6 * p2 * x, cross, cross, g + 2 * dg * y * y + 6 * p1 * y + 2 * p2 * x)
-    n1, n2, n3 = r2 / bottom, r2 * r2 / bottom, r2**3 / bottom
-    dk = [
-        (n1 * x, n1 * y),
-        (n2 * x, n2 * y),
-        (2 * x * y, r2 + 2 * y * y),
-        (r2 + 2 * x * x, 2 * x * y),
-        (n3 * x, n3 * y),
-    ]
-    if len(k) > 5:
-        dk += [(-g * n * x, -g * n * y) for n in (n1, n2, n3)]
-    return (xd, yd), parts, dk
+    Parameters
+    ----------
+    camera
+        Any kind.
+    uv_px : (..., 2), px
 
-
-def _fisheye(k: Array, x: Array, y: Array) -> _Distorted:
-    """Return the equidistant fisheye: the angle theta off the axis lands at ``theta (1 + k1 theta^2 + ...)``."""
-    r = np.hypot(x, y)
-    axis = r < _ON_AXIS
-    safe = np.where(axis, 1.0, r)
-    theta = np.arctan(r)
-    t2 = theta * theta
-    poly = 1 + t2 * (k[0] + t2 * (k[1] + t2 * (k[2] + t2 * k[3])))
-    slope = 1 + t2 * (3 * k[0] + t2 * (5 * k[1] + t2 * (7 * k[2] + t2 * 9 * k[3])))
-    g = np.where(axis, 1.0, theta * poly / safe)
-    # dg/dr / r; near the axis by its series, since the difference cancels there
-    series = 2 * (k[0] - 1 / 3) + 4 * (k[1] - k[0] + 0.2) * r * r
-    turn = np.where(r < _NEAR_AXIS, series, (slope / (1 + r * r) - g) / (safe * safe))
-    parts = (g + turn * x * x, turn * x * y, turn * x * y, g + turn * y * y)
-    ratio = np.where(axis, 1.0, theta / safe)
-    dk = [(ratio * t2**n * x, ratio * t2**n * y) for n in (1, 2, 3, 4)]
-    return (g * x, g * y), parts, dk
+    Returns
+    -------
+    (..., 2)
+    """
+    uv_px = np.asarray(uv_px, dtype=np.float64)
+    xy_d = (uv_px - (camera.cu, camera.cv)) / (camera.fu, camera.fv)
+    flat = xy_d.reshape(-1, 2)
+    return undistort(camera.kind, np.array(camera.distortion), flat).reshape(uv_px.shape)

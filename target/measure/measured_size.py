@@ -5,14 +5,13 @@ from math import isfinite
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from boxcal.target.arrays import Array
 from boxcal.target.errors import TargetError
 
 if TYPE_CHECKING:
     from boxcal.target.box import Box
 
-Array = NDArray[np.float64]
 
 SIZES = ("sx", "sy", "width", "depth", "height")
 """The figures that are measured, in the order of every covariance and Jacobian by them."""

@@ -6,9 +6,10 @@ from math import isfinite
 
 import numpy as np
 
+from boxcal.target.arrays import Array
 from boxcal.target.box import Box, make_target
 from boxcal.target.errors import TargetError
-from boxcal.target.measure.measured_size import CREDIBLE, SIZES, Array, Measured
+from boxcal.target.measure.measured_size import CREDIBLE, SIZES, Measured
 from boxcal.target.measure.size_influence import scale_influence
 from boxcal.target.print.page import BAR_LENGTH
 

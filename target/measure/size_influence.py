@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from boxcal.target.box import FACES, Array, Target
+from boxcal.target.arrays import Array
+from boxcal.target.box import FACES, Target
 from boxcal.target.measure.measured_size import SIZES
 
 

@@ -9,9 +9,10 @@ from math import ceil, isfinite
 import numpy as np
 from numpy.typing import NDArray
 
-from boxcal.target.box import FACES, Array, Target
+from boxcal.target.arrays import Array, Reals
+from boxcal.target.box import FACES, Target
 from boxcal.target.errors import TargetError
-from boxcal.target.render.texture import Axis, FaceTexture, Reals, face_texture
+from boxcal.target.render.texture import Axis, FaceTexture, face_texture
 from boxcal.target.tags.families import modules_per_side
 
 INCH = 0.0254

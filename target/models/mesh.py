@@ -5,7 +5,8 @@ from math import ceil, floor
 
 import numpy as np
 
-from boxcal.target.box import FACES, Array, Target
+from boxcal.target.arrays import Array
+from boxcal.target.box import FACES, Target
 from boxcal.target.models.faces import FaceImage, draw
 from boxcal.target.render.texture import FaceTexture, face_texture
 

@@ -6,7 +6,8 @@ from xml.etree import ElementTree as ET
 import numpy as np
 from numpy.typing import NDArray
 
-from boxcal.target.box import Array, Target
+from boxcal.target.arrays import Array
+from boxcal.target.box import Target
 from boxcal.target.files.target_json import target_sha256
 from boxcal.target.models.faces import encode_png
 from boxcal.target.models.mesh import TRIANGLES, Side, sides

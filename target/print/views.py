@@ -5,7 +5,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from boxcal.target.box import Array, Box, Target
+from boxcal.target.arrays import Array
+from boxcal.target.box import Box, Target
 from boxcal.target.print.ink import POINT, Point, draw_line, draw_shape, draw_tags
 from boxcal.target.print.strips import Rect
 

@@ -8,9 +8,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from boxcal.target.arrays import Array
 from boxcal.target.box import Box
 
-Array = NDArray[np.float64]
 Light = NDArray[np.floating[Any]]
 
 FLOOR, WALL = 0.42, 0.55

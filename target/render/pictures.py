@@ -7,9 +7,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from boxcal.target.box import FACES, Array, Target
+from boxcal.target.arrays import Array
+from boxcal.target.box import FACES, Target
 from boxcal.target.cad.numbers import T_box_lid_number, lid_number_height, strokes
-from boxcal.target.camera.pinhole import Intrinsics, project
+from boxcal.target.camera.camera_model import CameraModel, project
 from boxcal.target.render.renderer import Look, encode_jpeg, render
 
 LOOK = Look(srgb=True, blur_px=0.5, vignetting=0.15, supersample=6, gain=1.05)
@@ -54,7 +55,7 @@ def _seen(  # noqa: PLR0917 - where from, in the order in which one says it
         eye[2] = eye_height
     T_cam_box = looking(eye, middle)
     focal = 1.15 * size[0]
-    camera = Intrinsics(fu=focal, fv=focal, cu=(size[0] - 1) / 2, cv=(size[1] - 1) / 2, kr=0.0)
+    camera = CameraModel(fu=focal, fv=focal, cu=(size[0] - 1) / 2, cv=(size[1] - 1) / 2, kr=0.0)
     picture = render(target, camera, T_cam_box, size, LOOK)
     if eye[2] > target.box.height:
         _draw_numbers(picture, target, camera, T_cam_box)
@@ -72,7 +73,7 @@ def looking(eye: Array, at: Array) -> Array:
     return T
 
 
-def _draw_numbers(picture: NDArray[np.uint8], target: Target, camera: Intrinsics, T_cam_box: Array) -> None:
+def _draw_numbers(picture: NDArray[np.uint8], target: Target, camera: CameraModel, T_cam_box: Array) -> None:
     """Draw the lid's numbers into a picture, twice as tall as they are engraved."""
     height, fraction = 2 * lid_number_height(target.box), 6
     for face in range(FACES):

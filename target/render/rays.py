@@ -2,15 +2,12 @@
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from boxcal.target.camera.pinhole import Intrinsics, normalise
-
-Reals = NDArray[np.floating[Any]]
-Index = NDArray[np.intp]
+from boxcal.target.arrays import Index, Reals
+from boxcal.target.camera.camera_model import CameraModel, unproject
 
 _TAME = 0.02
 """Pixels where the radial distortion stretches by more than 1 / _TAME are left dark."""
@@ -32,7 +29,7 @@ class Rays:
         Pixels that no ray reaches (beyond the limit of a negative kr), if there are any.
     """
 
-    camera: Intrinsics
+    camera: CameraModel
     directions: Reals
     reach: Reals
     dark: NDArray[np.bool_] | None
@@ -54,10 +51,10 @@ class Rays:
 
 
 @lru_cache(maxsize=4)
-def pixel_rays(camera: Intrinsics, width: int, height: int) -> Rays:
+def pixel_rays(camera: CameraModel, width: int, height: int) -> Rays:
     """Return the rays of all pixels of an image."""
     u, v = np.meshgrid(np.arange(width, dtype=np.float64), np.arange(height, dtype=np.float64))
-    xy = normalise(camera, np.stack([u.ravel(), v.ravel()], axis=1)).T
+    xy = unproject(camera, np.stack([u.ravel(), v.ravel()], axis=1)).T
     rho2 = np.sum(xy * xy, axis=0)
     least = np.minimum(1 + camera.kr * rho2, 1 + 3 * camera.kr * rho2)
     dark = ~(least > _TAME)

@@ -12,11 +12,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from boxcal.target.box import FACES, Array, Box, Ids, Target
-from boxcal.target.camera.pinhole import Intrinsics, project
+from boxcal.target.arrays import Array, Ids, Index, Reals
+from boxcal.target.box import FACES, Box, Target
+from boxcal.target.camera.camera_model import CameraModel, project
 from boxcal.target.errors import TargetError
 from boxcal.target.render.background import backdrop
-from boxcal.target.render.rays import Index, Rays, Reals, pixel_rays
+from boxcal.target.render.rays import Rays, pixel_rays
 from boxcal.target.render.sensor import Light, Look, expose
 from boxcal.target.render.texture import FaceTexture, face_texture
 
@@ -54,7 +55,7 @@ class _Side:
 
 def render(  # noqa: PLR0917 - the noise source last, as a simulation's other steps have it
     target: Target,
-    camera: Intrinsics,
+    camera: CameraModel,
     T_cam_box: Array,
     image_size: tuple[int, int],
     look: Look = Look(),  # noqa: B008 - frozen
@@ -110,7 +111,7 @@ def render(  # noqa: PLR0917 - the noise source last, as a simulation's other st
 
 
 def visible_tags(
-    target: Target, camera: Intrinsics, T_cam_box: Array, image_size: tuple[int, int], margin_px: float = 0.0
+    target: Target, camera: CameraModel, T_cam_box: Array, image_size: tuple[int, int], margin_px: float = 0.0
 ) -> Ids:
     """Return the ids of the tags that lie wholly inside the image, on faces turned to the camera.
 

@@ -1,17 +1,13 @@
 """The ink on one face: black and white modules, with their exact mean over a small rectangle of the sheet."""
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from boxcal.target.arrays import Array, Index, Reals
 from boxcal.target.box import Target
 from boxcal.target.tags.families import modules_per_side, tag_modules
-
-Array = NDArray[np.float64]
-Reals = NDArray[np.floating[Any]]
-Index = NDArray[np.intp]
 
 _BINS = 2.0
 """Look-up bins to a module; breaks lie at least one module apart, so no bin holds two."""

@@ -8,14 +8,15 @@ import pytest
 
 from boxcal.calib.four_steps.step1_camera import CameraStep
 from boxcal.calib.geometry.diff_drive import Legs
-from boxcal.calib.geometry.so3_se3 import Array, exp_so3, inverse, planar, rigid, rot_y, rot_z, wrap
+from boxcal.calib.geometry.so3_se3 import exp_so3, inverse, planar, rigid, rot_y, rot_z, wrap
 from boxcal.calib.results.calibration import Wheels
 from boxcal.detect.correspondences import Correspondences, StopObservation
 from boxcal.detect.log.wheel_samples import WheelSamples
+from boxcal.target.arrays import Array
 from boxcal.target.box import make_target
-from boxcal.target.camera.pinhole import Intrinsics, project
+from boxcal.target.camera.camera_model import CameraModel, project
 
-CAMERA = Intrinsics(fu=561.3, fv=557.8, cu=327.4, cv=231.9, kr=-0.21)
+CAMERA = CameraModel(fu=561.3, fv=557.8, cu=327.4, cv=231.9, kr=-0.21)
 WHEELS = Wheels(rR=0.02113, rL=0.02087, b=0.0893)
 OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 SAMPLES_A_MOVE = 25

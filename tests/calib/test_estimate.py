@@ -8,7 +8,7 @@ import pytest
 
 from boxcal.calib.errors import CalibError
 from boxcal.calib.four_steps.procedure import solve_four_steps
-from boxcal.calib.geometry.so3_se3 import Array, exp_so3, rigid
+from boxcal.calib.geometry.so3_se3 import exp_so3, rigid
 from boxcal.calib.likelihood import Estimate, EstimateOptions, estimate
 from boxcal.calib.likelihood.problem import REPORTED
 from boxcal.calib.simulate.drive import Drive, DriveOptions, exact_correspondences, exact_options, simulate_drive
@@ -17,6 +17,7 @@ from boxcal.calib.uncertainty.cramer_rao import Truth, cramer_rao, errors
 from boxcal.calib.uncertainty.cross_validation import validate
 from boxcal.calib.uncertainty.propagation import ground_uncertainty
 from boxcal.detect.correspondences import Correspondences
+from boxcal.target.arrays import Array
 from boxcal.target.box import make_target
 
 TARGET = make_target()

@@ -7,7 +7,7 @@ from math import radians
 import numpy as np
 import pytest
 
-from boxcal.calib.geometry.so3_se3 import Array, inverse, planar
+from boxcal.calib.geometry.so3_se3 import inverse, planar
 from boxcal.calib.likelihood import Estimate, estimate
 from boxcal.calib.likelihood.leg_outliers import find_slip
 from boxcal.calib.simulate.drive import Drive, DriveOptions, exact_correspondences, simulate_drive
@@ -15,6 +15,7 @@ from boxcal.calib.simulate.robot import khepera
 from boxcal.calib.uncertainty.cramer_rao import Truth, errors
 from boxcal.detect.correspondences import Correspondences
 from boxcal.detect.log.wheel_samples import WheelSamples
+from boxcal.target.arrays import Array
 from boxcal.target.box import make_target
 
 STEP = radians(0.1302)

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from boxcal.calib.geometry.so3_se3 import Array
 from boxcal.calib.likelihood import EstimateOptions, estimate
 from boxcal.calib.simulate.drive import DriveOptions, exact_correspondences, simulate_drive
 from boxcal.calib.simulate.robot import paper
 from boxcal.calib.uncertainty.cramer_rao import Truth, cramer_rao, errors
+from boxcal.target.arrays import Array
 from boxcal.target.box import make_target
 
 RUNS = 40

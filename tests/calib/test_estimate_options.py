@@ -7,15 +7,16 @@ import numpy as np
 import pytest
 
 from boxcal.calib.errors import CalibError
-from boxcal.calib.geometry.so3_se3 import Array, exp_so3, inverse, rigid
-from boxcal.calib.likelihood import Estimate, EstimateOptions, Lens, estimate
+from boxcal.calib.geometry.so3_se3 import exp_so3, inverse, rigid
+from boxcal.calib.likelihood import CameraKind, Estimate, EstimateOptions, estimate
 from boxcal.calib.likelihood.camera_selection import choose_lens
 from boxcal.calib.simulate.drive import Drive, DriveOptions, exact_correspondences, simulate_drive
 from boxcal.calib.simulate.robot import turtlebot
 from boxcal.calib.uncertainty.cramer_rao import Truth, errors
 from boxcal.detect.correspondences import Correspondences
+from boxcal.target.arrays import Array
 from boxcal.target.box import Target, make_target
-from boxcal.target.camera.camera_model import project_lens
+from boxcal.target.camera.camera_model import project_with_jacobians
 from boxcal.target.measure.measured_size import Measured
 
 STEP = radians(0.1302)
@@ -108,13 +109,13 @@ def test_face_that_was_glued_askew_is_found(drive: Drive) -> None:
     assert np.abs(z_of(found, drive)).max() < 3.7
 
 
-def through(lens: Lens, values: Array, drive: Drive) -> Correspondences:
+def through(lens: CameraKind, values: Array, drive: Drive) -> Correspondences:
     """What a camera with a richer lens sees."""
     data = exact_correspondences(ROBOT, TARGET, drive, 0.1, np.random.default_rng(0))
     rng, stops = np.random.default_rng(1), []
     for stop, T_box_cam in zip(data.stops, drive.T_box_cam, strict=True):
         T = inverse(T_box_cam)
-        uv, _, _ = project_lens(lens, values, stop.p_box @ T[:3, :3].T + T[:3, 3])
+        uv, _, _ = project_with_jacobians(lens, values, stop.p_box @ T[:3, :3].T + T[:3, 3])
         stops.append(replace(stop, uv_px=uv + 0.1 * rng.normal(size=uv.shape)))
     return replace(data, stops=tuple(stops))
 
@@ -122,23 +123,26 @@ def through(lens: Lens, values: Array, drive: Drive) -> Correspondences:
 @pytest.mark.parametrize(
     ("lens", "coefficients"),
     [
-        (Lens.RADIAL, [-0.08]),
-        (Lens.BROWN, [-0.25, 0.09, 2e-3, -1.5e-3, 0.0]),
-        (Lens.FISHEYE, [-0.03, 0.01, 0.0, 0.0]),
+        (CameraKind.RADIAL, [-0.08]),
+        (CameraKind.BROWN, [-0.25, 0.09, 2e-3, -1.5e-3, 0.0]),
+        (CameraKind.FISHEYE, [-0.03, 0.01, 0.0, 0.0]),
     ],
 )
 def test_lens_is_found_and_chosen_by_the_information_criterion(
-    drive: Drive, lens: Lens, coefficients: list[float]
+    drive: Drive, lens: CameraKind, coefficients: list[float]
 ) -> None:
     k = ROBOT.camera
     values = np.array([k.fu, k.fv, k.cu, k.cv, *coefficients])
     data = through(lens, values, drive)
     choice = choose_lens([data])
-    assert choice.best.lens is lens
+    assert choice.best.camera.kind is lens
     found = choice.best
     assert min(score.bic for score in choice.scores) == next(s.bic for s in choice.scores if s.lens is lens)
     sigma = np.array(
-        [*(found.sigma[n] for n in ("fu", "fv", "cu", "cv", "kr")), *(found.extra_sigma[n] for n in found.lens_extra)]
+        [
+            *(found.sigma[n] for n in ("fu", "fv", "cu", "cv", "kr")),
+            *(found.extra_sigma[n] for n in found.camera.further),
+        ]
     )
     got = np.array(
         [
@@ -147,7 +151,7 @@ def test_lens_is_found_and_chosen_by_the_information_criterion(
             found.camera.cu,
             found.camera.cv,
             found.camera.kr,
-            *found.lens_extra.values(),
+            *found.camera.further.values(),
         ]
     )
     assert np.abs((got - values) / sigma).max() < 4

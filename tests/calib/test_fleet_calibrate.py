@@ -360,9 +360,10 @@ def test_every_prior_and_lens_is_taken(good: Path, tmp_path: Path, capsys: pytes
     ):
         status, out, err = _run(capsys, saved, *words, "--out", tmp_path / "b", "--quiet", "--no-report")
         assert status == 0, err
-        detail = load_calibration(tmp_path / "b" / "good" / "calibration.json").detail
+        again = load_calibration(tmp_path / "b" / "good" / "calibration.json")
+        detail = again.detail
         assert detail is not None
-        names = [*detail.extra, *detail.lens_extra]
+        names = [*detail.extra, *again.camera.further]
         assert any(unknown in name for name in names) or not unknown, (words, names)
         if words[1] == "auto":
             assert "lens chosen by BIC" in out

@@ -13,8 +13,9 @@ from boxcal.calib.four_steps.step1_camera import CameraMode, calibrate_camera
 from boxcal.calib.four_steps.step2_heading import solve_heading
 from boxcal.calib.four_steps.step3_axis import find_axis
 from boxcal.calib.four_steps.step4_mounting import solve_mounting
-from boxcal.calib.geometry.so3_se3 import Array, euler_zyz, planar, rigid, rot_y, rot_z
+from boxcal.calib.geometry.so3_se3 import euler_zyz, planar, rigid, rot_y, rot_z
 from boxcal.detect.correspondences import Correspondences, load_correspondences
+from boxcal.target.arrays import Array
 
 LOOKS = {  # yaw to the left, pitch down, roll; deg
     "ahead": (0.0, 0.0, 0.0),

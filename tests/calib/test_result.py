@@ -21,14 +21,14 @@ from boxcal.calib.results.calibration import (
     save_calibration,
 )
 from boxcal.calib.results.diagnostics import ORDER, Covariance, Detail, Ground, Growth, HeldOut, Leg
-from boxcal.target.camera.pinhole import Intrinsics
+from boxcal.target.camera.camera_model import CameraModel
 
 
 def _result(T_body_cam: Any, detail: Detail | None = None) -> Calibration:
     return Calibration(
         robot="r01",
         image_size=(640, 480),
-        camera=Intrinsics(fu=561.3, fv=557.8, cu=327.4, cv=231.9, kr=-0.21),
+        camera=CameraModel(fu=561.3, fv=557.8, cu=327.4, cv=231.9, kr=-0.21),
         wheels=Wheels(rR=0.02113, rL=0.02087, b=0.0893),
         T_body_cam=T_body_cam,
         quality=Quality(
@@ -59,8 +59,6 @@ def _detail() -> Detail:
         noise=NoiseLevels(
             pixel_factor=1.1, pixel_factor_sigma=0.01, pixel_px=0.05, slip=3e-4, slip_sigma=5e-5, encoder_step=0.002
         ),
-        lens="radial",
-        lens_extra={},
         extra={"tilt_x": 1e-3},
         extra_sigma={"tilt_x": np.inf},
         legs=(

@@ -8,13 +8,14 @@ import pytest
 from scipy.stats import chi2
 
 from boxcal.calib.errors import CalibError
-from boxcal.calib.geometry.so3_se3 import Array, inverse, planar, rot_y
+from boxcal.calib.geometry.so3_se3 import inverse, planar, rot_y
 from boxcal.calib.simulate.drive import Drive, DriveOptions, exact_correspondences, exact_options, simulate_drive
 from boxcal.calib.simulate.kinematics import Arc, arc_path, slipped, wheel_turns, within_arc
 from boxcal.calib.simulate.robot import Robot, khepera, mount, paper, random_robot, turtlebot
 from boxcal.calib.simulate.route import KeepOut
+from boxcal.target.arrays import Array
 from boxcal.target.box import Box, Target, make_target
-from boxcal.target.camera.pinhole import project
+from boxcal.target.camera.camera_model import project
 
 TARGET = make_target()
 

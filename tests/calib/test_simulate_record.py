@@ -19,7 +19,7 @@ from boxcal.calib.simulate.recorder import RecordOptions, frame_times, take_pict
 from boxcal.calib.simulate.robot import Robot, random_robot, turtlebot
 from boxcal.calib.simulate.truth import truth_bytes
 from boxcal.target.box import make_target
-from boxcal.target.camera.pinhole import project
+from boxcal.target.camera.camera_model import project
 from boxcal.target.render.renderer import render
 from boxcal.target.render.sensor import Look
 

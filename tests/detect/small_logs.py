@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from boxcal.calib.simulate.mcap_writer import LogWriter
-from boxcal.detect.log.wheel_samples import Array, Ids, WheelSamples
+from boxcal.detect.log.wheel_samples import WheelSamples
+from boxcal.target.arrays import Array, Ids
 
 T0_NS = 1_700_000_000_000_000_000
 STEP = np.deg2rad(0.1302)

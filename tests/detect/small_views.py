@@ -5,13 +5,13 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from boxcal.detect.log.wheel_samples import Array
+from boxcal.target.arrays import Array
 from boxcal.target.box import Target, make_target
-from boxcal.target.camera.pinhole import Intrinsics, project
+from boxcal.target.camera.camera_model import CameraModel, project
 from boxcal.target.render.renderer import Look, render
 
 SIZE = (480, 360)
-CAMERA = Intrinsics(fu=420.0, fv=423.0, cu=238.4, cv=181.7, kr=-0.1)
+CAMERA = CameraModel(fu=420.0, fv=423.0, cu=238.4, cv=181.7, kr=-0.1)
 TARGET = make_target()
 
 

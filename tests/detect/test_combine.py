@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from boxcal.detect.log.wheel_samples import Array
 from boxcal.detect.tags.averaging import FLOOR_PX, combine, covariances
 from boxcal.detect.tags.detections import TagDetections
+from boxcal.target.arrays import Array
 
 PLACES = np.random.default_rng(0).uniform(0, 600, (12, 4, 2))
 

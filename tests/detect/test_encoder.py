@@ -7,7 +7,7 @@ from small_logs import STEP, T0_NS, drive
 from boxcal.detect.errors import DetectError
 from boxcal.detect.log.encoder import Encoder, clean, join
 from boxcal.detect.log.encoder_step import encoder_step
-from boxcal.detect.log.wheel_samples import Array
+from boxcal.target.arrays import Array
 
 
 @pytest.mark.parametrize("step", [STEP, 2 * np.pi / 64, 2 * np.pi / 4096])

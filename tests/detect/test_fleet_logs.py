@@ -10,7 +10,7 @@ import pytest
 from boxcal.detect.correspondences import Correspondences
 from boxcal.detect.extract import extract
 from boxcal.target.box import make_target
-from boxcal.target.camera.pinhole import Intrinsics, project
+from boxcal.target.camera.camera_model import CameraModel, project
 
 
 @pytest.fixture(scope="module", params=["khepera", "turtlebot"])
@@ -45,7 +45,7 @@ def test_corners_lie_on_the_truths_within_their_covariance(
 ) -> None:
     found, truth = drive
     c = truth["camera"]
-    camera = Intrinsics(fu=c["fu"], fv=c["fv"], cu=c["cu"], cv=c["cv"], kr=c["kr"])
+    camera = CameraModel(fu=c["fu"], fv=c["fv"], cu=c["cu"], cv=c["cv"], kr=c["kr"])
     assert found.image_size == (c["width"], c["height"])
     off, weighted = [], []
     for stop, true in zip(found.stops, truth["stops"], strict=True):

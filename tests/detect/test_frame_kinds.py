@@ -21,7 +21,7 @@ from boxcal.detect.image.bayer import MOSAICS
 from boxcal.detect.log.messages import RAW_IMAGE
 from boxcal.detect.log.recording import open_recording
 from boxcal.target.box import FACES
-from boxcal.target.camera.pinhole import project
+from boxcal.target.camera.camera_model import project
 from boxcal.target.render.sensor import srgb_curve
 
 ANGLES = (10.0, 45.0, 130.0)

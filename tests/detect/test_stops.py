@@ -5,8 +5,9 @@ import pytest
 from small_logs import STEP, T0_NS, drive
 
 from boxcal.detect.errors import DetectError
-from boxcal.detect.log.wheel_samples import Array, Ids, WheelSamples
+from boxcal.detect.log.wheel_samples import WheelSamples
 from boxcal.detect.stops import Stop, StopSettings, find_stops
+from boxcal.target.arrays import Array, Ids
 
 
 def _samples(t_ns: Ids, phi_R: Array, phi_L: Array) -> WheelSamples:

@@ -10,11 +10,11 @@ from boxcal.detect.alignment.registration.tag_batch import Batch, Frame
 from boxcal.detect.alignment.tag_patterns import target_patterns
 from boxcal.detect.image.response_curve import response_table
 from boxcal.target.box import Box, make_target
-from boxcal.target.camera.pinhole import Intrinsics, project
+from boxcal.target.camera.camera_model import CameraModel, project
 from boxcal.target.render.renderer import Look, render, visible_tags
 
 SIZE = (640, 480)
-CAMERA = Intrinsics(fu=700.0, fv=700.0, cu=325.0, cv=236.0, kr=-0.1)
+CAMERA = CameraModel(fu=700.0, fv=700.0, cu=325.0, cv=236.0, kr=-0.1)
 PLAIN = Look(noise=2.0, blur_px=0.6)
 TARGET = make_target(Box())
 PATTERNS = target_patterns(TARGET)

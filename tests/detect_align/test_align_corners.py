@@ -13,7 +13,7 @@ from boxcal.detect.image.log_response import choose_response
 from boxcal.detect.tags.detections import TagSettings, find_tags
 from boxcal.detect.tags.line_fit import CornerSettings
 from boxcal.target.box import Box, make_target
-from boxcal.target.camera.pinhole import Intrinsics
+from boxcal.target.camera.camera_model import CameraModel
 
 
 def _errors(tags, uv, least_px=12.0):
@@ -102,7 +102,7 @@ def test_bits_say_what_full_scale_is(bits):
 
 
 def test_wide_lens_leaves_corners_accurate():
-    camera = Intrinsics(fu=330.0, fv=330.0, cu=325.0, cv=236.0, kr=-0.28)
+    camera = CameraModel(fu=330.0, fv=330.0, cu=325.0, cv=236.0, kr=-0.28)
     T = pose(30.0, distance=0.42)
     uv, seen = truth(T, camera=camera)
     tags = detect_tags(view(T, camera=camera), TARGET)

@@ -6,11 +6,12 @@ from typing import Any
 import numpy as np
 from hypothesis import strategies as st
 
-from boxcal.calib.geometry.so3_se3 import Array, exp_so3, rigid
+from boxcal.calib.geometry.so3_se3 import exp_so3, rigid
 from boxcal.calib.likelihood.estimate import NoiseLevels
 from boxcal.calib.results.calibration import Calibration, Provenance, Quality, StopResult, Wheels
 from boxcal.calib.results.diagnostics import ORDER, Covariance, Detail, Ground
-from boxcal.target.camera.pinhole import Intrinsics
+from boxcal.target.arrays import Array
+from boxcal.target.camera.camera_model import CameraKind, CameraModel
 
 SIGMA = np.array([0.5, 0.5, 0.4, 0.4, 1e-3, 2e-6, 2e-6, 2e-5, 3e-4, 3e-4, 3e-4, 2e-4, 2e-4, 2e-4])
 EVIL = "<script>alert(1)</script>/../../x\n--> \"'; rm -rf ~ # ${1+1} =1+1"
@@ -22,7 +23,7 @@ def calibration(**changes: Any) -> Calibration:
     made = Calibration(
         robot="r01",
         image_size=(640, 480),
-        camera=Intrinsics(fu=600.25, fv=601.5, cu=320.125, cv=238.75, kr=-0.0875),
+        camera=camera(),
         wheels=Wheels(rR=0.03301, rL=0.03297, b=0.1602),
         T_body_cam=rigid(R, np.array([0.051, -0.002, 0.118])),
         quality=Quality(
@@ -49,7 +50,12 @@ def calibration(**changes: Any) -> Calibration:
     return replace(made, **changes)
 
 
-def detail(sigma: Array = SIGMA, lens: str = "radial", lens_extra: dict[str, float] | None = None) -> Detail:
+def camera(kind: str = "radial", **further: float) -> CameraModel:
+    """The camera of :func:`calibration`, or one like it of another kind."""
+    return CameraModel(fu=600.25, fv=601.5, cu=320.125, cv=238.75, kr=-0.0875, kind=CameraKind(kind), **further)
+
+
+def detail(sigma: Array = SIGMA) -> Detail:
     """What the likelihood adds, with a covariance whose neighbours correlate by 0.5."""
     correlation = 0.5 ** np.abs(np.subtract.outer(np.arange(len(ORDER)), np.arange(len(ORDER))))
     return Detail(
@@ -57,8 +63,6 @@ def detail(sigma: Array = SIGMA, lens: str = "radial", lens_extra: dict[str, flo
         noise=NoiseLevels(
             pixel_factor=1.0, pixel_factor_sigma=0.1, pixel_px=0.1, slip=1e-3, slip_sigma=1e-4, encoder_step=0.0
         ),
-        lens=lens,
-        lens_extra=lens_extra or {},
         extra={},
         extra_sigma={},
         legs=(),
@@ -88,7 +92,7 @@ _ROTATIONS = st.one_of(
 RANDOM = st.builds(
     lambda robot, camera, wheels, R, t, size, made, notes: calibration(
         robot=robot,
-        camera=Intrinsics(fu=camera[0], fv=camera[1], cu=camera[2], cv=camera[3], kr=camera[4]),
+        camera=CameraModel(fu=camera[0], fv=camera[1], cu=camera[2], cv=camera[3], kr=camera[4]),
         wheels=Wheels(rR=wheels[0], rL=wheels[1], b=wheels[2]),
         T_body_cam=rigid(R, np.array(t)),
         image_size=size,

@@ -8,15 +8,16 @@ from typing import Any
 
 import numpy as np
 import pytest
-from made_up import EVIL, SIGMA, calibration, detail
+from made_up import EVIL, SIGMA, calibration, camera, detail
 
 from boxcal.calib.compare.cli import main
 from boxcal.calib.compare.difference import difference, projection_shift
 from boxcal.calib.errors import CalibError
-from boxcal.calib.geometry.so3_se3 import Array, exp_so3, rigid
+from boxcal.calib.geometry.so3_se3 import exp_so3, rigid
 from boxcal.calib.results.calibration import Calibration, Wheels, save_calibration
 from boxcal.calib.results.diagnostics import ORDER
-from boxcal.target.camera.pinhole import Intrinsics
+from boxcal.target.arrays import Array
+from boxcal.target.camera.camera_model import CameraModel
 
 PLAIN = detail()
 
@@ -26,7 +27,7 @@ def _moved(d: Array, **changes: Any) -> Calibration:
     c = calibration()
     k, w, T = c.camera, c.wheels, c.T_body_cam
     return calibration(
-        camera=Intrinsics(**{n: getattr(k, n) + d[ORDER.index(n)] for n in ("fu", "fv", "cu", "cv", "kr")}),
+        camera=CameraModel(**{n: getattr(k, n) + d[ORDER.index(n)] for n in ("fu", "fv", "cu", "cv", "kr")}),
         wheels=Wheels(**{n: getattr(w, n) + d[ORDER.index(n)] for n in ("rR", "rL", "b")}),
         T_body_cam=rigid(T[:3, :3] @ exp_so3(d[8:11]), T[:3, 3] + d[11:]),
         **{"detail": PLAIN, **changes},
@@ -88,7 +89,7 @@ def test_the_ground_sees_what_wheels_and_camera_do_otherwise() -> None:
 
 def test_richer_lenses_are_compared_in_pixels() -> None:
     extra = {"k2": 0.05, "p1": 1e-3, "p2": 0.0, "k3": 0.0}
-    a = calibration(detail=detail(lens="brown", lens_extra=extra))
+    a = calibration(camera=camera("brown", **extra), detail=PLAIN)
     same = difference(a, a)
     assert same.ground.projection_worst_px < 1e-3
     assert same.p_value == 1.0

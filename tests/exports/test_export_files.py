@@ -12,7 +12,7 @@ import pytest
 import xacro
 import yaml
 from hypothesis import example, given, settings
-from made_up import EVIL, RANDOM, SIGMA, calibration, detail, matrix_of
+from made_up import EVIL, RANDOM, SIGMA, calibration, camera, detail, matrix_of
 from urdf_parser_py import urdf as urdf_reader
 
 from boxcal.calib.exports.files import exports
@@ -21,9 +21,10 @@ from boxcal.calib.exports.nominal import Nominal
 from boxcal.calib.exports.ros_diff_drive import diff_drive
 from boxcal.calib.exports.text import number, ros_name
 from boxcal.calib.geometry.diff_drive import Legs, unit_path
-from boxcal.calib.geometry.so3_se3 import Array, exp_so3, inverse, rigid
+from boxcal.calib.geometry.so3_se3 import exp_so3, inverse, rigid
 from boxcal.calib.results.calibration import Calibration, Wheels
 from boxcal.calib.results.diagnostics import ORDER
+from boxcal.target.arrays import Array
 
 NOMINAL = Nominal(wheel_radius=0.033, wheel_separation=0.16, source="robot.yaml")
 CLOSE = 1e-9
@@ -154,13 +155,13 @@ def test_diff_drive_parameters_reproduce_our_odometry(nominal: Nominal | None) -
 def test_richer_lenses_keep_all_their_coefficients_or_are_left_out() -> None:
     brown = {"k2": 0.01, "p1": 1e-5, "p2": -2e-4, "k3": 0.0}
     k = [-0.0875, 0.01, 1e-5, -2e-4]
-    files = exports(calibration(detail=detail(lens="brown", lens_extra=brown)))
+    files = exports(calibration(camera=camera("brown", **brown)))
     assert yaml.safe_load(files["camera_info.yaml"])["distortion_coefficients"]["data"] == [*k, 0.0]
     assert yaml.safe_load(files["camchain.yaml"])["cam0"]["distortion_coeffs"] == k
-    files = exports(calibration(detail=detail(lens="brown", lens_extra={**brown, "k3": 0.5})))
+    files = exports(calibration(camera=camera("brown", **{**brown, "k3": 0.5})))
     assert yaml.safe_load(files["camera_info.yaml"])["distortion_coefficients"]["data"][-1] == 0.5
     assert "camchain.yaml" not in files  # Kalibr's radtan has no k3
-    fisheye = exports(calibration(detail=detail(lens="fisheye", lens_extra={"k2": 0.1, "k3": 0.2, "k4": 0.3})))
+    fisheye = exports(calibration(camera=camera("fisheye", k2=0.1, k3=0.2, k4=0.3)))
     for name, key in (("camera_info.yaml", "distortion_model"), ("camchain.yaml", "distortion_model")):
         document = yaml.safe_load(fisheye[name])
         assert document.get("cam0", document)[key] == "equidistant"

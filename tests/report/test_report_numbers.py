@@ -10,21 +10,22 @@ import pytest
 
 from boxcal.calib.assessment.gauges import slip_on_top
 from boxcal.calib.assessment.print_scale import find_print_scale
-from boxcal.calib.geometry.so3_se3 import Array, exp_so3, inverse
+from boxcal.calib.geometry.so3_se3 import exp_so3, inverse
 from boxcal.calib.likelihood.estimate import FlaggedCorner
 from boxcal.calib.report.drawing import projection_data, residual_data, scene_data
 from boxcal.calib.report.parameters import Row, parameter_groups
-from boxcal.calib.report.projection import projection_sigma, rays
+from boxcal.calib.report.projection import projection_sigma
 from boxcal.calib.report.tables import face_row, rms
 from boxcal.calib.results.calibration import Calibration, StopResult
 from boxcal.calib.results.diagnostics import ORDER, Covariance
-from boxcal.calib.results.stop_residuals import lens_values, stops_seen
+from boxcal.calib.results.stop_residuals import stops_seen
 from boxcal.calib.results.text_table import yaw_pitch_roll, yaw_pitch_roll_sigma
 from boxcal.calib.results.trajectory import driven_legs, floor_pose
 from boxcal.calib.simulate.drive import exact_correspondences, exact_options, simulate_drive
 from boxcal.detect.correspondences import Correspondences
+from boxcal.target.arrays import Array
 from boxcal.target.box import make_target
-from boxcal.target.camera.camera_model import Lens, project_lens
+from boxcal.target.camera.camera_model import CameraModel, project, unproject
 from boxcal.target.measure.measured_size import Measured
 
 Calibrations = Callable[[str], Calibration]
@@ -52,7 +53,7 @@ def exact(calibrations: Calibrations) -> tuple[Calibration, Correspondences]:
     wheels = replace(base.wheels, rR=r.rR, rL=r.rL, b=r.b)
     true = replace(base, camera=r.camera, wheels=wheels, T_body_cam=r.T_body_cam, stops=stops)
     assert true.detail is not None
-    return replace(true, detail=replace(true.detail, extra={}, lens_extra={})), seen
+    return replace(true, detail=replace(true.detail, extra={})), seen
 
 
 def test_true_calibration_leaves_no_residual_and_no_gap(exact: tuple[Calibration, Correspondences]) -> None:
@@ -167,28 +168,10 @@ def test_print_scale_stays_silent_where_corners_do_not_tell(calibrations: Calibr
     assert find_print_scale(c, (), faulty.TARGET) is None
 
 
-@pytest.mark.parametrize(
-    ("lens", "further"),
-    [
-        (Lens.RADIAL, []),
-        (Lens.BROWN, [0.05, 0.002, -0.001, 0.01]),
-        (Lens.RATIONAL, [0.05, 0.001, -0.001, 0.01, 0.02, 0.01, 0.0]),
-        (Lens.FISHEYE, [0.01, -0.002, 0.0]),
-    ],
-)
-def test_rays_undo_every_lens(lens: Lens, further: list[float]) -> None:
-    values = np.array([600.0, 598.0, 320.0, 240.0, -0.12, *further])
-    u, v = np.meshgrid(np.linspace(0, 639, 9), np.linspace(0, 479, 7))
-    uv_px = np.stack([u.ravel(), v.ravel()], axis=1)
-    xy = rays(lens, values, uv_px)
-    back = project_lens(lens, values, np.concatenate([xy, np.ones((len(xy), 1))], axis=1))[0]
-    assert np.allclose(back, uv_px, atol=1e-6)
-
-
 def test_pixels_that_no_ray_reaches_have_no_sigma() -> None:
-    values = np.array([300.0, 300.0, 320.0, 240.0, -0.9])
+    camera = CameraModel(fu=300.0, fv=300.0, cu=320.0, cv=240.0, kr=-0.9)
     uv_px = np.array([[320.0, 240.0], [639.0, 479.0]])
-    sigma = projection_sigma(Lens.RADIAL, values, np.eye(14) * 1e-8, np.eye(4), uv_px=uv_px, distance=1.0)
+    sigma = projection_sigma(camera, np.eye(14) * 1e-8, np.eye(4), uv_px=uv_px, distance=1.0)
     assert np.isfinite(sigma[0])
     assert np.isnan(sigma[1])
 
@@ -196,13 +179,12 @@ def test_pixels_that_no_ray_reaches_have_no_sigma() -> None:
 def test_projection_sigma_agrees_with_drawn_calibrations(calibrations: Calibrations) -> None:
     c = calibrations("good_drive")
     assert c.detail is not None
-    lens, values = lens_values(c)
     rng = np.random.default_rng(2)
     cov = c.detail.covariance.matrix
     uv_px = np.array([[10.0, 10.0], [320.0, 240.0], [600.0, 400.0]])
     for distance in (0.5, 5.0):
-        claimed = projection_sigma(lens, values, cov, c.T_body_cam, uv_px=uv_px, distance=distance)
-        p_cam = np.concatenate([rays(lens, values, uv_px), np.ones((3, 1))], axis=1)
+        claimed = projection_sigma(c.camera, cov, c.T_body_cam, uv_px=uv_px, distance=distance)
+        p_cam = np.concatenate([unproject(c.camera, uv_px), np.ones((3, 1))], axis=1)
         p_cam *= distance / np.linalg.norm(p_cam, axis=1)[:, None]
         p_body = p_cam @ c.T_body_cam[:3, :3].T + c.T_body_cam[:3, 3]
         square = np.zeros(3)
@@ -210,7 +192,9 @@ def test_projection_sigma_agrees_with_drawn_calibrations(calibrations: Calibrati
         for d in drawn:
             R = c.T_body_cam[:3, :3] @ exp_so3(d[8:11])
             p = (p_body - c.T_body_cam[:3, 3] - d[11:]) @ R
-            square += np.sum((project_lens(lens, values + d[:5], p)[0] - uv_px) ** 2, axis=1)
+            square += np.sum(
+                (project(CameraModel.from_values(c.camera.kind, c.camera.values + d[:5]), p) - uv_px) ** 2, axis=1
+            )
         assert np.allclose(np.sqrt(square / len(drawn)), claimed, rtol=0.08)
 
 

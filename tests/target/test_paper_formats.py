@@ -16,6 +16,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from boxcal.target.arrays import Array
 from boxcal.target.box import Box, Target, make_target
 from boxcal.target.errors import TargetError
 from boxcal.target.files.target_json import load_target, save_target
@@ -30,7 +31,6 @@ from boxcal.target.print.tiles import OVERLAP, tile_cuts, tiles
 from boxcal.target.tags.families import dictionary_names, tag_modules
 
 Grey = NDArray[np.uint8]
-Array = NDArray[np.float64]
 Renderer = Callable[[Path, int, int], Grey]
 
 INCH = 0.0254

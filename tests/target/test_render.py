@@ -7,15 +7,16 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from boxcal.target.box import Array, Box, Target, make_target
-from boxcal.target.camera.pinhole import Intrinsics, normalise, project
+from boxcal.target.arrays import Array
+from boxcal.target.box import Box, Target, make_target
+from boxcal.target.camera.camera_model import CameraModel, project, unproject
 from boxcal.target.errors import TargetError
 from boxcal.target.render.renderer import Look, encode_jpeg, render, visible_tags
 from boxcal.target.tags.families import modules_per_side, tag_modules
 
 SIZE = (1280, 960)
-CAMERA = Intrinsics(fu=1200.0, fv=1212.0, cu=637.3, cv=483.8, kr=-0.15)
-SMALL, SMALL_CAMERA = (160, 120), Intrinsics(fu=150.0, fv=151.0, cu=79.2, cv=61.3, kr=-0.15)
+CAMERA = CameraModel(fu=1200.0, fv=1212.0, cu=637.3, cv=483.8, kr=-0.15)
+SMALL, SMALL_CAMERA = (160, 120), CameraModel(fu=150.0, fv=151.0, cu=79.2, cv=61.3, kr=-0.15)
 TINY = (96, 72)
 PAPER, INK, SHADE = 200 / 255, 10 / 255, (1.0, 0.9, 0.8, 0.95, 0.5)
 EXACT = Look(paper=PAPER, ink=INK, shade=SHADE, background="plain")
@@ -87,7 +88,7 @@ def tag_edge_offsets(target: Target, T_cam_box: Array) -> Array:
     return np.array(means)
 
 
-def traced(target: Target, camera: Intrinsics, T_cam_box: Array, size: tuple[int, int]) -> tuple[Array, Array]:
+def traced(target: Target, camera: CameraModel, T_cam_box: Array, size: tuple[int, int]) -> tuple[Array, Array]:
     """Return the grey level and the coverage (H, W) by plain ray tracing.
 
     A Fibonacci lattice of 233 rays a pixel, so that an edge in any direction is met evenly. Nothing of the renderer's.
@@ -97,7 +98,7 @@ def traced(target: Target, camera: Intrinsics, T_cam_box: Array, size: tuple[int
     k = np.arange(233)
     lattice = np.stack([(k + 0.5) / 233, (k * 144 / 233 + 0.5 / 233) % 1], -1) - 0.5
     pixels = np.stack(np.meshgrid(np.arange(size[0]), np.arange(size[1])), -1)[:, :, None]
-    xy = normalise(camera, pixels + lattice)
+    xy = unproject(camera, pixels + lattice)
     direction = np.concatenate([xy, np.ones((*xy.shape[:3], 1))], -1) @ T_cam_box[:3, :3]
     eye = -T_cam_box[:3, :3].T @ T_cam_box[:3, 3]
     low, high = np.array([-box.width / 2, -box.depth / 2, 0]), np.array([box.width / 2, box.depth / 2, box.height])

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 from boxcal.target.box import make_target
-from boxcal.target.camera.pinhole import Intrinsics
+from boxcal.target.camera.camera_model import CameraModel
 from boxcal.target.errors import TargetError
 from boxcal.target.render.renderer import render
 from boxcal.target.render.sensor import Look, expose, motion_kernel, srgb_curve
 
 SIZE = (320, 240)
-CAMERA = Intrinsics(fu=300.0, fv=300.0, cu=159.5, cv=119.5, kr=0.0)
+CAMERA = CameraModel(fu=300.0, fv=300.0, cu=159.5, cv=119.5, kr=0.0)
 T_CAM_BOX = np.array([[0.0, 1, 0, 0], [0, 0, -1, 0.1], [-1, 0, 0, 0.5], [0, 0, 0, 1]])
 
 

@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from boxcal.detect.tags.detections import TagSettings, find_tags
 from boxcal.detect.tags.line_fit import CornerSettings
-from boxcal.target.box import Array, Box, Target, make_target
-from boxcal.target.camera.pinhole import Intrinsics
+from boxcal.target.arrays import Array
+from boxcal.target.box import Box, Target, make_target
+from boxcal.target.camera.camera_model import CameraModel
 from boxcal.target.render.renderer import Look, render
 
 os.environ.setdefault("MUJOCO_GL", "egl")  # read once, when mujoco is first imported
@@ -66,7 +67,7 @@ def poses() -> dict[str, Array]:
 @pytest.fixture(scope="session")
 def worst_corner_px() -> Callable[[Picture, Target, Array], float]:
     """How far corners in a (linear) picture lie from those in our renderer's picture of the same view, px."""
-    camera = Intrinsics(fu=FOCAL_PX, fv=FOCAL_PX, cu=(WIDTH - 1) / 2, cv=(HEIGHT - 1) / 2, kr=0.0)
+    camera = CameraModel(fu=FOCAL_PX, fv=FOCAL_PX, cu=(WIDTH - 1) / 2, cv=(HEIGHT - 1) / 2, kr=0.0)
     settings = TagSettings(corners=CornerSettings(response="linear"))
 
     def worst(picture: Picture, target: Target, T_cam_box: Array) -> float:

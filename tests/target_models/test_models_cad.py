@@ -11,11 +11,13 @@ from xml.etree import ElementTree as ET
 import numpy as np
 import pytest
 
+from boxcal.target.arrays import Array
+
 pytest.importorskip("cadquery", reason="the extra 'cad' is not installed", exc_type=ImportError)
 ezdxf = pytest.importorskip("ezdxf", reason="the extra 'cad' is not installed")
 m3 = pytest.importorskip("manifold3d", reason="the extra 'cad' is not installed")
 
-from boxcal.target.box import Array, Box, Target, make_target  # noqa: E402
+from boxcal.target.box import Box, Target, make_target  # noqa: E402
 from boxcal.target.cad.build import Build, build_for, margins, pin_places  # noqa: E402
 from boxcal.target.cad.cut import net_dxf, panels_dxf  # noqa: E402
 from boxcal.target.cad.inlay import box_3mf, panels_3mf, prints  # noqa: E402

@@ -10,7 +10,8 @@ from xml.etree import ElementTree as ET
 import numpy as np
 import pytest
 
-from boxcal.target.box import Array, Box, Target, make_target
+from boxcal.target.arrays import Array
+from boxcal.target.box import Box, Target, make_target
 from boxcal.target.models.glb import box_glb
 from boxcal.target.models.mjcf import box_mjcf
 from boxcal.target.models.obj import box_obj

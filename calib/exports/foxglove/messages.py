@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from boxcal.calib.exports.rotations import quaternion
-from boxcal.calib.geometry.so3_se3 import Array
+from boxcal.target.arrays import Array
 
 Message = dict[str, Any]
 PIXEL_CORNER = 0.5

@@ -13,8 +13,9 @@ from boxcal.calib.exports.foxglove.schemas import SCHEMAS
 from boxcal.calib.exports.lens_models import ros_distortion
 from boxcal.calib.exports.ros_urdf import BODY, OPTICAL
 from boxcal.calib.exports.scene import MAGNIFIED, Images, Scene, residual_colours
-from boxcal.calib.geometry.so3_se3 import Array, inverse, planar, rigid
+from boxcal.calib.geometry.so3_se3 import inverse, planar, rigid
 from boxcal.calib.results.stop_residuals import SeenStop
+from boxcal.target.arrays import Array
 
 BOX = "box"
 _GREY, _RED, _BLUE, _WHITE = (0.7, 0.7, 0.7), (1.0, 0.1, 0.1), (0.2, 0.5, 1.0), (1.0, 1.0, 1.0)

@@ -15,7 +15,7 @@ from boxcal.detect.alignment.numba.pixels import BLOCK, add_blocks, collect, ini
 from boxcal.detect.alignment.registration.image_model import Sums
 from boxcal.detect.alignment.registration.parameters import KURTOSIS, LOG_PSF, PARAMETERS
 from boxcal.detect.alignment.registration.tag_batch import Batch
-from boxcal.detect.alignment.tag_patterns import Array
+from boxcal.target.arrays import Array
 
 _FAR_MODULES = 0.1
 """A tag that has moved less still covers the same pixels."""

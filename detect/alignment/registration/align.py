@@ -15,7 +15,8 @@ from boxcal.detect.alignment.registration.finish import KURTOSIS_PRIOR, finish
 from boxcal.detect.alignment.registration.image_model import Sums
 from boxcal.detect.alignment.registration.parameters import BLACK, CONTRAST, KURTOSIS, LOG_PSF, PARAMETERS
 from boxcal.detect.alignment.registration.tag_batch import Batch, Frame
-from boxcal.detect.alignment.tag_patterns import Array, Index, Patterns
+from boxcal.detect.alignment.tag_patterns import Index, Patterns
+from boxcal.target.arrays import Array
 
 START_SIGMA_PX = 0.8
 MARGIN_MODULES = 0.9

@@ -6,7 +6,8 @@ from boxcal.detect.alignment.radial_camera import distort_locally, distortion_ja
 from boxcal.detect.alignment.registration.image_model import Sums
 from boxcal.detect.alignment.registration.parameters import KURTOSIS, PARAMETERS
 from boxcal.detect.alignment.registration.tag_batch import Frame
-from boxcal.detect.alignment.tag_patterns import Array, Patterns
+from boxcal.detect.alignment.tag_patterns import Patterns
+from boxcal.target.arrays import Array
 
 KURTOSIS_PRIOR = 0.5
 """Deviation of the blur's kurtosis before anything is seen."""

@@ -10,7 +10,8 @@ from boxcal.detect.alignment.registration.finish import kurtosis_prior
 from boxcal.detect.alignment.registration.image_model import Sums
 from boxcal.detect.alignment.registration.parameters import KURTOSIS, LOG_PSF, PARAMETERS
 from boxcal.detect.alignment.registration.tag_batch import Batch
-from boxcal.detect.alignment.tag_patterns import Array, Index
+from boxcal.detect.alignment.tag_patterns import Index
+from boxcal.target.arrays import Array
 
 MIN_SIGMA_PX, MAX_SIGMA_PX = 0.27, 12.0
 KURTOSIS_RANGE = (-1.3, 1.5)

@@ -15,7 +15,7 @@ from boxcal.detect.alignment.radial_camera import undistort_locally
 from boxcal.detect.alignment.registration.parameters import BLACK, CONTRAST, GRADIENT_X, GRADIENT_Y, LOG_PSF, PARAMETERS
 from boxcal.detect.alignment.registration.psf import pattern_value
 from boxcal.detect.alignment.registration.tag_batch import Batch
-from boxcal.detect.alignment.tag_patterns import Array
+from boxcal.target.arrays import Array
 
 NEAR_SIGMAS = 2.5
 """Pixels this close to an edge, in sigma, tell where it is."""

@@ -18,7 +18,7 @@ import numpy as np
 from scipy.special import ndtr
 
 from boxcal.detect.alignment.registration.parameters import KURTOSIS, LOG_PSF
-from boxcal.detect.alignment.tag_patterns import Array
+from boxcal.target.arrays import Array
 
 
 def pattern_value(

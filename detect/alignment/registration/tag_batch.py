@@ -6,7 +6,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from boxcal.detect.alignment.tag_patterns import Array, Index
+from boxcal.detect.alignment.tag_patterns import Index
+from boxcal.target.arrays import Array
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
