@@ -51,7 +51,10 @@ class CameraModel:
         stray = [n for n in DISTORTION_NAMES[CameraKind.RATIONAL] if n not in self.names and getattr(self, n) != 0]
         if stray:
             raise TargetError(
-                f"camera: {', '.join(stray)} given, a {self.kind} model has {', '.join(self.names)}; name its kind"
+                f"{', '.join(stray)} given",
+                source="camera",
+                needed=f"a {self.kind} model has {', '.join(self.names)}",
+                remedy="name the kind that they belong to",
             )
 
     @classmethod
@@ -73,7 +76,11 @@ class CameraModel:
         wanted = {"fu", "fv", "cu", "cv", *DISTORTION_NAMES[kind]}
         if set(given) != wanted:
             found = ", ".join(sorted(set(given) ^ wanted))
-            raise TargetError(f"camera: {found} missing or too much; a {kind} model has {', '.join(sorted(wanted))}")
+            raise TargetError(
+                f"{found} missing or too much",
+                source="camera",
+                needed=f"a {kind} model has {', '.join(sorted(wanted))}",
+            )
         return cls(kind=kind, **given)
 
     @property

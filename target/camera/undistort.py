@@ -7,6 +7,8 @@ from boxcal.target.camera.distortion import CameraKind, distort
 
 _WIDEST = 1e3
 """Tangent of the widest angle off the axis that is searched (89.94 deg); rays beyond it count as unseen."""
+_REAL = 1e-9
+"""Imaginary part, relative, up to which a root counts as real: rounding."""
 _ROUNDS = 60
 """Steps of the safeguarded Newton method; halving alone reaches rounding in 60."""
 _CLOSE = 1e-11
@@ -51,10 +53,14 @@ def radius_limit(kind: CameraKind, k: Array) -> float:
 
 
 def _first_positive_root(polynomial: np.polynomial.Polynomial) -> float:
-    roots = polynomial.trim(1e-40).roots()
-    scale = np.maximum(np.abs(roots), 1.0)
-    real = roots[(np.abs(roots.imag) <= 1e-9 * scale) & (roots.real > 0)].real
-    return float(real.min()) if len(real) else np.inf
+    """Return the least positive root of a polynomial that is 1 at zero: the inverse of the reversed one's largest.
+
+    The reversed polynomial begins with 1, so that coefficients near zero do no harm.
+    """
+    inverse = np.roots(polynomial.coef)
+    real = inverse[np.abs(inverse.imag) <= _REAL * np.abs(inverse)].real
+    largest = float(real.max(initial=0.0))
+    return 1 / largest if largest > _WIDEST**-2 else np.inf
 
 
 def _decentred(kind: CameraKind, k: Array) -> bool:
