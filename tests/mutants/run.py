@@ -31,7 +31,7 @@ TIME_LIMIT_S = 900
 
 @contextmanager
 def copied_project() -> Iterator[Path]:
-    """Yield a copy of the project whose packages are imported as ``boxcal``, with shared/ beside it where there is one."""
+    """Yield a copy of the project that imports as ``boxcal``, with shared/ beside it where there is one."""
     with tempfile.TemporaryDirectory(prefix="mutants-") as folder:
         copy = Path(folder) / "project"
         for name in PARTS + BESIDE:

@@ -43,7 +43,9 @@ def _of_file(path: str, count: int, rng: random.Random) -> list[Mutant]:
         old, shown = _unique(text, start, end, new)
         line = text.count("\n", 0, start) + 1
         out.append(
-            Mutant(name=f"{Path(path).stem}:{line}:{text[start:end]}->{new}", file=path, old=old, new=shown, tests=tests)
+            Mutant(
+                name=f"{Path(path).stem}:{line}:{text[start:end]}->{new}", file=path, old=old, new=shown, tests=tests
+            )
         )
     return out
 

@@ -1,0 +1,166 @@
+"""What the reported covariances mean, against samples drawn from them and against many seeded drives."""
+
+from dataclasses import replace
+from math import radians
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from boxcal.calib.four_steps.procedure import solve_four_steps
+from boxcal.calib.geometry.so3_se3 import Array, exp_se3, exp_so3, log_so3
+from boxcal.calib.likelihood import Estimate, EstimateOptions, estimate
+from boxcal.calib.likelihood.estimator import fit, fit_cameras
+from boxcal.calib.likelihood.initial_guess import camera_start
+from boxcal.calib.likelihood.problem import MOUNTING
+from boxcal.calib.likelihood.summary import reported_cov
+from boxcal.calib.results.diagnostics import ORDER
+from boxcal.calib.simulate.drive import DriveOptions, exact_correspondences, simulate_drive
+from boxcal.calib.simulate.robot import khepera
+from boxcal.calib.uncertainty.convergence import grow
+from boxcal.calib.uncertainty.cramer_rao import Truth, errors
+from boxcal.calib.uncertainty.cross_validation import HeldOut, _predict
+from boxcal.calib.uncertainty.propagation import ground_uncertainty
+from boxcal.detect.correspondences import Correspondences
+from boxcal.target.box import make_target
+from boxcal.target.camera.camera_model import Lens, project_lens
+
+TARGET = make_target()
+SIZE = (640, 480)
+
+
+def drive(seed: int, stops: int, step_deg: float = 0.1302, slip: float = 3e-4) -> tuple[Correspondences, Truth]:
+    """A drive of the Khepera, and its truth."""
+    robot, rng = khepera(), np.random.default_rng([seed, stops])
+    options = DriveOptions(stops=stops, slip=slip, encoder_step=radians(step_deg), steps_per_sample=2)
+    driven = simulate_drive(robot, TARGET, options, rng)
+    truth = Truth(
+        camera=robot.camera, rR=robot.rR, rL=robot.rL, b=robot.b, T_body_cam=robot.T_body_cam,
+        stop_poses=(driven.stop_poses,), slip=slip, encoder_step=radians(step_deg),
+    )  # fmt: skip
+    return exact_correspondences(robot, TARGET, driven, 0.2, rng), truth
+
+
+@pytest.fixture(scope="module")
+def found() -> Estimate:
+    """An estimate from few stops, whose parameters are strongly correlated."""
+    return estimate([drive(31, 5)[0]])
+
+
+def sampled_pixels(found: Estimate, uv_px: Array, distance: float, draws: int) -> Array:
+    """Variances (u plus v) of where points that look at these pixels appear, from calibrations drawn from ``cov_all``.
+
+    Written down from the documentation of ``Estimate`` alone: what is drawn is added to the camera, turns
+    ``R_body_cam`` from the right, and is added to ``t_body_cam``; the points stand still in the body's frame.
+    """
+    values = [getattr(found.camera, name) for name in ("fu", "fv", "cu", "cv", "kr")] + list(found.lens_extra.values())
+    xy = np.zeros((len(uv_px), 2))
+    for _ in range(50):  # Newton's method on the pixel
+        at, _, by_point = project_lens(found.lens, np.array(values), np.column_stack([xy, np.ones(len(xy))]))
+        xy = xy + np.linalg.solve(by_point[:, :, :2], (uv_px - at)[:, :, None])[:, :, 0]
+    rays = np.column_stack([xy, np.ones(len(xy))])
+    R, t = found.T_body_cam[:3, :3], found.T_body_cam[:3, 3]
+    p_body = distance * rays / np.linalg.norm(rays, axis=1)[:, None] @ R.T + t
+    columns = [found.names.index(name) for name in (*ORDER, *found.lens_extra)]
+    cov = found.cov_all[np.ix_(columns, columns)]
+    # Drawn a hundredth as large: projection is linear there, which the covariance of the projection assumes.
+    changes = np.random.default_rng(1).multivariate_normal(np.zeros(len(cov)), cov * 1e-4, draws, method="cholesky")
+    pixels = []
+    for change in changes:
+        R_new, t_new = R @ exp_so3(change[8:11]), t + change[11:14]
+        camera = np.array(values) + np.concatenate([change[:5], change[14:]])
+        pixels.append(project_lens(found.lens, camera, (p_body - t_new) @ R_new)[0])
+    return np.asarray(np.sum(np.var(pixels, axis=0), axis=1) * 1e4)
+
+
+@pytest.mark.parametrize("lens", [Lens.RADIAL, Lens.BROWN])
+def test_projection_uncertainty_is_that_of_sampled_calibrations(lens: Lens) -> None:
+    """4000 draws know a variance of two coordinates to 1/sqrt(2000) at worst; four of these are allowed."""
+    found = estimate([drive(31, 5)[0]], None, EstimateOptions(lens=lens))
+    tell = ground_uncertainty(found, SIZE, 0.7).projection
+    u, v = np.meshgrid(np.linspace(0, 639, 16), np.linspace(0, 479, 12))
+    grid = np.stack([u.ravel(), v.ravel()], axis=1)
+    variance = sampled_pixels(found, grid, 0.7, 4000)
+    assert tell.mean_px**2 == pytest.approx(np.mean(variance), rel=4 / np.sqrt(2000))
+    at_worst = np.flatnonzero(np.all(np.isclose(grid, tell.worst_at_px), axis=1))
+    assert tell.worst_px**2 == pytest.approx(float(variance[at_worst[0]]), rel=4 / np.sqrt(2000))
+
+
+def test_reported_covariance_of_the_extrinsics_is_that_of_samples() -> None:
+    """The solver's unknown xi moves the camera to ``T exp(xi)``: what that does to R and t is reported."""
+    solved = fit([drive(32, 6)[0]])
+    T = solved.state.T_body_cam
+    cov = reported_cov(solved.cov, solved.state, np.zeros(len(solved.cov), dtype=np.bool_))
+    draws = 20_000
+    xi = np.random.default_rng(2).multivariate_normal(np.zeros(6), solved.cov[MOUNTING, MOUNTING], draws)
+    T_new = np.array([T @ exp_se3(x) for x in xi])
+    change = np.array([[*log_so3(T[:3, :3].T @ new[:3, :3]), *(new[:3, 3] - T[:3, 3])] for new in T_new])
+    whiten = np.linalg.inv(np.linalg.cholesky(cov[MOUNTING, MOUNTING]))
+    # Whitened samples have the identity for a covariance, each entry of it known to 1/sqrt(draws).
+    np.testing.assert_allclose(np.cov((change @ whiten.T).T), np.eye(6), atol=6 / np.sqrt(draws))
+
+
+def test_every_sigma_of_wheels_and_extrinsics_holds_over_seeded_drives() -> None:
+    """60 drives of 6 stops: each parameter's mean squared normalised error, and that of all together.
+
+    Chi-square at 1e-4 in all: a sigma that is wrong by a third for one parameter does not pass.
+    """
+    runs = 60
+    errors_of, square = [], 0.0
+    for seed in range(runs):
+        data, truth = drive(seed, 6)
+        one = estimate([data])
+        e = errors(one, truth)
+        errors_of.append(e / np.sqrt(np.diag(one.cov)))
+        square += float(e @ np.linalg.solve(one.cov, e))
+    each = np.sum(np.square(errors_of), axis=0)
+    low, high = stats.chi2.ppf([1e-4 / 28, 1 - 1e-4 / 28], runs)
+    assert np.all((low < each) & (each < high)), dict(zip(ORDER, (each / runs).round(2), strict=True))
+    low, high = stats.chi2.ppf([5e-5, 1 - 5e-5], 14 * runs)
+    assert low < square < high
+
+
+def held_out(seed: int, slip: float) -> HeldOut:
+    """The middle stop of a drive of 10 with an encoder of 3 deg, predicted without it; the noise levels are known."""
+    drives, step = [drive(seed, 10, 3.0, slip)[0]], radians(3.0)
+    options = EstimateOptions(slip=slip, pixel_factor=1.0, encoder_step=step)
+    cameras = camera_start(drives, None)
+    return _predict(fit_cameras(drives, cameras.only([(0, 1, 2, 3, 4, 6, 7, 8, 9)]), options, step), drives, 0, 4, 5)
+
+
+@pytest.mark.parametrize("slip", [1e-5, 1e-3], ids=["readings dominate", "slip dominates"])
+def test_held_out_stops_are_covered_by_their_predictions(slip: float) -> None:
+    """100 drives each, one stop of each predicted from a calibration made without it: chi-square at 1e-4.
+
+    One stop a drive, since predictions of one drive share their errors. Encoders are coarse, so that every part of the
+    covariance counts: calibration, wheel readings, the pose before, what these share, slip and camera.
+    """
+    held = [held_out(seed, slip) for seed in range(100)]
+    low, high = stats.chi2.ppf([5e-5, 1 - 5e-5], 3 * len(held))
+    assert low < sum(s.chi_square for s in held) < high
+    each = np.sum(np.square([s.error / s.sigma for s in held]), axis=0)
+    low, high = stats.chi2.ppf([5e-5 / 3, 1 - 5e-5 / 3], len(held))
+    assert np.all((low < each) & (each < high)), each / len(held)
+
+
+def test_convergence_over_stops_shows_what_the_first_stops_alone_give() -> None:
+    data, _ = drive(33, 8)
+    steps, options = solve_four_steps(data), EstimateOptions()
+    final = estimate([data], steps, options)
+    points = grow(data, steps, final, options)
+    assert [p.stops for p in points][-1] == 8
+    for point in points[:-1]:
+        alone = estimate([replace(data, stops=data.stops[: point.stops])], None, replace(options, find_faults=False))
+        at = dict(zip(ORDER, point.values, strict=True))
+        # Both stopped within a thousandth of a sigma or so of the maximum.
+        near = {name: 0.05 * sigma for name, sigma in zip(ORDER, point.sigma, strict=True)}
+        assert at["fu"] == pytest.approx(alone.camera.fu, abs=near["fu"])
+        assert at["b"] == pytest.approx(alone.b, abs=near["b"])
+        assert at["tx"] == pytest.approx(alone.T_body_cam[0, 3], abs=near["tx"])
+        turned = final.T_body_cam[:3, :3] @ exp_so3(np.array([at["rx"], at["ry"], at["rz"]]))
+        off = log_so3(alone.T_body_cam[:3, :3].T @ turned)
+        for name, value in zip(("rx", "ry", "rz"), off, strict=True):
+            assert value == pytest.approx(0, abs=near[name]), name
+    start = dict(zip(ORDER, points[0].values, strict=True))
+    assert abs(start["rz"]) > 0.5 * points[-1].sigma[ORDER.index("rz")]  # so that a wrong sign would be seen
+    assert points[-1].values[8:11] == pytest.approx((0, 0, 0), abs=1e-12)
