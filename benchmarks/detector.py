@@ -30,7 +30,7 @@ from boxcal.detect.alignment.detector import DetectorSettings, detect_copies, de
 from boxcal.detect.alignment.tag_patterns import family_patterns  # noqa: E402
 from boxcal.target.box import make_target  # noqa: E402
 from boxcal.target.camera.camera_model import CameraModel, project  # noqa: E402
-from boxcal.target.render.renderer import Look, encode_jpeg, render, visible_tags  # noqa: E402
+from boxcal.target.render.renderer import SensorModel, encode_jpeg, render, visible_tags  # noqa: E402
 from boxcal.target.tags.families import load_dictionary  # noqa: E402
 
 Grey = NDArray[np.uint8]
@@ -120,7 +120,7 @@ def scenes(
     focal: float = 800.0,
     distances: tuple[float, float] = (0.4, 1.2),
     widths: tuple[float, float] = (16.0, 1e9),
-    look: Look = Look(noise=2, blur_px=0.6),  # noqa: B008 - frozen
+    sensor: SensorModel = SensorModel(noise=2, psf_px=0.6),  # noqa: B008 - frozen
     kr: float = -0.1,
     change: Callable[[Scene, np.random.Generator], Scene] | None = None,
 ) -> list[Scene]:
@@ -142,7 +142,7 @@ def scenes(
         wanted = seen[~steep & (width[seen] >= widths[0] * scale) & (width[seen] < widths[1] * scale)]
         if len(wanted) == 0:
             continue
-        image = render(TARGET, camera, T_cam_box, size, look, rng)
+        image = render(TARGET, camera, T_cam_box, size, sensor, rng)
         scene = Scene(image=image, wanted=wanted, uv_px=uv, width_px=width)
         made.append(change(scene, rng) if change else scene)
     return made
@@ -401,16 +401,16 @@ def alarms(chosen: dict[str, Detector], count: int) -> None:
 
 
 def conditions(chosen: dict[str, Detector], views: int) -> None:
-    plain = Look(noise=2, blur_px=0.6)
+    plain = SensorModel(noise=2, psf_px=0.6)
     sets = {
         "JPEG 85": scenes(views, seed=21, change=jpeg),
-        "noise 6": scenes(views, seed=22, look=replace(plain, noise=6)),
-        "blur 1.2": scenes(views, seed=23, look=replace(plain, blur_px=1.2)),
-        "motion 1 px": scenes(views, seed=24, look=replace(plain, motion_blur_px=1.0, motion_angle=0.6)),
+        "noise 6": scenes(views, seed=22, sensor=replace(plain, noise=6)),
+        "blur 1.2": scenes(views, seed=23, sensor=replace(plain, psf_px=1.2)),
+        "motion 1 px": scenes(views, seed=24, sensor=replace(plain, motion_blur_px=1.0, motion_angle=0.6)),
         "half covered": scenes(views, seed=25, change=cover_half),
-        "vignetting 0.8": scenes(views, seed=26, look=replace(plain, vignetting=0.8)),
-        "sRGB": scenes(views, seed=27, look=replace(plain, srgb=True)),
-        "no blur": scenes(views, seed=28, look=replace(plain, blur_px=0.0)),
+        "vignetting 0.8": scenes(views, seed=26, sensor=replace(plain, vignetting=0.8)),
+        "sRGB": scenes(views, seed=27, sensor=replace(plain, srgb=True)),
+        "no blur": scenes(views, seed=28, sensor=replace(plain, psf_px=0.0)),
     }
     some = {k: v for k, v in chosen.items() if k in {"OpenCV SUBPIX (default)", "pyapriltags", OURS}}
     print("| condition | detector | recall | wrong | rms px | sigma | shrink px |\n|---|---|---|---|---|---|---|")

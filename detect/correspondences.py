@@ -14,6 +14,7 @@ from boxcal.detect.log.wheel_samples import Flags, JointUnit, WheelSamples, Whee
 from boxcal.target.arrays import Array, Ids
 from boxcal.target.box import CORNERS, FACES
 from boxcal.target.files.atomic_write import write_atomically
+from boxcal.target.files.json_document import parse_json
 
 SCHEMA = 1
 MAX_FILE_BYTES = 1 << 30
@@ -206,7 +207,7 @@ def load_correspondences(path: Path) -> Correspondences:
         if total > MAX_FILE_BYTES:
             raise DetectError(f"{path.name}: unpacks to {total} bytes, more than {MAX_FILE_BYTES}; not read")
         with np.load(path, allow_pickle=False) as data:
-            header = json.loads(bytes(data["header"]))
+            header = parse_json(bytes(data["header"]), "correspondences", error=DetectError, source=path.name)
             if header["schema"] != SCHEMA:
                 raise DetectError(
                     f"{path.name}: schema {header['schema']!r}, this version reads {SCHEMA}; extract it again"

@@ -63,8 +63,8 @@ class Box:
         if gap < module * (1 - 1e-9) and self.tags_a_face > 1:
             raise TargetError(
                 f"tags of {self.tag_size * 1e3:g} mm at a pitch of {self.pitch * 1e3:g} mm leave {gap * 1e3:.4g} mm "
-                f"between them, a white border of one module ({module * 1e3:.4g} mm) is needed; enlarge pitch or "
-                "reduce tag_size"
+                f"between them, a white border of one module ({module * 1e3:.4g} mm) is needed",
+                remedy="enlarge pitch or reduce tag_size",
             )
         grid_w = (self.columns - 1) * self.pitch + self.tag_size
         grid_h = (self.rows - 1) * self.pitch + self.tag_size
@@ -75,13 +75,14 @@ class Box:
             if grid + 2 * module > room * (1 + 1e-9):
                 raise TargetError(
                     f"the tags need {(grid + 2 * module) * 1e3:.4g} mm with their white border, the face has "
-                    f"{room * 1e3:.4g} mm; enlarge {side}, or reduce {count}, pitch or tag_size"
+                    f"{room * 1e3:.4g} mm",
+                    remedy=f"enlarge {side}, or reduce {count}, pitch or tag_size",
                 )
         last, size = self.first_id + FACES * self.tags_a_face - 1, family_size(self.dictionary)
         if self.first_id < 0 or last >= size:
             raise TargetError(
-                f"ids {self.first_id} to {last}: {self.dictionary} has ids 0 to {size - 1}; change first_id, columns, "
-                "rows or dictionary"
+                f"ids {self.first_id} to {last}: {self.dictionary} has ids 0 to {size - 1}",
+                remedy="change first_id, columns, rows or dictionary",
             )
 
     @property

@@ -258,12 +258,15 @@ def _refuse_other_target(folder: Path, target: "Target") -> bool:
         found = load_target(path)
     except TargetError as error:
         raise TargetError(
-            f"{path}: stands there already and is no target that this version reads; name another FOLDER, or remove it"
+            "stands there already and is no target that this version reads",
+            source=path,
+            remedy="name another FOLDER, or remove it",
         ) from error
     if found.box != target.box:
         raise TargetError(
-            f"{folder}: its {TARGET_NAME} describes a box with other figures, and printed sheets may depend on it; "
-            "name another FOLDER, or remove that one's files first"
+            f"its {TARGET_NAME} describes a box with other figures, and printed sheets may depend on it",
+            source=folder,
+            remedy="name another FOLDER, or remove that one's files first",
         )
     return found.measured is not None
 

@@ -28,11 +28,11 @@ from boxcal.detect.extract import ExtractSettings, extract
 from boxcal.target.box import Target
 from boxcal.target.errors import TargetError
 from boxcal.target.files.atomic_write import write_atomically
+from boxcal.target.files.json_document import read_json
 from boxcal.target.files.target_json import target_sha256
 
 FLEET = "fleet.json"
 """What a folder of results says of itself."""
-MAX_FLEET_BYTES = 16 << 20
 
 
 def calibrate_robot(job: Job, progress: Callable[[str], None] | None = None) -> tuple[Calibration, Verdict]:
@@ -107,16 +107,14 @@ def check_folder(out: Path, target: Target) -> None:
     CalibError
         If its ``fleet.json`` names another target, or is no such file.
     """
-    try:
-        content = (out / FLEET).read_bytes()[:MAX_FLEET_BYTES]
-    except (FileNotFoundError, NotADirectoryError):
+    path = out / FLEET
+    if not path.exists():
         return
-    try:
-        found = str(json.loads(content)["target"])
-    except (ValueError, KeyError, TypeError, RecursionError) as error:
-        raise CalibError(
-            "not what fleet-calibrate writes", source=out / FLEET, remedy="give another folder with --out"
-        ) from error
+    remedy = "give another folder with --out"
+    fleet = read_json(path, "a fleet's file", error=CalibError, remedy=remedy)
+    if "target" not in fleet:
+        raise CalibError("not what fleet-calibrate writes", source=path, remedy=remedy)
+    found = str(fleet["target"])
     if found != target_sha256(target):
         raise CalibError(
             f"holds the results of a fleet with another target ({found[:8]}, now {target_sha256(target)[:8]})",

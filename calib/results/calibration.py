@@ -16,9 +16,9 @@ from boxcal.target.arrays import Array
 from boxcal.target.camera.camera_model import CameraKind, CameraModel
 from boxcal.target.errors import TargetError
 from boxcal.target.files.atomic_write import write_atomically
+from boxcal.target.files.json_document import read_json
 
 SCHEMA = 1
-MAX_FILE_BYTES = 64 << 20
 _CAMERA = ("fu", "fv", "cu", "cv", "kr")
 
 
@@ -212,17 +212,8 @@ def load_calibration(path: Path) -> Calibration:
     CalibError
         If the file is missing, half written, of another schema or inconsistent.
     """
-    try:
-        if path.stat().st_size > MAX_FILE_BYTES:
-            raise CalibError(
-                f"larger than {MAX_FILE_BYTES} bytes, no calibration is", source=path, remedy="check the path"
-            )
-        document = json.loads(path.read_bytes())
-    except OSError as error:
-        raise CalibError(f"cannot be read ({error.strerror or error})", source=path) from error
-    except (ValueError, RecursionError) as error:
-        raise CalibError(f"not a whole JSON file ({error})", source=path, remedy="calibrate again") from error
-    if not isinstance(document, dict) or "schema" not in document:
+    document = read_json(path, "a calibration", error=CalibError, remedy="check the path, or calibrate again")
+    if "schema" not in document:
         raise CalibError("no calibration in it", source=path, remedy="calibrate again")
     if document["schema"] != SCHEMA:
         raise CalibError(

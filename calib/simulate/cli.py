@@ -53,7 +53,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         image=args.image,
         quality=args.quality,
         compression=args.compression,
-        look=replace(RecordOptions().look, noise=args.noise, blur_px=args.blur),
+        sensor=replace(RecordOptions().sensor, noise=args.noise, psf_px=args.blur),
     )
     jobs = [
         Job(

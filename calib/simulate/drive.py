@@ -167,8 +167,8 @@ def _check(goals: Array, keep_out: KeepOut) -> None:
     off = keep_out.off_box(goals[:, :2])
     if off.min() < keep_out.gap - 1e-9:
         raise CalibError(
-            f"stop {int(off.argmin())}: lies {off.min():.3f} m off the box, {keep_out.gap:.3f} m are needed; move it "
-            "away or reduce the clearance"
+            f"stop {int(off.argmin())}: lies {off.min():.3f} m off the box, {keep_out.gap:.3f} m are needed",
+            remedy="move it away or reduce the clearance",
         )
 
 
@@ -209,7 +209,7 @@ def exact_correspondences(
         Source of the noise; needed if there is any.
     """
     if sigma_px > 0 and rng is None:
-        raise CalibError(f"noise of {sigma_px:g} px was asked for without a random generator; pass rng")
+        raise CalibError(f"noise of {sigma_px:g} px was asked for without a random generator", remedy="pass rng")
     stops = []
     for (t_start, t_end), T_box_cam in zip(drive.stop_t_ns, drive.T_box_cam, strict=True):
         first = int(np.searchsorted(drive.t_ns, t_start, side="left"))

@@ -48,7 +48,9 @@ class LogWriter:
     def __init__(self, path: Path, *, compression: str = "zstd", chunk_bytes: int = 1 << 20) -> None:
         if compression not in COMPRESSIONS:
             raise CalibError(
-                f"{path.name}: compression {compression!r}, one of {', '.join(COMPRESSIONS)} is needed; choose one"
+                f"compression {compression!r}, one of {', '.join(COMPRESSIONS)} is needed",
+                source=path.name,
+                remedy="choose one",
             )
         self._path = path
         self._part = path.parent / f".{path.name[:40]}.{secrets.token_hex(4)}.part"
@@ -140,7 +142,8 @@ class LogWriter:
         if _BYTES_A_PIXEL.get(encoding) != channels or array.dtype != np.uint8:
             raise CalibError(
                 f"an image of {channels} {array.dtype} channels as {encoding!r}: 8-bit channels that fit the encoding "
-                f"are needed; known encodings: {', '.join(_BYTES_A_PIXEL)}"
+                f"are needed",
+                remedy=f"known encodings: {', '.join(_BYTES_A_PIXEL)}",
             )
         self.message(
             topic,

@@ -17,7 +17,7 @@ from boxcal.target.arrays import Array, Ids
 from boxcal.target.box import Target
 from boxcal.target.camera.camera_model import project
 from boxcal.target.render.renderer import encode_jpeg, render
-from boxcal.target.render.sensor import MAX_BLUR_PX, Look
+from boxcal.target.render.sensor import MAX_PSF_PX, SensorModel
 
 IMAGES = ("jpeg", "png", "raw")
 CAMERA_TOPIC = "/camera/image_raw"
@@ -48,7 +48,7 @@ class RecordOptions:
         Of the file's chunks: ``none``, ``lz4`` or ``zstd``.
     exposure_s : s
         How long the shutter is open; pictures taken on the move are blurred by it.
-    look
+    sensor
         Lens and sensor.
     """
 
@@ -58,11 +58,11 @@ class RecordOptions:
     quality: int = 90
     compression: str = "zstd"
     exposure_s: float = 0.008
-    look: Look = field(default_factory=lambda: Look(noise=1.5, blur_px=0.6, vignetting=0.2, srgb=True))
+    sensor: SensorModel = field(default_factory=lambda: SensorModel(noise=1.5, psf_px=0.6, vignetting=0.2, srgb=True))
 
     def __post_init__(self) -> None:
         if self.image not in IMAGES:
-            raise CalibError(f"image {self.image!r}: one of {', '.join(IMAGES)} is needed; choose one")
+            raise CalibError(f"image {self.image!r}: one of {', '.join(IMAGES)} is needed", remedy="choose one")
 
     @property
     def camera_topic(self) -> str:
@@ -126,10 +126,10 @@ def take_picture(
     around = drive.pose_at(np.array([t_ns - _NEARBY_NS, t_ns, t_ns + _NEARBY_NS]))
     T_box_cam = [planar(*pose) @ robot.T_body_cam for pose in around]
     streak = _motion_px(robot, T_box_cam) * (options.exposure_s * 1e9 / (2 * _NEARBY_NS))
-    look = replace(
-        options.look, motion_blur_px=min(hypot(*streak), MAX_BLUR_PX), motion_angle=atan2(streak[1], streak[0])
+    sensor = replace(
+        options.sensor, motion_blur_px=min(hypot(*streak), MAX_PSF_PX), motion_angle=atan2(streak[1], streak[0])
     )
-    return render(target, robot.camera, inverse(T_box_cam[1]), robot.image_size, look, rng)
+    return render(target, robot.camera, inverse(T_box_cam[1]), robot.image_size, sensor, rng)
 
 
 def _motion_px(robot: Robot, T_box_cam: list[Array]) -> Array:

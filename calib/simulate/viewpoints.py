@@ -93,8 +93,9 @@ def _stop(
     if fair is not None:
         return fair
     raise CalibError(
-        f"{robot.name}: no place found from which its camera reads {need} tags of a face (each at least "
-        f"{DECODABLE_PX:g} px wide); tilt the camera towards the box, or use a larger image or larger tags"
+        f"no place found from which its camera reads {need} tags of a face (each at least {DECODABLE_PX:g} px wide)",
+        source=robot.name,
+        remedy="tilt the camera towards the box, or use a larger image or larger tags",
     )
 
 

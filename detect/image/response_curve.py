@@ -16,6 +16,7 @@ from boxcal.detect.alignment.registration.tag_batch import Frame
 from boxcal.detect.alignment.tag_patterns import Patterns
 from boxcal.detect.errors import DetectError
 from boxcal.target.arrays import Array
+from boxcal.target.render.srgb import srgb_from_linear
 
 Response = Literal["auto", "linear", "srgb"]
 RESPONSES: tuple[Response, ...] = ("auto", "linear", "srgb")
@@ -30,9 +31,7 @@ def response_table(response: str) -> Array:
     if response == "linear":
         return np.array([0.0, 1.0])
     if response == "srgb":
-        light = np.linspace(0, 1, _ENTRIES)
-        high = 1.055 * np.maximum(light, 0.0031308) ** (1 / 2.4) - 0.055
-        return np.asarray(np.where(light <= 0.0031308, 12.92 * light, high))
+        return np.asarray(srgb_from_linear(np.linspace(0, 1, _ENTRIES)), dtype=np.float64)
     raise DetectError(f"tone is {response!r}, one of linear, srgb is needed")
 
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from boxcal.detect.errors import DetectError
 from boxcal.target.arrays import Array
+from boxcal.target.render.srgb import linear_from_srgb
 
 RESPONSES = ("srgb", "linear")
 MODULES = 8
@@ -112,7 +113,7 @@ def linear_light(image: NDArray[np.uint8], response: str) -> NDArray[np.float32]
     """Return the light (0..1) of a grey image under a response curve."""
     grey = np.arange(256) / 255
     if response == "srgb":
-        grey = np.where(grey <= 0.04045, grey / 12.92, ((grey + 0.055) / 1.055) ** 2.4)
+        grey = np.asarray(linear_from_srgb(grey), dtype=np.float64)
     return np.asarray(cv2.LUT(image, grey.astype(np.float32)), dtype=np.float32)
 
 

@@ -67,18 +67,21 @@ def check_build(box: Box, build: Build) -> None:
     if 6 * build.wall > least:
         raise TargetError(
             f"wall is {build.wall * 1e3:g} mm: a box whose shortest side is {least * 1e3:g} mm takes at most "
-            f"{least / 6 * 1e3:.3g} mm; reduce wall"
+            f"{least / 6 * 1e3:.3g} mm",
+            remedy="reduce wall",
         )
     for name in ("pin_floor", "engraving", "layer", "line"):
         value = getattr(build, name)
         if value >= build.wall:
             raise TargetError(
-                f"{name} is {value * 1e3:g} mm: less than the wall of {build.wall * 1e3:g} mm is needed; reduce {name}"
+                f"{name} is {value * 1e3:g} mm: less than the wall of {build.wall * 1e3:g} mm is needed",
+                remedy=f"reduce {name}",
             )
     if 2 * build.tab > short - 2 * build.wall or build.tab > box.height - 2 * build.wall:
         raise TargetError(
             f"tab is {build.tab * 1e3:g} mm: corner tabs would meet inside a box of {box.width * 1e3:g} x "
-            f"{box.depth * 1e3:g} x {box.height * 1e3:g} mm; reduce tab"
+            f"{box.depth * 1e3:g} x {box.height * 1e3:g} mm",
+            remedy="reduce tab",
         )
 
 

@@ -49,7 +49,9 @@ def write_together(folder: Path, files: Mapping[str, bytes]) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     for name in files:
         if (folder / name).is_dir():
-            raise TargetError(f"{folder / name}: is a folder, a file is to be written there; name another FOLDER")
+            raise TargetError(
+                "is a folder, a file is to be written there", source=folder / name, remedy="name another FOLDER"
+            )
     with tempfile.TemporaryDirectory(dir=folder, prefix=".make-target.") as staging:
         for name, content in files.items():
             write_atomically(Path(staging) / name, content)

@@ -11,10 +11,10 @@ import numpy as np
 from boxcal.target.box import Box, Target, make_target
 from boxcal.target.errors import TargetError
 from boxcal.target.files.atomic_write import write_atomically
+from boxcal.target.files.json_document import read_json
 from boxcal.target.measure.measured_size import SIZES, Measured
 
 SCHEMA = 1
-MAX_FILE_BYTES = 64 << 20
 CONSISTENT_M = 1e-9
 """How far a corner in the file may lie from where the file's own figures put it, m (rounding only)."""
 
@@ -65,27 +65,24 @@ def load_target(path: Path) -> Target:
         with its figures.
     """
     name = path.name
-    try:
-        if path.stat().st_size > MAX_FILE_BYTES:
-            raise TargetError(f"{name}: larger than {MAX_FILE_BYTES} bytes; not a target file")
-        document = json.loads(path.read_bytes())
-    except OSError as error:
-        raise TargetError(f"{name}: cannot be read ({error.strerror or error}); make one with make-target") from error
-    except (ValueError, RecursionError) as error:
-        raise TargetError(f"{name}: not JSON ({error}); make a new one with make-target") from error
-    if not isinstance(document, dict) or "schema" not in document or "tags" not in document:
-        raise TargetError(f"{name}: no target description in it; make one with make-target")
+    document = read_json(path, "a target file", error=TargetError, remedy="make one with make-target")
+    if "schema" not in document or "tags" not in document:
+        raise TargetError("no target description in it", source=name, remedy="make one with make-target")
     if document["schema"] != SCHEMA:
         raise TargetError(
-            f"{name}: schema {document['schema']!r}, this version reads {SCHEMA}; make it again with make-target"
+            f"schema {document['schema']!r}, this version reads {SCHEMA}",
+            source=name,
+            remedy="make it again with make-target",
         )
     if document.get("units") != "m":
-        raise TargetError(f"{name}: units {document.get('units')!r}, metres ('m') are needed; make it again")
+        raise TargetError(
+            f"units {document.get('units')!r}, metres ('m') are needed", source=name, remedy="make it again"
+        )
     box, measured = _box(name, document.get("box")), _measured(name, document.get("measured"))
     try:
         target = make_target(box, measured)
     except TargetError as error:
-        raise TargetError(f"{name}: {error}") from error
+        raise TargetError(f"{error}", source=name) from error
     _check_tags(name, document["tags"], target)
     return target
 
@@ -93,18 +90,24 @@ def load_target(path: Path) -> Target:
 def _box(name: str, figures: object) -> Box:
     expected = {f.name: type(f.default) for f in fields(Box)}
     if not isinstance(figures, dict) or set(figures) != set(expected):
-        raise TargetError(f"{name}: 'box' must hold {', '.join(expected)}; make it again with make-target")
+        raise TargetError(
+            f"'box' must hold {', '.join(expected)}", source=name, remedy="make it again with make-target"
+        )
     for key, kind in expected.items():
         value = figures[key]
         fits = isinstance(value, (int, float)) if kind is float else isinstance(value, kind)
         if isinstance(value, bool) or not fits:
-            raise TargetError(f"{name}: box.{key} is {value!r}, a {kind.__name__} is needed; make it again")
+            raise TargetError(
+                f"box.{key} is {value!r}, a {kind.__name__} is needed", source=name, remedy="make it again"
+            )
     try:
         return Box(**figures)
     except TargetError as error:
-        raise TargetError(f"{name}: {error}") from error
+        raise TargetError(f"{error}", source=name) from error
     except OverflowError as error:
-        raise TargetError(f"{name}: a figure of 'box' is too large; make it again with make-target") from error
+        raise TargetError(
+            "a figure of 'box' is too large", source=name, remedy="make it again with make-target"
+        ) from error
 
 
 def _measured_document(measured: Measured) -> dict[str, Any]:
@@ -116,21 +119,27 @@ def _measured(name: str, figures: object) -> Measured | None:
         return None
     if not isinstance(figures, dict) or set(figures) != {*SIZES, "cov_order", "cov"}:
         raise TargetError(
-            f"{name}: 'measured' must hold {', '.join(SIZES)}, cov_order, cov; make it again with measure-target"
+            f"'measured' must hold {', '.join(SIZES)}, cov_order, cov",
+            source=name,
+            remedy="make it again with measure-target",
         )
     if figures["cov_order"] != list(SIZES):
-        raise TargetError(f"{name}: measured.cov_order must be {', '.join(SIZES)}; make it again with measure-target")
+        raise TargetError(
+            f"measured.cov_order must be {', '.join(SIZES)}", source=name, remedy="make it again with measure-target"
+        )
     for key in SIZES:
         if isinstance(figures[key], bool) or not isinstance(figures[key], (int, float)):
-            raise TargetError(f"{name}: measured.{key} is {figures[key]!r}, a float is needed; make it again")
+            raise TargetError(
+                f"measured.{key} is {figures[key]!r}, a float is needed", source=name, remedy="make it again"
+            )
     try:
         cov = np.array(figures["cov"], dtype=np.float64)
         return Measured(cov=cov, **{key: float(figures[key]) for key in SIZES})
     except TargetError as error:
-        raise TargetError(f"{name}: {error}") from error
+        raise TargetError(f"{error}", source=name) from error
     except (ValueError, TypeError, OverflowError) as error:
         raise TargetError(
-            f"{name}: measured figures and cov must be numbers; make it again with measure-target"
+            "measured figures and cov must be numbers", source=name, remedy="make it again with measure-target"
         ) from error
 
 
@@ -139,18 +148,24 @@ def _check_tags(name: str, tags: object, target: Target) -> None:
     if not isinstance(tags, dict) or set(tags) != wanted:
         found = len(tags) if isinstance(tags, dict) else 0
         raise TargetError(
-            f"{name}: {found} tags, its figures need ids {target.tag_ids[0]} to {target.tag_ids[-1]}; make it again"
+            f"{found} tags, its figures need ids {target.tag_ids[0]} to {target.tag_ids[-1]}",
+            source=name,
+            remedy="make it again",
         )
     try:
         corners = np.array([tags[str(t)] for t in target.tag_ids], dtype=np.float64)
     except (ValueError, TypeError, OverflowError) as error:
-        raise TargetError(f"{name}: a tag's corners are not 4 points of 3 numbers; make it again") from error
+        raise TargetError(
+            "a tag's corners are not 4 points of 3 numbers", source=name, remedy="make it again"
+        ) from error
     if corners.shape != target.tag_corners.shape:
-        raise TargetError(f"{name}: a tag's corners are not 4 points of 3 numbers; make it again")
+        raise TargetError("a tag's corners are not 4 points of 3 numbers", source=name, remedy="make it again")
     off = np.abs(corners - target.tag_corners).max(axis=(1, 2))
     if not np.all(off <= CONSISTENT_M):
         worst = int(np.argmax(np.nan_to_num(off, nan=np.inf)))
         raise TargetError(
-            f"{name}: corners of tag {target.tag_ids[worst]} lie {off[worst] * 1e3:.3g} mm from where the file's own "
-            "figures put them; do not edit corners by hand, make it again with make-target"
+            f"corners of tag {target.tag_ids[worst]} lie {off[worst] * 1e3:.3g} mm from where the file's own "
+            "figures put them",
+            source=name,
+            remedy="do not edit corners by hand, make it again with make-target",
         )

@@ -49,7 +49,7 @@ class Measured:
         for name in SIZES:
             value = getattr(self, name)
             if not (isfinite(value) and 0 < value < 100):
-                raise TargetError(f"measured {name} is {value}: a positive figure is needed; measure again")
+                raise TargetError(f"measured {name} is {value}: a positive figure is needed", remedy="measure again")
         cov = self.cov
         if cov.shape != (len(SIZES),) * 2 or not np.all(np.isfinite(cov)):
             raise TargetError(f"measured covariance: {len(SIZES)} rows of {len(SIZES)} numbers are needed")
@@ -77,6 +77,8 @@ def check_credible(box: "Box", measured: Measured) -> None:
                 else f"measured {name} is {value * 1e3:.5g} mm, {designed * 1e3:.5g} mm was designed"
             )
             raise TargetError(
-                f"{what}: {off:+.1%} off, at most {CREDIBLE:.0%} is credible; was it printed with "
-                '"fit to page"? print again at 100 %, or check the reading and its unit (mm)'
+                f"{off:+.1%} off, at most {CREDIBLE:.0%} is credible",
+                source=what,
+                remedy="was it printed with "
+                '"fit to page"? print again at 100 %, or check the reading and its unit (mm)',
             )

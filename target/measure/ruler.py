@@ -105,7 +105,7 @@ def measure(box: Box, readings: Mapping[str, Readings], *, ruler_sigma: float) -
     """
     if not readings:
         raise TargetError(
-            "no length was given; read at least the bars, width and depth with a ruler (--bar-x 99.8 ...)"
+            "no length was given", remedy="read at least the bars, width and depth with a ruler (--bar-x 99.8 ...)"
         )
     if not (isfinite(ruler_sigma) and 0 <= ruler_sigma <= CREDIBLE):
         raise TargetError(f"ruler's error is {ruler_sigma * 100:g} %: between 0 and {CREDIBLE * 100:g} % is needed")
@@ -143,19 +143,22 @@ def measure(box: Box, readings: Mapping[str, Readings], *, ruler_sigma: float) -
 def _check(name: str, reading: Readings, designed: float) -> None:
     option = "--" + name.replace("_", "-")
     if not reading.values:
-        raise TargetError(f"{option}: no reading; give one or more in mm")
+        raise TargetError("no reading", source=option, remedy="give one or more in mm")
     if not (isfinite(reading.sigma) and 0 < reading.sigma <= CREDIBLE * designed):
         raise TargetError(
-            f"{option}: its sigma is {reading.sigma * 1e3:g} mm, between 0 and {CREDIBLE * designed * 1e3:.3g} mm is "
-            "needed; give what the ruler can be read to"
+            f"its sigma is {reading.sigma * 1e3:g} mm, between 0 and {CREDIBLE * designed * 1e3:.3g} mm is needed",
+            source=option,
+            remedy="give what the ruler can be read to",
         )
     for value in reading.values:
         off = value / designed - 1
         if not abs(off) <= CREDIBLE:
             raise TargetError(
-                f"{option}: {value * 1e3:g} mm was read, {designed * 1e3:.5g} mm was designed: {off:+.1%} off, at most "
-                f'{CREDIBLE:.0%} is credible; was it printed with "fit to page"? print again at 100 %, or check the '
-                "reading and its unit (mm)"
+                f"{value * 1e3:g} mm was read, {designed * 1e3:.5g} mm was designed: {off:+.1%} off, at most "
+                f"{CREDIBLE:.0%} is credible",
+                source=option,
+                remedy='was it printed with "fit to page"? print again at 100 %, or check the '
+                "reading and its unit (mm)",
             )
 
 

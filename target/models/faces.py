@@ -77,7 +77,8 @@ def face_png(target: Target, face: int, *, dpi: float = 300.0) -> bytes:
     width, height = (ceil(round(length / pixel, 6)) for length in (box.face_width(face), box.height))
     if width * height > MAX_PIXELS:
         raise TargetError(
-            f"dpi is {dpi:g}: face {face} would have {width} x {height} px, at most {MAX_PIXELS} px are drawn; lower it"
+            f"dpi is {dpi:g}: face {face} would have {width} x {height} px, at most {MAX_PIXELS} px are drawn",
+            remedy="lower it",
         )
     top_left = box.grid_corners()[0, 0]
     origin = np.array([-box.face_width(face) / 2 - top_left[0], top_left[1] - box.height / 2]) / module
@@ -111,7 +112,7 @@ def encode_png(grey: NDArray[np.uint8], *, dpi: float | None = None) -> bytes:
 
     done, data = cv2.imencode(".png", grey)
     if not done:
-        raise TargetError(f"picture of shape {grey.shape}: cannot be encoded as PNG; lower its resolution")
+        raise TargetError(f"picture of shape {grey.shape}: cannot be encoded as PNG", remedy="lower its resolution")
     png = bytes(data.tobytes())
     if dpi is None:
         return png
@@ -135,5 +136,5 @@ def _checked_texture(target: Target, face: int) -> FaceTexture:
         raise TargetError(f"face is {face!r}: 0, 1, 2 or 3 is needed")
     texture = face_texture(target, face)
     if texture is None:
-        raise TargetError(f"face {face}: carries no tags, there is nothing to draw; choose another face")
+        raise TargetError(f"face {face}: carries no tags, there is nothing to draw", remedy="choose another face")
     return texture

@@ -32,7 +32,9 @@ def face_grid_yaml(target: Target, face: int) -> bytes:
     box = target.box
     rows = np.flatnonzero(target.tag_faces == face)
     if len(rows) != box.tags_a_face:
-        raise TargetError(f"face {face}: {len(rows)} tags, a full grid has {box.tags_a_face}; use another face")
+        raise TargetError(
+            f"face {face}: {len(rows)} tags, a full grid has {box.tags_a_face}", remedy="use another face"
+        )
     corners = target.tag_corners[rows].reshape(box.rows, box.columns, 4, 3)[::-1]
     design = np.column_stack([box.grid_corners().reshape(-1, 2), np.zeros(4 * len(rows))])
     design = design.reshape(box.rows, box.columns, 4, 3)[::-1]
@@ -42,7 +44,8 @@ def face_grid_yaml(target: Target, face: int) -> bytes:
     if off > EXACT_M:
         raise TargetError(
             f"face {face}: its tags lie up to {off * 1e3:.3g} mm off a regular grid (a print scaled differently along "
-            "and across?), Kalibr's form needs one size and one spacing; use target.json"
+            "and across?), Kalibr's form needs one size and one spacing",
+            remedy="use target.json",
         )
     ids = target.tag_ids[rows].reshape(box.rows, box.columns)[::-1]
     T = np.eye(4)

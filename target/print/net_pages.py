@@ -132,7 +132,9 @@ def tiled_net(target: Target, paper: Paper) -> Drawing:
         notes_thickness(_notes(target)),
     )
     if marks is None:
-        raise TargetError(f"{paper.name}: tiles of this net leave no room for its scale bars; print it on larger paper")
+        raise TargetError(
+            "tiles of this net leave no room for its scale bars", source=paper.name, remedy="print it on larger paper"
+        )
     page = NetPage(width=0, height=0, nets=((net, (0.0, 0.0)),), **marks)
     return replace(bare, draw=partial(_draw_page, target=target, page=page))
 

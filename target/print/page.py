@@ -106,8 +106,9 @@ def lay_out(
                 taken.append(slot.room)
                 return slot
         raise TargetError(
-            f"{paper.name}: face {face} of {face_width * 1e3:g} x {box.height * 1e3:g} mm leaves no room for {what} "
-            f"beside its tags; reduce {_width_name(face)}, height, columns or rows, or print on other paper"
+            f"face {face} of {face_width * 1e3:g} x {box.height * 1e3:g} mm leaves no room for {what} beside its tags",
+            source=paper.name,
+            remedy=f"reduce {_width_name(face)}, height, columns or rows, or print on other paper",
         )
 
     heading = place(
@@ -165,7 +166,8 @@ def _check_fit(box: Box, face: int, paper: Paper, width: float, height: float) -
         if size > room + TINY:
             raise TargetError(
                 f"{paper.name} ({width * 1e3:g} x {height * 1e3:g} mm): the {name} of face {face} is {size * 1e3:g} "
-                f"mm, {room * 1e3:g} mm fit this paper; reduce {name}, print on larger paper or in tiles (--tile)"
+                f"mm, {room * 1e3:g} mm fit this paper",
+                remedy=f"reduce {name}, print on larger paper or in tiles (--tile)",
             )
 
 

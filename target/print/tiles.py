@@ -137,8 +137,9 @@ def tiles(drawing: Drawing, paper: Paper) -> tuple[Tile, ...]:
             options.append(_placed(drawing, xs, ys, width, height))
     if not options:
         raise TargetError(
-            f"{paper.name}: {drawing.name} cannot be cut between its tags into tiles that fit this paper; reduce "
-            "tag_size and pitch, or print on larger paper"
+            f"{drawing.name} cannot be cut between its tags into tiles that fit this paper",
+            source=paper.name,
+            remedy="reduce tag_size and pitch, or print on larger paper",
         )
     return min(options, key=len)
 

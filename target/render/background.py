@@ -2,16 +2,12 @@
 
 from functools import cache
 from math import pi
-from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from boxcal.target.arrays import Array
+from boxcal.target.arrays import Array, Reals
 from boxcal.target.box import Box
-
-Light = NDArray[np.floating[Any]]
 
 FLOOR, WALL = 0.42, 0.55
 """Mean reflectance of the floor and the wall."""
@@ -23,7 +19,9 @@ _GRAIN = 0.03
 """Size of the floor's pattern, m; it fades where a pixel covers more than this."""
 
 
-def backdrop(rays: Light, shape: tuple[int, int], T_cam_box: Array, *, focal_px: float, box: Box, room: bool) -> Light:
+def background(
+    rays: Reals, shape: tuple[int, int], T_cam_box: Array, *, focal_px: float, box: Box, room: bool
+) -> Reals:
     """Return the light of floor and wall (H, W) along the rays.
 
     Parameters
@@ -57,14 +55,14 @@ def backdrop(rays: Light, shape: tuple[int, int], T_cam_box: Array, *, focal_px:
     return np.where(on_floor, floor * (1 - shadow), wall)
 
 
-def _floor(x: Light, y: Light, footprint: Light) -> Light:
+def _floor(x: Reals, y: Reals, footprint: Reals) -> Reals:
     scale = np.float32(1 / _TEXEL)
     pattern = cv2.remap(_floor_table(), x * scale, y * scale, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
     fade = 1 / (1 + (footprint * np.float32(1 / _GRAIN)) ** 2)
     return np.asarray(np.float32(FLOOR) * (1 + fade * pattern), dtype=np.float32)
 
 
-def _wall(dx: Light, dy: Light, dz: Light) -> Light:
+def _wall(dx: Reals, dy: Reals, dz: Reals) -> Reals:
     azimuth = (np.arctan2(dy, dx) + np.float32(pi)) * np.float32((_SIDE - 1) / (2 * pi))
     level = np.hypot(dx, dy)
     level *= np.float32(_TALL)
@@ -74,7 +72,7 @@ def _wall(dx: Light, dy: Light, dz: Light) -> Light:
 
 
 @cache
-def _floor_table() -> Light:
+def _floor_table() -> Reals:
     """Return the floor's relative pattern, (_SIDE, _SIDE): worn tiles of 0.32 m with joints."""
     rng = np.random.default_rng(1)
     tile = 128
@@ -87,7 +85,7 @@ def _floor_table() -> Light:
 
 
 @cache
-def _wall_table() -> Light:
+def _wall_table() -> Reals:
     """Return the wall's reflectance, (_SIDE, _SIDE), azimuth by elevation: furniture, pictures, windows."""
     rng = np.random.default_rng(2)
     stain = _cloud(rng, 10)

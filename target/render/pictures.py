@@ -11,9 +11,9 @@ from boxcal.target.arrays import Array
 from boxcal.target.box import FACES, Target
 from boxcal.target.cad.numbers import T_box_lid_number, lid_number_height, strokes
 from boxcal.target.camera.camera_model import CameraModel, project
-from boxcal.target.render.renderer import Look, encode_jpeg, render
+from boxcal.target.render.renderer import SensorModel, encode_jpeg, render
 
-LOOK = Look(srgb=True, blur_px=0.5, vignetting=0.15, supersample=6, gain=1.05)
+LOOK = SensorModel(srgb=True, psf_px=0.5, vignetting=0.15, supersample=6, gain=1.05)
 _QUALITY = 90
 _NUMBER_GREY = 70
 

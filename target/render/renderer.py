@@ -16,12 +16,12 @@ from boxcal.target.arrays import Array, Ids, Index, Reals
 from boxcal.target.box import FACES, Box, Target
 from boxcal.target.camera.camera_model import CameraModel, project
 from boxcal.target.errors import TargetError
-from boxcal.target.render.background import backdrop
+from boxcal.target.render.background import background
 from boxcal.target.render.rays import Rays, pixel_rays
-from boxcal.target.render.sensor import Light, Look, expose
+from boxcal.target.render.sensor import SensorModel, expose
 from boxcal.target.render.texture import FaceTexture, face_texture
 
-__all__ = ["Look", "encode_jpeg", "render", "visible_tags"]
+__all__ = ["SensorModel", "encode_jpeg", "render", "visible_tags"]
 
 MAX_SIDE_PX = 16_384
 TOP, BOTTOM = FACES, FACES + 1
@@ -43,7 +43,7 @@ class _Side:
     texture
         What is printed on it.
     paper, ink
-        Light from white and from black modules.
+        Linear intensity of white and from black modules.
     """
 
     edges: Reals
@@ -58,7 +58,7 @@ def render(  # noqa: PLR0917 - the noise source last, as a simulation's other st
     camera: CameraModel,
     T_cam_box: Array,
     image_size: tuple[int, int],
-    look: Look = Look(),  # noqa: B008 - frozen
+    sensor: SensorModel = SensorModel(),  # noqa: B008 - frozen
     rng: np.random.Generator | None = None,
 ) -> NDArray[np.uint8]:
     """Return the grey picture (H, W) that a camera takes of the box.
@@ -74,9 +74,9 @@ def render(  # noqa: PLR0917 - the noise source last, as a simulation's other st
     image_size
         (width, height), px.
     look
-        Light, lens and sensor.
+        Lens and sensor.
     rng
-        Source of the noise; needed if the look has any.
+        Source of the noise; needed if the sensor has any.
 
     Raises
     ------
@@ -85,29 +85,31 @@ def render(  # noqa: PLR0917 - the noise source last, as a simulation's other st
     """
     width, height = _checked_size(image_size)
     T_cam_box = _checked_pose(T_cam_box, target.box)
-    if look.noise > 0 and rng is None:
-        raise TargetError(f"look: noise is {look.noise:g} grey levels but no random generator was given; pass rng")
+    if sensor.noise > 0 and rng is None:
+        raise TargetError(
+            f"sensor: noise is {sensor.noise:g} grey levels but no random generator was given", remedy="pass rng"
+        )
     rays = pixel_rays(camera, width, height)
     light = np.zeros(width * height, dtype=np.float32)
     cover = np.zeros(width * height, dtype=np.float32)
-    for side in _sides(target, T_cam_box, look):
+    for side in _sides(target, T_cam_box, sensor):
         inside, border = _regions(side, rays)
-        light[inside] = _inside_light(side, rays, inside, look.supersample)
+        light[inside] = _inside_light(side, rays, inside, sensor.supersample)
         cover[inside] = 1
-        for at in _batches(border, look.supersample):
-            samples = _Samples(rays, at, look.supersample)
+        for at in _batches(border, sensor.supersample):
+            samples = _Samples(rays, at, sensor.supersample)
             share = samples.coverage(side.edges)
             light[at] += (share * samples.light(side)).mean(axis=1)
             cover[at] += share.mean(axis=1)
     light /= np.maximum(cover, 1)
     if cover.min() < 1:
         focal = (camera.fu + camera.fv) / 2
-        room = look.background == "room"
-        behind = backdrop(rays.directions, (height, width), T_cam_box, focal_px=focal, box=target.box, room=room)
+        room = sensor.background == "room"
+        behind = background(rays.directions, (height, width), T_cam_box, focal_px=focal, box=target.box, room=room)
         light += np.maximum(1 - cover, 0) * behind.ravel()
     if rays.dark is not None:
         light[rays.dark] = 0
-    return expose(light.reshape(height, width), look, rng)
+    return expose(light.reshape(height, width), sensor, rng)
 
 
 def visible_tags(
@@ -172,7 +174,9 @@ def _checked_pose(T_cam_box: Array, box: Box) -> Array:
         raise TargetError("T_cam_box: not a rigid pose, a finite (4, 4) matrix with a rotation in it is needed")
     if not _facing(box, T):
         x, y, z = -T[:3, :3].T @ T[:3, 3]
-        raise TargetError(f"T_cam_box: the camera is inside the box, at ({x:.3f}, {y:.3f}, {z:.3f}) m; move it out")
+        raise TargetError(
+            f"T_cam_box: the camera is inside the box, at ({x:.3f}, {y:.3f}, {z:.3f}) m", remedy="move it out"
+        )
     return T
 
 
@@ -194,7 +198,7 @@ def _facing(box: Box, T_cam_box: Array) -> list[int]:
     return [side for side, (corners, normal) in outlines.items() if (centre - corners[0]) @ normal > 1e-9]
 
 
-def _sides(target: Target, T_cam_box: Array, look: Look) -> list[_Side]:
+def _sides(target: Target, T_cam_box: Array, sensor: SensorModel) -> list[_Side]:
     R, t = T_cam_box[:3, :3], T_cam_box[:3, 3]
     sides = []
     textures = _textures(target)
@@ -207,14 +211,14 @@ def _sides(target: Target, T_cam_box: Array, look: Look) -> list[_Side]:
         sheet_cam = None
         if texture is not None:
             sheet_cam = np.linalg.inv(R @ texture.p_box_sheet + np.outer(t, (0, 0, 1))).astype(np.float32)
-        shade = look.shade[min(side, TOP)]
+        shade = sensor.shade[min(side, TOP)]
         sides.append(
             _Side(
                 edges=normals.astype(np.float32),
                 sheet_cam=sheet_cam,
                 texture=texture,
-                paper=np.float32(look.paper * shade),
-                ink=np.float32(look.ink * shade),
+                paper=np.float32(sensor.paper * shade),
+                ink=np.float32(sensor.ink * shade),
             )
         )
     return sides
@@ -237,7 +241,7 @@ def _regions(side: _Side, rays: Rays) -> tuple[Index, Index]:
     return np.flatnonzero(inside), np.flatnonzero(border)
 
 
-def _inside_light(side: _Side, rays: Rays, at: Index, supersample: int) -> Light:
+def _inside_light(side: _Side, rays: Rays, at: Index, supersample: int) -> Reals:
     """Return the light of pixels (indices (N,)) that lie wholly within a side."""
     light = np.full(len(at), side.paper, dtype=np.float32)
     if side.texture is None or side.sheet_cam is None:
@@ -294,7 +298,7 @@ class _Samples:
         """Return one linear form at every sample, (N, S * S)."""
         return np.stack([forms.value[row], forms.by_u[row], forms.by_v[row]], axis=1) @ self.offsets
 
-    def light(self, side: _Side) -> Light:
+    def light(self, side: _Side) -> Reals:
         """Return the side's light at every sample, each the mean over its footprint.
 
         The footprint on the sheet is a small parallelogram; the rectangle with its second moments stands for it.

@@ -1,32 +1,32 @@
-"""How a picture is made of the light that falls on the sensor: blur, exposure, tone curve, noise, rounding."""
+"""From the linear intensity on the sensor to grey levels: PSF, exposure, response function, noise, rounding."""
 
 from dataclasses import dataclass
 from math import ceil, isfinite
-from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from boxcal.target.arrays import Reals
 from boxcal.target.errors import TargetError
+from boxcal.target.render.srgb import srgb_from_linear
 
-Light = NDArray[np.floating[Any]]
 BACKGROUNDS = ("plain", "room")
 MAX_SUPERSAMPLE = 32
-MAX_BLUR_PX = 200.0
+MAX_PSF_PX = 200.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Look:
-    """Light, lens and sensor of a rendered picture; the defaults give a sharp, noiseless one.
+class SensorModel:
+    """Illumination, lens and sensor of a rendered picture; the defaults give a sharp, noiseless one.
 
-    Light is linear, 1 saturates the sensor at gain 1. Without the tone curve a grey level is 255 times the light.
+    Intensity is linear, 1 saturates the sensor at gain 1. With a linear response a grey level is 255 times it.
 
     Attributes
     ----------
     noise : grey levels (0..255)
-        Standard deviation of the Gaussian noise, added after the tone curve.
-    blur_px : px
+        Standard deviation of the Gaussian noise, added after the response function.
+    psf_px : px
         Standard deviation of the lens's Gaussian blur.
     motion_blur_px : px
         How far the picture moves during the exposure (whole length of the streak).
@@ -39,9 +39,9 @@ class Look:
     paper, ink
         Reflectance of white and of black modules, 0..1.
     shade
-        Light on faces 0, 1, 2, 3 and on the top, as factors.
+        Illumination of faces 0, 1, 2, 3 and on the top, as factors.
     srgb
-        Apply the sRGB tone curve (IEC 61966-2-1); linear otherwise.
+        Apply the sRGB response function (IEC 61966-2-1); linear otherwise.
     supersample
         Samples along each side of a pixel that an edge crosses; each is the mean over its own footprint.
     background
@@ -49,7 +49,7 @@ class Look:
     """
 
     noise: float = 0.0
-    blur_px: float = 0.0
+    psf_px: float = 0.0
     motion_blur_px: float = 0.0
     motion_angle: float = 0.0
     vignetting: float = 0.0
@@ -64,8 +64,8 @@ class Look:
     def __post_init__(self) -> None:
         limits = {
             "noise": 255.0,
-            "blur_px": MAX_BLUR_PX,
-            "motion_blur_px": MAX_BLUR_PX,
+            "psf_px": MAX_PSF_PX,
+            "motion_blur_px": MAX_PSF_PX,
             "vignetting": 1.0,
             "gain": 1e3,
             "paper": 1.0,
@@ -74,51 +74,47 @@ class Look:
         for name, high in limits.items():
             value = getattr(self, name)
             if not 0 <= value <= high:
-                raise TargetError(f"look: {name} is {value}, a number from 0 to {high:g} is needed")
+                raise TargetError(f"sensor: {name} is {value}, a number from 0 to {high:g} is needed")
         if not isfinite(self.motion_angle):
-            raise TargetError(f"look: motion_angle is {self.motion_angle}, a finite angle in rad is needed")
+            raise TargetError(f"sensor: motion_angle is {self.motion_angle}, a finite angle in rad is needed")
         if len(self.shade) != 5 or not all(0 <= s <= 1e3 for s in self.shade):
-            raise TargetError(f"look: shade is {self.shade}, five factors from 0 on are needed (faces 0 to 3, top)")
+            raise TargetError(f"sensor: shade is {self.shade}, five factors from 0 on are needed (faces 0 to 3, top)")
         if not 1 <= self.supersample <= MAX_SUPERSAMPLE:
-            raise TargetError(f"look: supersample is {self.supersample}, 1 to {MAX_SUPERSAMPLE} is needed")
+            raise TargetError(f"sensor: supersample is {self.supersample}, 1 to {MAX_SUPERSAMPLE} is needed")
         if self.background not in BACKGROUNDS:
-            raise TargetError(f"look: background {self.background!r}, use one of {', '.join(BACKGROUNDS)}")
+            raise TargetError(f"sensor: background {self.background!r}, use one of {', '.join(BACKGROUNDS)}")
 
 
-def expose(light: Light, look: Look, rng: np.random.Generator | None) -> NDArray[np.uint8]:
+def expose(light: Reals, sensor: SensorModel, rng: np.random.Generator | None) -> NDArray[np.uint8]:
     """Return the grey picture (H, W) of the light (H, W) on the sensor.
 
-    Order: blur, vignetting and exposure, tone curve, noise, rounding.
+    Order: blur, vignetting and exposure, response function, noise, rounding.
 
     Raises
     ------
     TargetError
-        If the look has noise and there is no generator to draw it from.
+        If the sensor has noise and there is no generator to draw it from.
     """
-    if look.noise > 0 and rng is None:
-        raise TargetError(f"look: noise is {look.noise:g} grey levels but no random generator was given; pass rng")
-    if look.blur_px > 0:
-        blurred = cv2.GaussianBlur(light, (0, 0), look.blur_px, borderType=cv2.BORDER_REPLICATE)
+    if sensor.noise > 0 and rng is None:
+        raise TargetError(
+            f"sensor: noise is {sensor.noise:g} grey levels but no random generator was given", remedy="pass rng"
+        )
+    if sensor.psf_px > 0:
+        blurred = cv2.GaussianBlur(light, (0, 0), sensor.psf_px, borderType=cv2.BORDER_REPLICATE)
         light = np.asarray(blurred, dtype=np.float32)
-    if look.motion_blur_px > 0:
-        kernel = motion_kernel(look.motion_blur_px, look.motion_angle)
+    if sensor.motion_blur_px > 0:
+        kernel = motion_kernel(sensor.motion_blur_px, sensor.motion_angle)
         light = np.asarray(cv2.filter2D(light, -1, kernel, borderType=cv2.BORDER_REPLICATE), dtype=np.float32)
-    if look.vignetting > 0:
-        light = light * _vignette(light.shape[0], light.shape[1], look.vignetting)
-    light = np.clip(light * np.float32(look.gain), 0, 1)
-    grey = 255 * (srgb_curve(light) if look.srgb else light)
-    if look.noise > 0 and rng is not None:
-        grey = grey + np.float32(look.noise) * rng.standard_normal(grey.shape, dtype=np.float32)
+    if sensor.vignetting > 0:
+        light = light * _vignette(light.shape[0], light.shape[1], sensor.vignetting)
+    light = np.clip(light * np.float32(sensor.gain), 0, 1)
+    grey = 255 * (srgb_from_linear(light) if sensor.srgb else light)
+    if sensor.noise > 0 and rng is not None:
+        grey = grey + np.float32(sensor.noise) * rng.standard_normal(grey.shape, dtype=np.float32)
     return np.asarray(np.rint(np.clip(grey, 0, 255)), dtype=np.uint8)
 
 
-def srgb_curve(light: Light) -> Light:
-    """Return the sRGB signal (0..1) of linear light (0..1), IEC 61966-2-1."""
-    high = np.float32(1.055) * np.maximum(light, np.float32(0.0031308)) ** np.float32(1 / 2.4) - np.float32(0.055)
-    return np.where(light <= np.float32(0.0031308), np.float32(12.92) * light, high)
-
-
-def motion_kernel(length_px: float, angle: float) -> Light:
+def motion_kernel(length_px: float, angle: float) -> Reals:
     """Return the kernel (odd, odd) of a straight streak through the centre pixel; it sums to 1.
 
     Its points are shared among the four pixels around them, which adds up to 1/6 px^2 to the variance on each axis.
@@ -136,7 +132,7 @@ def motion_kernel(length_px: float, angle: float) -> Light:
     return kernel.astype(np.float32)
 
 
-def _vignette(height: int, width: int, lost: float) -> Light:
+def _vignette(height: int, width: int, lost: float) -> Reals:
     u = (np.arange(width, dtype=np.float32) - (width - 1) / 2) ** 2
     v = (np.arange(height, dtype=np.float32) - (height - 1) / 2) ** 2
     corner = max(float(u[0] + v[0]), 1.0)

@@ -39,7 +39,7 @@ def load_dictionary(name: str) -> "cv2.aruco.Dictionary":
 
     if name not in dictionary_names():
         valid = ", ".join(dictionary_names())
-        raise TargetError(f"dictionary {name!r}: no such tag family; use one of {valid}")
+        raise TargetError(f"dictionary {name!r}: no such tag family", remedy=f"use one of {valid}")
     return cv2.aruco.getPredefinedDictionary(int(getattr(cv2.aruco, name)))
 
 
@@ -75,7 +75,7 @@ def tag_modules(name: str, tag_id: int) -> NDArray[np.bool_]:
     import cv2  # noqa: PLC0415
 
     if not 0 <= tag_id < family_size(name):
-        raise TargetError(f"tag id {tag_id}: {name} has ids 0 to {family_size(name) - 1}; use one of them")
+        raise TargetError(f"tag id {tag_id}: {name} has ids 0 to {family_size(name) - 1}", remedy="use one of them")
     side = modules_per_side(name)
     image = cv2.aruco.generateImageMarker(load_dictionary(name), tag_id, side, borderBits=BORDER_MODULES)
     return np.asarray(image > 127)

@@ -121,7 +121,7 @@ def test_the_closed_form_alone_has_no_sigma(exact: Any, tmp_path: Path) -> None:
         (lambda d: {**d, "wheels": {"rR": 0.0, "rL": 0.02, "b": 0.1}}, "not a positive length"),
         (lambda d: {**d, "T_body_cam": "eye"}, "not a calibration"),
         (lambda d: {**d, "camera": {**d["camera"], "hack": 1.0}}, "not a calibration"),
-        (lambda d: [d], "no calibration in it"),
+        (lambda d: [d], "not a calibration"),
     ],
 )
 def test_a_file_that_is_no_calibration_is_refused(exact: Any, tmp_path: Path, change: Any, words: str) -> None:
@@ -176,5 +176,5 @@ def test_errors_against_truth_are_relative_for_lengths(exact: Any, tmp_path: Pat
 @pytest.mark.parametrize("content", ["{}", "no json", '{"camera": 1}'])
 def test_a_file_that_is_no_truth_is_refused(tmp_path: Path, content: str) -> None:
     (tmp_path / "t.json").write_text(content)
-    with pytest.raises(CalibError, match="not a truth file"):
+    with pytest.raises(CalibError, match="not a (truth file|whole JSON file)"):
         load_truth(tmp_path / "t.json")

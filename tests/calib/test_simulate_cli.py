@@ -98,7 +98,7 @@ def test_one_robot_that_fails_does_not_stop_the_others(tmp_path: Path, capsys: p
     ("options", "message"),
     [
         (("--target", "missing.json"), "missing.json: cannot be read"),
-        (("--target", "broken.json"), "broken.json: not JSON"),
+        (("--target", "broken.json"), "broken.json: not a whole JSON file"),
     ],
 )
 def test_target_that_cannot_be_read_fails_with_one_line(

@@ -21,13 +21,13 @@ from boxcal.calib.simulate.truth import truth_bytes
 from boxcal.target.box import make_target
 from boxcal.target.camera.camera_model import project
 from boxcal.target.render.renderer import render
-from boxcal.target.render.sensor import Look
+from boxcal.target.render.sensor import SensorModel
 
 TARGET = make_target()
 STORE = get_typestore(Stores.ROS2_HUMBLE)
 ROBOT = random_robot("r05", np.random.default_rng(5))
 DRIVEN = DriveOptions(stops=3)
-PLAIN = RecordOptions(frames=2, moving_frames=1, image="raw", compression="none", look=Look())
+PLAIN = RecordOptions(frames=2, moving_frames=1, image="raw", compression="none", sensor=SensorModel())
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -120,7 +120,7 @@ def test_pictures_show_the_box_from_the_true_pose(tmp_path: Path) -> None:
         shown = next(r for r in pictures if (r.stamp_ns - truth["t0_ns"]) / 1e9 > stop["t_start"]).message
         image = shown.data.reshape(shown.height, shown.width)
         T_cam_box = inverse(np.array(stop["T_world_camera"]))
-        np.testing.assert_array_equal(image, render(TARGET, ROBOT.camera, T_cam_box, (640, 480), Look()))
+        np.testing.assert_array_equal(image, render(TARGET, ROBOT.camera, T_cam_box, (640, 480), SensorModel()))
 
 
 def test_opencv_finds_twenty_tags_where_the_truth_puts_them(tmp_path: Path) -> None:

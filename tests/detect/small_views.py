@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from boxcal.target.arrays import Array
 from boxcal.target.box import Target, make_target
 from boxcal.target.camera.camera_model import CameraModel, project
-from boxcal.target.render.renderer import Look, render
+from boxcal.target.render.renderer import SensorModel, render
 
 SIZE = (480, 360)
 CAMERA = CameraModel(fu=420.0, fv=423.0, cu=238.4, cv=181.7, kr=-0.1)
@@ -46,12 +46,12 @@ def view(
     *,
     srgb: bool = True,
     noise: float = 1.5,
-    blur_px: float = 0.6,
+    psf_px: float = 0.6,
     seed: int = 0,
     target: Target = TARGET,
     distance: float = 0.55,
 ) -> NDArray[np.uint8]:
-    look = Look(noise=noise, blur_px=blur_px, srgb=srgb)
-    image = render(target, CAMERA, T_cam_box(angle_deg, distance), SIZE, look, np.random.default_rng(seed))
+    sensor = SensorModel(noise=noise, psf_px=psf_px, srgb=srgb)
+    image = render(target, CAMERA, T_cam_box(angle_deg, distance), SIZE, sensor, np.random.default_rng(seed))
     image.setflags(write=False)
     return image

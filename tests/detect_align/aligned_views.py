@@ -11,11 +11,11 @@ from boxcal.detect.alignment.tag_patterns import target_patterns
 from boxcal.detect.image.response_curve import response_table
 from boxcal.target.box import Box, make_target
 from boxcal.target.camera.camera_model import CameraModel, project
-from boxcal.target.render.renderer import Look, render, visible_tags
+from boxcal.target.render.renderer import SensorModel, render, visible_tags
 
 SIZE = (640, 480)
 CAMERA = CameraModel(fu=700.0, fv=700.0, cu=325.0, cv=236.0, kr=-0.1)
-PLAIN = Look(noise=2.0, blur_px=0.6)
+PLAIN = SensorModel(noise=2.0, psf_px=0.6)
 TARGET = make_target(Box())
 PATTERNS = target_patterns(TARGET)
 LENS = np.array([325.0, 236.0, 0.012, 0.001, 1 / 320, 0.002])
@@ -50,8 +50,8 @@ def width_px(corners):
     return 0.5 * np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]) / side
 
 
-def view(T_cam_box, look=PLAIN, target=TARGET, camera=CAMERA, seed=1):
-    return render(target, camera, T_cam_box, SIZE, look, np.random.default_rng(seed))
+def view(T_cam_box, sensor=PLAIN, target=TARGET, camera=CAMERA, seed=1):
+    return render(target, camera, T_cam_box, SIZE, sensor, np.random.default_rng(seed))
 
 
 def some_tags(azimuth_deg, response="linear", side=1, lens=LENS):

@@ -11,7 +11,7 @@ from boxcal.detect.alignment.radial_camera import no_distortion
 from boxcal.detect.alignment.registration import image_model as model
 from boxcal.detect.alignment.registration.align import align
 from boxcal.detect.alignment.registration.tag_batch import Frame
-from boxcal.target.render.renderer import Look
+from boxcal.target.render.renderer import SensorModel
 
 
 def _grained(azimuth_deg, seed, spread_px):
@@ -20,7 +20,7 @@ def _grained(azimuth_deg, seed, spread_px):
     rng = np.random.default_rng(seed)
     grain = cv2.GaussianBlur(rng.standard_normal((480, 640)), (0, 0), spread_px) if spread_px else 0
     grain = 4 * grain / max(np.std(grain), 1e-9) + rng.standard_normal((480, 640))
-    image = view(T, Look(blur_px=PLAIN.blur_px)) + grain
+    image = view(T, SensorModel(psf_px=PLAIN.psf_px)) + grain
     return np.clip(np.rint(image), 0, 255).astype(np.uint8), truth(T)[0]
 
 
@@ -75,7 +75,7 @@ def test_share_is_one_only_where_noise_is_white(monkeypatch, spread_px, least, m
         if spread_px:
             detect_tags(_grained(azimuth_deg, seed, spread_px)[0], TARGET)
         else:
-            detect_tags(view(T, Look(blur_px=0.6, noise=8.0), seed=seed), TARGET)
+            detect_tags(view(T, SensorModel(psf_px=0.6, noise=8.0), seed=seed), TARGET)
     assert least < np.mean(told) / misfit.TOGETHER < most
 
 

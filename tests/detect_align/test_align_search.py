@@ -6,7 +6,7 @@ from aligned_views import TARGET, pose, width_px
 from boxcal.detect.alignment import pyramid_search as find
 from boxcal.detect.alignment.detector import detect_tags
 from boxcal.target.camera.camera_model import CameraModel, project
-from boxcal.target.render.renderer import Look, render, visible_tags
+from boxcal.target.render.renderer import SensorModel, render, visible_tags
 
 SIZE = (1280, 960)
 
@@ -36,7 +36,7 @@ def test_a_face_that_a_shrunken_picture_hides_is_found(monkeypatch):
     T = _aimed(pose(206.5116, distance=2.841173, elevation_deg=6.553026), camera.fu, (232.301256, 45.593439))
     uv = project(camera, TARGET.tag_corners @ T[:3, :3].T + T[:3, 3])
     seen = np.array([TARGET.row_of(int(i)) for i in visible_tags(TARGET, camera, T, SIZE, 2.0)])
-    image = render(TARGET, camera, T, SIZE, Look(noise=2.0, blur_px=0.6), np.random.default_rng(50))
+    image = render(TARGET, camera, T, SIZE, SensorModel(noise=2.0, psf_px=0.6), np.random.default_rng(50))
     wanted = seen[width_px(uv[seen]) >= 8]
     assert len(np.unique(TARGET.tag_faces[wanted])) == 2
     assert _found(image, uv, wanted) == len(wanted)
@@ -47,7 +47,7 @@ def test_a_face_that_a_shrunken_picture_hides_is_found(monkeypatch):
 def test_a_large_near_box_is_found_without_looking_at_the_whole_picture(monkeypatch):
     camera = CameraModel(fu=1400.0, fv=1400.0, cu=650.0, cv=472.0, kr=-0.1)
     T = pose(25.0, distance=0.7)
-    image = render(TARGET, camera, T, SIZE, Look(noise=2.0, blur_px=0.6), np.random.default_rng(1))
+    image = render(TARGET, camera, T, SIZE, SensorModel(noise=2.0, psf_px=0.6), np.random.default_rng(1))
     scales = []
     whole = find.find_candidates
     monkeypatch.setattr(

@@ -8,7 +8,8 @@ import pytest
 
 from boxcal.target.box import Box, make_target
 from boxcal.target.errors import TargetError
-from boxcal.target.files.target_json import MAX_FILE_BYTES, load_target, save_target, target_bytes, target_sha256
+from boxcal.target.files.json_document import MAX_BYTES
+from boxcal.target.files.target_json import load_target, save_target, target_bytes, target_sha256
 
 Document = dict[str, Any]
 
@@ -58,14 +59,14 @@ def test_a_folder_in_place_of_the_file_is_refused(tmp_path: Path) -> None:
 def test_what_is_not_json_is_refused(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / "target.json"
     path.write_bytes(content)
-    with pytest.raises(TargetError, match=r"target\.json: not JSON"):
+    with pytest.raises(TargetError, match=r"target\.json: (not a whole JSON file|nested deeper)"):
         load_target(path)
 
 
 def test_a_huge_file_is_refused_unread(tmp_path: Path) -> None:
     path = tmp_path / "target.json"
     with path.open("wb") as file:
-        file.truncate(MAX_FILE_BYTES + 1)
+        file.truncate(MAX_BYTES + 1)
     with pytest.raises(TargetError, match=r"target\.json: larger than \d+ bytes"):
         load_target(path)
 
@@ -116,12 +117,12 @@ def add_tag(document: Document) -> None:
         (set_figure("columns", 7.0), r"box\.columns is 7\.0, a int is needed"),
         (set_figure("rows", True), r"box\.rows is True"),
         (set_figure("dictionary", 16), r"box\.dictionary is 16"),
-        (set_figure("width", float("nan")), "width is nan"),
+        (set_figure("width", float("nan")), "NaN is no JSON number"),
         (set_figure("columns", 10**6), "at most 10000 tags a face"),
         (set_figure("height", 0.21), "corners of tag 0 lie 5 mm from where the file's own figures put them"),
         (nudge_corner, "corners of tag 17 lie 0.001 mm from .*; do not edit corners by hand"),
-        (set_corner(float("nan")), "corners of tag 17 lie nan mm"),
-        (set_corner(float("inf")), "corners of tag 17 lie inf mm"),
+        (set_corner(float("nan")), "NaN is no JSON number"),
+        (set_corner(float("inf")), "Infinity is no JSON number"),
         (set_corner("x"), "not 4 points of 3 numbers"),
         (set_corner(None), "corners of tag 17|not 4 points of 3 numbers"),
         (lambda d: d["tags"].pop("17"), "139 tags, its figures need ids 0 to 139"),
@@ -136,7 +137,7 @@ def test_an_edited_file_is_refused_by_name(tmp_path: Path, change: Callable[[Doc
     change(document)
     path = tmp_path / "target.json"
     path.write_text(json.dumps(document))
-    with pytest.raises(TargetError, match=rf"^target\.json: .*({message})"):
+    with pytest.raises(TargetError, match=rf"target\.json: .*({message})"):
         load_target(path)
 
 
@@ -144,7 +145,7 @@ def test_an_edited_file_is_refused_by_name(tmp_path: Path, change: Callable[[Doc
 def test_json_of_another_kind_is_refused(tmp_path: Path, document: str) -> None:
     path = tmp_path / "target.json"
     path.write_text(document)
-    with pytest.raises(TargetError, match="no target description in it"):
+    with pytest.raises(TargetError, match="no target description in it|not a target file"):
         load_target(path)
 
 

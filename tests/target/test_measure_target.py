@@ -170,7 +170,7 @@ def test_a_file_that_cannot_be_read_or_written_is_one_line(
     (tmp_path / "file").write_text("mine")
     for argv, message in (
         ([str(tmp_path / "none.json"), *READ], "none.json: cannot be read"),
-        ([str(tmp_path / "file"), *READ], "file: not JSON"),
+        ([str(tmp_path / "file"), *READ], "file: not a whole JSON file"),
         ([str(path), *READ, "--out", str(tmp_path / "file" / "t.json")], "cannot be written .*; name another --out"),
         ([str(path), *READ, "--out", str(tmp_path)], "cannot be written"),
     ):

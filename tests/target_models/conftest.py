@@ -14,7 +14,7 @@ from boxcal.detect.tags.line_fit import CornerSettings
 from boxcal.target.arrays import Array
 from boxcal.target.box import Box, Target, make_target
 from boxcal.target.camera.camera_model import CameraModel
-from boxcal.target.render.renderer import Look, render
+from boxcal.target.render.renderer import SensorModel, render
 
 os.environ.setdefault("MUJOCO_GL", "egl")  # read once, when mujoco is first imported
 
@@ -71,7 +71,7 @@ def worst_corner_px() -> Callable[[Picture, Target, Array], float]:
     settings = TagSettings(corners=CornerSettings(response="linear"))
 
     def worst(picture: Picture, target: Target, T_cam_box: Array) -> float:
-        ours = render(target, camera, T_cam_box, (WIDTH, HEIGHT), Look(background="plain"))
+        ours = render(target, camera, T_cam_box, (WIDTH, HEIGHT), SensorModel(background="plain"))
         theirs, mine = find_tags(picture, target, settings), find_tags(ours, target, settings)
         assert len(mine.ids) >= 30
         assert theirs.ids.tolist() == mine.ids.tolist()

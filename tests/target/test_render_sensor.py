@@ -10,7 +10,8 @@ from boxcal.target.box import make_target
 from boxcal.target.camera.camera_model import CameraModel
 from boxcal.target.errors import TargetError
 from boxcal.target.render.renderer import render
-from boxcal.target.render.sensor import Look, expose, motion_kernel, srgb_curve
+from boxcal.target.render.sensor import SensorModel, expose, motion_kernel
+from boxcal.target.render.srgb import srgb_from_linear
 
 SIZE = (320, 240)
 CAMERA = CameraModel(fu=300.0, fv=300.0, cu=159.5, cv=119.5, kr=0.0)
@@ -27,8 +28,8 @@ def spread(image: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("noise", [2.0, 6.0])
 def test_noise_has_the_standard_deviation_asked_for(noise: float) -> None:
-    clean = render(make_target(), CAMERA, T_CAM_BOX, SIZE, Look(ink=0.2)).astype(float)
-    noisy = render(make_target(), CAMERA, T_CAM_BOX, SIZE, Look(ink=0.2, noise=noise), np.random.default_rng(3))
+    clean = render(make_target(), CAMERA, T_CAM_BOX, SIZE, SensorModel(ink=0.2)).astype(float)
+    noisy = render(make_target(), CAMERA, T_CAM_BOX, SIZE, SensorModel(ink=0.2, noise=noise), np.random.default_rng(3))
     off = (noisy - clean)[(clean > 40) & (clean < 215)]
     expected = np.sqrt(noise**2 + 2 / 12)
     assert off.std() == pytest.approx(expected, abs=5 * expected / np.sqrt(2 * off.size))
@@ -36,34 +37,34 @@ def test_noise_has_the_standard_deviation_asked_for(noise: float) -> None:
 
 
 def test_the_same_seed_gives_the_same_picture() -> None:
-    look = Look(noise=4)
+    sensor = SensorModel(noise=4)
     one, same, other = (
-        render(make_target(), CAMERA, T_CAM_BOX, SIZE, look, np.random.default_rng(s)) for s in (5, 5, 6)
+        render(make_target(), CAMERA, T_CAM_BOX, SIZE, sensor, np.random.default_rng(s)) for s in (5, 5, 6)
     )
     assert (one == same).all()
     assert (one != other).any()
 
 
 def test_noise_does_not_wrap_around() -> None:
-    look = Look(noise=30, gain=3)
-    image = render(make_target(), CAMERA, T_CAM_BOX, SIZE, look, np.random.default_rng(0))
-    bright = render(make_target(), CAMERA, T_CAM_BOX, SIZE, Look(gain=3)) == 255
+    sensor = SensorModel(noise=30, gain=3)
+    image = render(make_target(), CAMERA, T_CAM_BOX, SIZE, sensor, np.random.default_rng(0))
+    bright = render(make_target(), CAMERA, T_CAM_BOX, SIZE, SensorModel(gain=3)) == 255
     assert image[bright].min() > 50
 
 
 @pytest.mark.parametrize(
-    ("look", "variance"),
+    ("sensor", "variance"),
     [
-        (Look(blur_px=2.0), (4.0, 4.0)),
-        (Look(motion_blur_px=9.0), (81 / 12 + 1 / 6, 0.0)),
-        (Look(motion_blur_px=9.0, motion_angle=np.pi / 2), (0.0, 81 / 12 + 1 / 6)),
-        (Look(motion_blur_px=9.0, motion_angle=np.pi / 4), (81 / 24 + 1 / 6, 81 / 24 + 1 / 6)),
+        (SensorModel(psf_px=2.0), (4.0, 4.0)),
+        (SensorModel(motion_blur_px=9.0), (81 / 12 + 1 / 6, 0.0)),
+        (SensorModel(motion_blur_px=9.0, motion_angle=np.pi / 2), (0.0, 81 / 12 + 1 / 6)),
+        (SensorModel(motion_blur_px=9.0, motion_angle=np.pi / 4), (81 / 24 + 1 / 6, 81 / 24 + 1 / 6)),
     ],
 )
-def test_blur_spreads_a_point_without_moving_it(look: Look, variance: tuple[float, float]) -> None:
+def test_blur_spreads_a_point_without_moving_it(sensor: SensorModel, variance: tuple[float, float]) -> None:
     light = np.zeros((61, 61), dtype=np.float32)
     light[28:31, 33:36] = 1
-    found = spread(expose(light, replace(look, gain=2.5), None))
+    found = spread(expose(light, replace(sensor, gain=2.5), None))
     box = 8 / 12
     assert found[:2] == pytest.approx((34, 29), abs=0.02)
     assert found[2:] == pytest.approx(np.add(variance, box), rel=0.02)
@@ -78,7 +79,7 @@ def test_motion_kernel_keeps_light_and_place() -> None:
 
 def test_vignetting_takes_the_share_asked_for_from_the_corners() -> None:
     flat = np.full((121, 161), 200 / 255, dtype=np.float32)
-    image = expose(flat, Look(vignetting=0.4), None)
+    image = expose(flat, SensorModel(vignetting=0.4), None)
     assert image[0, 0] == image[-1, -1] == 120
     assert image[60, 80] == 200
     assert image[60, 0] == round(200 * (1 - 0.4 * 80**2 / (80**2 + 60**2)))
@@ -86,15 +87,15 @@ def test_vignetting_takes_the_share_asked_for_from_the_corners() -> None:
 
 def test_gain_saturates() -> None:
     flat = np.full((4, 4), 0.4, dtype=np.float32)
-    assert (expose(flat, Look(gain=2), None) == 204).all()
-    assert (expose(flat, Look(gain=4), None) == 255).all()
+    assert (expose(flat, SensorModel(gain=2), None) == 204).all()
+    assert (expose(flat, SensorModel(gain=4), None) == 255).all()
 
 
-def test_srgb_curve_has_its_standard_values() -> None:
+def test_srgb_from_linear_has_its_standard_values() -> None:
     light = np.array([0.0, 0.002, 0.0031308, 0.2140411, 0.5, 1.0], dtype=np.float32)
     wanted = (0.0, 0.02584, 0.04045, 0.5, 0.7353570, 1.0)
-    assert srgb_curve(light) == pytest.approx(np.array(wanted), abs=2e-6)
-    assert expose(np.full((2, 2), 0.2140411, dtype=np.float32), Look(srgb=True), None)[0, 0] in (127, 128)
+    assert srgb_from_linear(light) == pytest.approx(np.array(wanted), abs=2e-6)
+    assert expose(np.full((2, 2), 0.2140411, dtype=np.float32), SensorModel(srgb=True), None)[0, 0] in (127, 128)
 
 
 @pytest.mark.parametrize(
@@ -102,7 +103,7 @@ def test_srgb_curve_has_its_standard_values() -> None:
     [
         ({"noise": -1.0}, "noise is -1"),
         ({"noise": float("nan")}, "noise is nan"),
-        ({"blur_px": 1e9}, "blur_px"),
+        ({"psf_px": 1e9}, "psf_px"),
         ({"motion_angle": float("inf")}, "motion_angle"),
         ({"paper": 1.5}, "paper is 1.5"),
         ({"shade": (1.0, 1.0)}, "five factors"),
@@ -112,9 +113,9 @@ def test_srgb_curve_has_its_standard_values() -> None:
 )
 def test_impossible_looks_are_refused(figures: dict[str, Any], message: str) -> None:
     with pytest.raises(TargetError, match=message):
-        Look(**figures)
+        SensorModel(**figures)
 
 
 def test_noise_without_a_generator_is_refused() -> None:
     with pytest.raises(TargetError, match="pass rng"):
-        expose(np.zeros((2, 2), dtype=np.float32), Look(noise=1), None)
+        expose(np.zeros((2, 2), dtype=np.float32), SensorModel(noise=1), None)
