@@ -176,5 +176,5 @@ def test_errors_against_truth_are_relative_for_lengths(exact: Any, tmp_path: Pat
 @pytest.mark.parametrize("content", ["{}", "no json", '{"camera": 1}'])
 def test_a_file_that_is_no_truth_is_refused(tmp_path: Path, content: str) -> None:
     (tmp_path / "t.json").write_text(content)
-    with pytest.raises(CalibError, match="not a (truth file|whole JSON file)"):
+    with pytest.raises(CalibError, match=r"not a (truth file|whole JSON file)"):
         load_truth(tmp_path / "t.json")

@@ -145,7 +145,7 @@ def test_an_edited_file_is_refused_by_name(tmp_path: Path, change: Callable[[Doc
 def test_json_of_another_kind_is_refused(tmp_path: Path, document: str) -> None:
     path = tmp_path / "target.json"
     path.write_text(document)
-    with pytest.raises(TargetError, match="no target description in it|not a target file"):
+    with pytest.raises(TargetError, match=r"no target description in it|not a target file"):
         load_target(path)
 
 
