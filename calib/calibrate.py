@@ -1,112 +1,75 @@
-"""One robot: from what it saw and rolled to its calibration."""
+"""One robot: its logs are read, its calibration is solved for, judged and written."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
-from datetime import UTC, datetime
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-import numpy as np
-
+from boxcal.calib.assessment.verdict import judge
 from boxcal.calib.errors import CalibError
+from boxcal.calib.exports.files import exports
+from boxcal.calib.exports.foxglove.results_mcap import results_mcap
+from boxcal.calib.exports.rerun import rerun_recording
+from boxcal.calib.exports.scene import make_scene
+from boxcal.calib.exports.stop_images import draw_stops, stop_jpegs
 from boxcal.calib.four_steps.procedure import FourSteps, solve_four_steps
-from boxcal.calib.likelihood import CameraKind, EstimateOptions, choose_lens, estimate
+from boxcal.calib.likelihood import CameraKind, Estimate, EstimateOptions, choose_lens, estimate
+from boxcal.calib.report.robot import robot_report
 from boxcal.calib.results.build import closed_form, refined
-from boxcal.calib.results.calibration import Calibration, Provenance
-from boxcal.calib.settings import Job
+from boxcal.calib.results.calibration import Calibration
+from boxcal.calib.results.json_format import save_calibration
+from boxcal.calib.results.provenance import provenance
+from boxcal.calib.settings import CORRESPONDENCES, Job, listed
+from boxcal.calib.uncertainty.box_size import box_notes
 from boxcal.calib.uncertainty.convergence import grow
 from boxcal.calib.uncertainty.cross_validation import validate
-from boxcal.detect.correspondences import Correspondences
+from boxcal.detect.correspondences import Correspondences, load_correspondences, taken_as
+from boxcal.detect.extract import ExtractSettings, extract
 from boxcal.target.box import Target
+from boxcal.target.files.atomic_write import write_atomically
 from boxcal.target.files.target_json import target_sha256
-from boxcal.target.measure.measured_size import SIZES
-from boxcal.target.measure.size_influence import scale_influence
 
-_ONE_LENS, _ONE_BASE = 0.03, 0.4
-"""How far focal length and wheelbase of one robot's drives may differ; slip makes the closed form's wheels rough."""
+_SAME_FOCAL, _SAME_SEPARATION = 0.03, 0.4
+"""How far focal length and wheel separation of one robot's drives may differ, relative; slip makes the closed form's
+wheels rough."""
+
+Progress = Callable[[str], None]
 
 
-def solve(job: Job, drives: list[Correspondences]) -> Calibration:
-    """Return the calibration that drives of one robot give: the four steps, then the likelihood.
+def calibrate_robot(job: Job, progress: Progress | None = None) -> Calibration:
+    """Return the calibration of one robot, with its verdict, and write it where the job says.
 
     Raises
     ------
-    CalibError
-        If they do not determine it.
+    DetectError, TargetError, CalibError
+        If a log cannot be used or the drives do not determine the calibration.
+    OSError
+        If the result cannot be written.
     """
-    settings = job.settings
-    steps = [solve_four_steps(drive, settings.camera_mode) for drive in drives]
-    _check_one_robot(job, steps)
-    provenance = Provenance(
-        version=boxcal_version(),
-        command=job.command,
-        created=datetime.now(UTC).isoformat(timespec="seconds"),
-        inputs={
-            **{drive.source.log: drive.source.sha256 for drive in drives},
-            "target": drives[0].source.target_sha256,
-        },
-        settings={name: _plain(value) for name, value in asdict(settings).items()},
-    )
-    if settings.closed_form:
-        return closed_form(job.robot, drives, steps, provenance)
-    options = EstimateOptions(
-        lens=settings.lens or CameraKind.RADIAL,
-        tilt_sigma=settings.tilt_prior,
-        ink_sigma=settings.ink_prior,
-        scale_sigma=settings.scale_prior,
-        size_sigma=settings.size_prior,
-        face_sigma=settings.face_prior,
-        encoder_step=settings.encoder_step,
-        slip=settings.slip,
-        target=job.target,
-    )
-    if settings.lens is None:
-        choice = choose_lens(drives, steps, options)
-        found, options = choice.best, replace(options, lens=choice.best.camera.kind)
-        scores = ", ".join(f"{score.lens} {score.bic - choice.scores[0].bic:+.1f}" for score in choice.scores)
-        found = replace(found, notes=(*found.notes, f"lens chosen by BIC (difference to the best): {scores}"))
-    else:
-        found = estimate(drives, steps, options)
-    found = replace(found, notes=found.notes + box_notes(job.target))
-    held_out = validate(drives, steps, options) if settings.validate else None
-    grown = grow(drives[0], steps[0], found, options) if settings.report and len(drives) == 1 else ()
-    return refined(job.robot, drives, steps, found, provenance, validation=held_out, growth=grown)
+    drives = [read(log, job, progress) for log in job.logs]
+    try:
+        result = solve(job, drives)
+    except CalibError as error:
+        raise error.of(listed(job.logs)) from error
+    result = replace(result, verdict=judge(result, drives, job.target))
+    write(job, result, drives)
+    return result
 
 
-def _plain(value: object) -> object:
-    """Return a setting as JSON has it; of a path only its name."""
-    return value.name if isinstance(value, Path) else value
-
-
-def _check_one_robot(job: Job, steps: Sequence[FourSteps]) -> None:
-    """Refuse drives of different robots: what the four steps find in each is too far apart for one."""
-    for log, step in zip(job.logs[1:], steps[1:], strict=True):
-        for what, found, first, limit in (
-            ("focal length", step.camera.camera.fu, steps[0].camera.camera.fu, _ONE_LENS),
-            ("wheelbase", step.mounting.b, steps[0].mounting.b, _ONE_BASE),
-        ):
-            if abs(found / first - 1) > limit:
-                raise CalibError(
-                    f"not drives of one robot with one lens setting: {what} {found:.4g}, "
-                    f"{job.logs[0].name} has {first:.4g}",
-                    source=log.name,
-                    remedy="leave it out or calibrate each by itself",
-                )
-
-
-def box_notes(target: Target) -> tuple[str, ...]:
-    """Return what a measured box's own uncertainty adds to every length, and which of its sizes to measure better."""
-    if target.measured is None:
-        return ()
-    cov = target.measured.cov
-    influence = scale_influence(target)
-    total = float(np.sqrt(influence @ cov @ influence))
-    share = np.abs(influence) * np.sqrt(np.diag(cov))
-    names = {"sx": "the print across (--tags-x)", "sy": "the print up (--tags-y)"}
-    worst = SIZES[int(np.argmax(share))]
-    return (
-        f"the box's measured size adds {total:.2%} to all lengths (wheels, wheelbase, mounting); measuring "
-        f"{names.get(worst, f'its {worst} (--{worst})')} better would help most",
+def read(log: Path, job: Job, progress: Progress | None = None) -> Correspondences:
+    """Return what a robot saw and did in one drive."""
+    if log.suffix == CORRESPONDENCES:
+        try:
+            return placed(taken_as(load_correspondences(log), job.settings.wheel_units), job.target)
+        except CalibError as error:
+            raise error.of(log.name) from error
+    settings = ExtractSettings(bits=job.settings.bits)
+    return extract(
+        log,
+        job.target,
+        topics=job.settings.topics,
+        units=job.settings.wheel_units,
+        settings=settings,
+        progress=progress,
     )
 
 
@@ -128,9 +91,90 @@ def placed(drive: Correspondences, target: Target) -> Correspondences:
     return replace(drive, stops=stops, source=replace(drive.source, target_sha256=target_sha256(target)))
 
 
-def boxcal_version() -> str:
-    """Return the installed version."""
-    try:
-        return version("boxcal")
-    except PackageNotFoundError:
-        return "not installed"
+def solve(job: Job, drives: Sequence[Correspondences]) -> Calibration:
+    """Return the calibration that drives of one robot give: the four steps, then the likelihood.
+
+    Raises
+    ------
+    CalibError
+        If they do not determine it.
+    """
+    settings = job.settings
+    steps = [solve_four_steps(drive, settings.camera_mode) for drive in drives]
+    _check_one_robot(job, steps)
+    origin = provenance(job.command, drives, asdict(settings))
+    if settings.closed_form:
+        return closed_form(job.robot, drives, steps, origin)
+    found, options = _likelihood(job, drives, steps)
+    held_out = validate(drives, steps, options) if settings.validate else None
+    grown = grow(drives[0], steps[0], found, options) if settings.report and len(drives) == 1 else ()
+    return refined(job.robot, drives, steps, found, origin, validation=held_out, growth=grown)
+
+
+def _likelihood(
+    job: Job, drives: Sequence[Correspondences], steps: Sequence[FourSteps]
+) -> tuple[Estimate, EstimateOptions]:
+    """Return the maximum likelihood estimate, and the options that it was made with."""
+    settings = job.settings
+    options = EstimateOptions(
+        lens=settings.lens or CameraKind.RADIAL,
+        tilt_sigma=settings.tilt_prior,
+        ink_sigma=settings.ink_prior,
+        scale_sigma=settings.scale_prior,
+        size_sigma=settings.size_prior,
+        face_sigma=settings.face_prior,
+        encoder_step=settings.encoder_step,
+        slip=settings.slip,
+        target=job.target,
+    )
+    if settings.lens is None:
+        choice = choose_lens(drives, steps, options)
+        found, options = choice.best, replace(options, lens=choice.best.camera.kind)
+        scores = ", ".join(f"{score.lens} {score.bic - choice.scores[0].bic:+.1f}" for score in choice.scores)
+        found = replace(found, notes=(*found.notes, f"camera model chosen by BIC (difference to the best): {scores}"))
+    else:
+        found = estimate(drives, steps, options)
+    return replace(found, notes=found.notes + box_notes(job.target)), options
+
+
+def _check_one_robot(job: Job, steps: Sequence[FourSteps]) -> None:
+    """Refuse drives of different robots: what the four steps find in each is too far apart for one."""
+    for log, step in zip(job.logs[1:], steps[1:], strict=True):
+        for what, found, first, limit in (
+            ("focal length", step.camera.camera.fu, steps[0].camera.camera.fu, _SAME_FOCAL),
+            ("wheel separation", step.mounting.b, steps[0].mounting.b, _SAME_SEPARATION),
+        ):
+            if abs(found / first - 1) > limit:
+                raise CalibError(
+                    f"not drives of one robot with one lens setting: {what} {found:.4g}, "
+                    f"{job.logs[0].name} has {first:.4g}",
+                    source=log.name,
+                    remedy="leave it out or calibrate each by itself",
+                )
+
+
+def write(job: Job, result: Calibration, drives: Sequence[Correspondences]) -> None:
+    """Write a result and what is made from it; ``calibration.json`` last, so that what it names is there."""
+    settings = job.settings
+    if job.out is not None:
+        folder = job.out / job.robot
+        for k, drive in enumerate(drives):
+            number = f"-{k + 1}" if len(drives) > 1 else ""
+            drive.save(folder / f"correspondences{number}{CORRESPONDENCES}")
+        for name, content in exports(result, settings.nominal).items():
+            write_atomically(folder / name, content)
+        if settings.report:
+            write_atomically(folder / "report.html", robot_report(result, drives, job.target))
+        if settings.draw:
+            pictures = draw_stops(job.logs, job.target, topics=settings.topics, calibration=result, drives=drives)
+            for name, content in pictures:
+                write_atomically(folder / "stops" / name, content)
+        save_calibration(result, folder / "calibration.json")
+    if settings.rerun is None and settings.results_mcap is None:
+        return
+    scene = make_scene(result, drives, job.target)
+    images = stop_jpegs(job.logs, scene.stops, topics=settings.topics)
+    if settings.rerun is not None:
+        write_atomically(settings.rerun, rerun_recording(scene, images))
+    if settings.results_mcap is not None:
+        write_atomically(settings.results_mcap, results_mcap(scene, images))

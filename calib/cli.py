@@ -140,7 +140,8 @@ def _size(text: str) -> float:
 
 def _run(args: argparse.Namespace, command: str) -> int:
     from boxcal.calib.errors import CalibError
-    from boxcal.calib.fleet.batch import FLEET, calibrate_fleet, check_folder, fleet_record
+    from boxcal.calib.fleet.batch import calibrate_fleet
+    from boxcal.calib.fleet.store import FLEET, check_folder, fleet_record
     from boxcal.calib.settings import Job, listed, robot_name
     from boxcal.detect.errors import DetectError
     from boxcal.target.errors import TargetError
@@ -261,7 +262,6 @@ def _write_fleet(outcomes: "list[Outcome]", out: Path, report: bool) -> bool:
     """Write what is about all robots; tell whether that worked."""
     from boxcal.calib.exports.fleet_csv import fleet_csv
     from boxcal.calib.report.fleet import fleet_report
-    from boxcal.calib.settings import listed
     from boxcal.target.files.atomic_write import write_atomically
 
     good = [o for o in outcomes if o.calibration is not None]
@@ -269,9 +269,8 @@ def _write_fleet(outcomes: "list[Outcome]", out: Path, report: bool) -> bool:
     try:
         write_atomically(out / "fleet.csv", fleet_csv(results))
         if report:
-            failures = [(listed(o.job.logs), o.error) for o in outcomes if o.calibration is None]
-            verdicts = [o.verdict for o in good if o.verdict is not None]
-            write_atomically(out / "fleet.html", fleet_report(results, failures, verdicts))
+            failures = [o.error for o in outcomes if o.error is not None]
+            write_atomically(out / "fleet.html", fleet_report(results, failures))
     except OSError as error:
         print(f"fleet-calibrate: {out}: {error.strerror or error}", file=sys.stderr)
         return False
@@ -300,12 +299,12 @@ def _report(outcomes: "list[Outcome]", *, out: Path, truth: bool, report: bool) 
 
 
 def _print_results(outcomes: "list[Outcome]") -> None:
-    from boxcal.calib.results.text_table import results_table
+    from boxcal.calib.console.tables import results_table
 
     print(results_table([o.calibration for o in outcomes if o.calibration is not None]) + "\n")
     for o in outcomes:
-        if o.calibration is not None and o.verdict is not None:
-            print(f"{o.calibration.robot}: {o.verdict.level} - {o.verdict.headline}")
+        if o.calibration is not None and o.calibration.verdict is not None:
+            print(f"{o.calibration.robot}: {o.calibration.verdict.level} - {o.calibration.verdict.headline}")
             for note in o.calibration.notes:
                 print(f"  {note}")
 
@@ -313,8 +312,8 @@ def _print_results(outcomes: "list[Outcome]") -> None:
 def _print_errors(outcomes: "list[Outcome]") -> bool:
     """Print how far every calibration is from its truth; tell whether there was a truth for each."""
     from boxcal.calib.compare.ground_truth import compare, load_truth, truth_path
+    from boxcal.calib.compare.text import errors_table
     from boxcal.calib.errors import CalibError
-    from boxcal.calib.results.text_table import errors_table
 
     errors, whole = [], True
     for o in outcomes:

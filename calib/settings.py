@@ -5,18 +5,34 @@ from dataclasses import dataclass, field
 from math import radians
 from pathlib import Path
 
-from boxcal.calib.assessment.limits import Verdict
 from boxcal.calib.errors import CalibError
-from boxcal.calib.exports.nominal import Nominal
 from boxcal.calib.four_steps.step1_camera import CameraMode
 from boxcal.calib.likelihood import CameraKind
 from boxcal.calib.results.calibration import Calibration
 from boxcal.detect.log.topics import Topics
 from boxcal.detect.log.wheel_samples import WheelUnits
 from boxcal.target.box import Target
+from boxcal.target.errors import BoxcalError
 
 CORRESPONDENCES = ".npz"
 """Suffix of a correspondence file, which stands for a log that was read before."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Nominal:
+    """Nominal wheels.
+
+    Attributes
+    ----------
+    wheel_radius, wheel_separation : m
+        One radius for both wheels; distance between them.
+    source
+        File name that they came from.
+    """
+
+    wheel_radius: float
+    wheel_separation: float
+    source: str
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -121,11 +137,9 @@ class Outcome:
     job
         What was to be done.
     calibration
-        The result, None if it failed.
-    verdict
-        Whether it can be used and why, None if it failed.
+        The result with its verdict, None if it failed.
     error
-        One line for the user, empty if all went well.
+        Why it failed; None if all went well.
     details
         Traceback of an error that is ours, not the input's; else empty.
     seconds
@@ -134,8 +148,7 @@ class Outcome:
 
     job: Job
     calibration: Calibration | None
-    verdict: Verdict | None = None
-    error: str = ""
+    error: BoxcalError | None = None
     details: str = ""
     seconds: float = 0.0
 

@@ -4,8 +4,9 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from boxcal.calib.assessment.limits import LIMITS, Reason, judge
+from boxcal.calib.assessment.limits import LIMITS, graded
 from boxcal.calib.results.calibration import Calibration
+from boxcal.calib.results.verdict import Reason
 from boxcal.target.arrays import Array
 
 
@@ -14,7 +15,7 @@ def _stops(c: Calibration) -> list[Reason]:
     text = f"{count} stops were used."
     if count < -LIMITS["stops"].good:
         text = f"Only {count} stops were used: with so few a slipped wheel or a pushed box goes unnoticed."
-    return judge("stops", -count, text, "Record a drive with at least 12 stops, spread all round the box.")
+    return graded("stops", -count, text, "Record a drive with at least 12 stops, spread all round the box.")
 
 
 def _around(c: Calibration) -> list[Reason]:
@@ -25,7 +26,7 @@ def _around(c: Calibration) -> list[Reason]:
             f"All stops lie on one side of the box, within {360 - gap:.0f}°: a fault of the face on that "
             "side (print, glue, tilt of the floor) enters the result unseen."
         )
-    return judge("around", gap, text, "Drive all the way round the box and stop on each of its four sides.")
+    return graded("around", gap, text, "Drive all the way round the box and stop on each of its four sides.")
 
 
 def _turned(c: Calibration) -> list[Reason]:
@@ -33,7 +34,7 @@ def _turned(c: Calibration) -> list[Reason]:
     text = f"The robot turned by up to {turn:.0f}° between stops."
     if turn < -LIMITS["turned"].good:
         text = f"The robot hardly turned (by {turn:.0f}° at most): wheelbase and camera position hang on turns."
-    return judge(
+    return graded(
         "turned", -turn, text, "Turn between the stops: at least a quarter turn, to the left and to the right."
     )
 
@@ -43,7 +44,7 @@ def _floor(c: Calibration) -> list[Reason]:
     text = f"The box stands upright on the floor, to {tilt:.2f}°."
     if tilt > LIMITS["floor"].good:
         text = f"The box leans by {tilt:.1f}° against the floor that the robot drives on."
-    return judge(
+    return graded(
         "floor", tilt, text, "Put box and robot on one flat floor, with nothing under the box, and drive again."
     )
 
@@ -55,7 +56,7 @@ def _wheels(c: Calibration) -> list[Reason]:
     if unlike > LIMITS["wheels"].good:
         than = "larger" if ratio > 1 else "smaller"
         text = f"The right wheel is {unlike:.0%} {than} than the left: no usual pair of wheels."
-    return judge(
+    return graded(
         "wheels", unlike, text, "Check that left and right joint belong to the wheels they name, and count alike."
     )
 
@@ -65,7 +66,7 @@ def _moves(c: Calibration) -> list[Reason]:
     text = f"The moves differ enough to tell all parameters apart (singular value ratio {ratio:.2f})."
     if ratio < -LIMITS["moves"].good:
         text = f"All moves are much alike (singular value ratio {ratio:.3f}): the camera's place can hardly be told."
-    return judge("moves", -ratio, text, "Mix the moves: straight legs, bends and turns on the spot, to both sides.")
+    return graded("moves", -ratio, text, "Mix the moves: straight legs, bends and turns on the spot, to both sides.")
 
 
 def largest_gap_deg(T_box_cam: Array) -> float:

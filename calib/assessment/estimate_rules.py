@@ -5,18 +5,20 @@ from math import isfinite
 
 import numpy as np
 
-from boxcal.calib.assessment.limits import LIMITS, Level, Reason, angle, judge, length, sentence
+from boxcal.calib.assessment.limits import LIMITS, angle, graded, length, sentence
 from boxcal.calib.likelihood.estimate import FlaggedLeg
 from boxcal.calib.results.calibration import Calibration
 from boxcal.calib.results.diagnostics import Detail
+from boxcal.calib.results.verdict import Level, Reason
 
 
 def _open(_: Calibration, detail: Detail) -> list[Reason]:
     reasons = []
     for direction in detail.directions:
-        what, _semicolon, advice = direction.text.rpartition("; ")
         level = Level.USABLE if isfinite(direction.sigma) else Level.REDO
-        reasons.append(Reason(rule="open", level=level, text=sentence(what), advice=sentence(advice)))
+        reasons.append(
+            Reason(rule="open", level=level, text=sentence(direction.what), advice=sentence(direction.advice))
+        )
     return reasons
 
 
@@ -25,19 +27,19 @@ def _ground(_: Calibration, detail: Detail) -> list[Reason]:
     heading, turn = np.degrees([g.straight_heading, g.turn_heading])
     straight = "Add long straight legs (2 m and more) between stops, and stops: twice the stops, 0.7 times the error."
     return [
-        *judge(
+        *graded(
             "straight",
             g.straight_position,
             f"After 10 m straight ahead the position is off by {length(g.straight_position)}, typically.",
             straight,
         ),
-        *judge(
+        *graded(
             "heading",
             heading,
             f"After 10 m straight ahead the heading is off by {angle(heading)}, typically.",
             straight,
         ),
-        *judge(
+        *graded(
             "turn",
             turn,
             f"After a whole turn on the spot the heading is off by {angle(turn)}, typically.",
@@ -51,13 +53,13 @@ def _camera(_: Calibration, detail: Detail) -> list[Reason]:
     turned = float(np.degrees(max(sigma[name] for name in ("rx", "ry", "rz"))))
     place = max(sigma[name] for name in ("tx", "ty", "tz"))
     return [
-        *judge(
+        *graded(
             "camera-angle",
             turned,
             f"The camera's direction is known to {angle(turned)}.",
             "Add stops nearer to the box, on all its sides, with turns between them.",
         ),
-        *judge(
+        *graded(
             "camera-place",
             place,
             f"The camera's place on the robot is known to {length(place)}.",
@@ -69,7 +71,7 @@ def _camera(_: Calibration, detail: Detail) -> list[Reason]:
 def _legs(_: Calibration, detail: Detail) -> list[Reason]:
     count, flagged = len(detail.legs), detail.flagged_legs
     if not flagged:
-        return judge("legs", 0.0, f"Wheels and images agree on all {count} legs: no slip, no pushed box.", "")
+        return graded("legs", 0.0, f"Wheels and images agree on all {count} legs: no slip, no pushed box.", "")
     level = LIMITS["legs"].grade(len(flagged) / max(count, 1))
     return [
         Reason(rule="legs", level=level, text=_leg_text(leg, several=_drives(detail) > 1), advice=_leg_advice(leg))
@@ -107,7 +109,7 @@ def _slip(_: Calibration, detail: Detail) -> list[Reason]:
     text = f"The wheels hold the floor: they slip by {length(slip)} over a metre."
     if slip > LIMITS["slip"].good:
         text = f"The wheels slip all along: by {length(slip)} over a metre."
-    return judge("slip", slip, text, "Drive slower, with gentle starts, on a dry and even floor; clean the wheels.")
+    return graded("slip", slip, text, "Drive slower, with gentle starts, on a dry and even floor; clean the wheels.")
 
 
 def _sharpness(c: Calibration, detail: Detail) -> list[Reason]:
@@ -116,7 +118,7 @@ def _sharpness(c: Calibration, detail: Detail) -> list[Reason]:
     if pixel * 640 / c.image_size[0] > LIMITS["sharpness"].good:
         text = f"The pictures are blurred or noisy: corners are seen to {pixel:.2f} px only."
     advice = "Stand still for two seconds at each stop, with more light; clean and focus the lens; then drive again."
-    return judge("sharpness", pixel * 640 / c.image_size[0], text, advice)
+    return graded("sharpness", pixel * 640 / c.image_size[0], text, advice)
 
 
 def _fit(_: Calibration, detail: Detail) -> list[Reason]:
@@ -127,7 +129,7 @@ def _fit(_: Calibration, detail: Detail) -> list[Reason]:
             f"Corners lie {factor:.1f} times further off than they scatter: the box is not as its description says, or "
             "the lens bends more than the model."
         )
-    return judge(
+    return graded(
         "fit",
         factor,
         text,
@@ -139,7 +141,7 @@ def _fit(_: Calibration, detail: Detail) -> list[Reason]:
 def _corners(c: Calibration, detail: Detail) -> list[Reason]:
     share = len(detail.flagged_corners) / max(c.quality.landmarks, 1)
     text = f"{len(detail.flagged_corners)} of {c.quality.landmarks} corners were left out as wrong."
-    return judge("corners", share, text, "Look for glare, dirt and damaged tags on the box; light it evenly.")
+    return graded("corners", share, text, "Look for glare, dirt and damaged tags on the box; light it evenly.")
 
 
 def _held_out(_: Calibration, detail: Detail) -> list[Reason]:
@@ -149,7 +151,9 @@ def _held_out(_: Calibration, detail: Detail) -> list[Reason]:
     text = f"Stops that were left out are predicted as well as claimed ({ratio:.1f} sigma)."
     if ratio > LIMITS["held-out"].good:
         text = f"Stops that were left out are predicted worse than claimed ({ratio:.1f} sigma)."
-    return judge("held-out", ratio, text, "Look at the worst stop and leg in the report, and drive again without them.")
+    return graded(
+        "held-out", ratio, text, "Look at the worst stop and leg in the report, and drive again without them."
+    )
 
 
 def held_out_ratio(detail: Detail) -> float | None:

@@ -1,16 +1,9 @@
 """Judgements: levels, the limits between them, and how figures are said."""
 
 from dataclasses import dataclass
-from enum import StrEnum
 from math import isfinite
 
-
-class Level(StrEnum):
-    """GOOD: use it. USABLE: use it with care. REDO: do not use it."""
-
-    GOOD = "good"
-    USABLE = "usable"
-    REDO = "redo"
+from boxcal.calib.results.verdict import Level, Reason
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -49,51 +42,7 @@ LIMITS = {
 }
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Reason:
-    """What one rule says.
-
-    Attributes
-    ----------
-    rule
-        Its name, as in docs/report.md.
-    level
-        Its judgement.
-    text
-        What was found, one sentence.
-    advice
-        What to do about it; empty where nothing is to be done.
-    """
-
-    rule: str
-    level: Level
-    text: str
-    advice: str = ""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Verdict:
-    """Whether a calibration can be used.
-
-    Attributes
-    ----------
-    level
-        The worst of the reasons.
-    headline
-        One sentence.
-    reasons
-        What every rule says, the worst first.
-    next_steps
-        What to do now, the most pressing first.
-    """
-
-    level: Level
-    headline: str
-    reasons: tuple[Reason, ...]
-    next_steps: tuple[str, ...]
-
-
-def judge(rule: str, value: float, text: str, advice: str) -> list[Reason]:
+def graded(rule: str, value: float, text: str, advice: str) -> list[Reason]:
     """Return one reason, its level from the limits of its rule; where all is well there is no advice."""
     level = LIMITS[rule].grade(value)
     return [Reason(rule=rule, level=level, text=text, advice="" if level is Level.GOOD else advice)]

@@ -4,12 +4,18 @@ Each rule judges one thing against two limits, derived in docs/report.md from wh
 the worst that any rule says.
 """
 
+from collections.abc import Sequence
+
 from boxcal.calib.assessment.drive_rules import DRIVE_RULES
 from boxcal.calib.assessment.estimate_rules import DETAIL_RULES
-from boxcal.calib.assessment.limits import LIMITS, Level, Reason, Verdict, judge, percent
-from boxcal.calib.assessment.print_scale import PrintScale
+from boxcal.calib.assessment.limits import LIMITS, graded, percent
+from boxcal.calib.assessment.print_scale import PrintScale, find_print_scale
 from boxcal.calib.results.calibration import Calibration
 from boxcal.calib.results.diagnostics import Detail
+from boxcal.calib.results.stop_residuals import stops_seen
+from boxcal.calib.results.verdict import Level, Reason, Verdict
+from boxcal.detect.correspondences import Correspondences
+from boxcal.target.box import Target
 
 _CAUSES_FIRST = (
     "print",
@@ -41,6 +47,27 @@ _HEADLINES = {
     Level.REDO: "Do not put it on the robot.",
 }
 _KEEP = "Put it on the robot. Calibrate again after a new tyre, a knock on the camera or a change of its focus."
+
+
+Drives = Correspondences | Sequence[Correspondences]
+"""One drive, or all that were solved together, in their order."""
+
+
+def judge(calibration: Calibration, drives: Drives, target: Target) -> Verdict:
+    """Return whether a calibration can be used, with what the corners of its drives say about the print.
+
+    Parameters
+    ----------
+    calibration
+        Of one robot.
+    drives
+        What it was made from.
+    target
+        The landmark table that it was made with.
+    """
+    all_drives = (drives,) if isinstance(drives, Correspondences) else tuple(drives)
+    seen = stops_seen(calibration, all_drives, target)
+    return verdict(calibration, find_print_scale(calibration, seen, target))
 
 
 def verdict(calibration: Calibration, print_scale: PrintScale | None = None) -> Verdict:
@@ -98,11 +125,11 @@ def _print(detail: Detail | None, found: PrintScale | None) -> list[Reason]:
     sure = [abs(v) for v, s in ((x, sigma_x), (y, sigma_y)) if abs(v) > 5 * s]
     worst = max(sure, default=0.0)
     if worst <= LIMITS["print"].good:
-        return judge("print", worst, "The print has the size that it was designed with.", "")
+        return graded("print", worst, "The print has the size that it was designed with.", "")
     text = f"The print is not of the size designed: {percent(x)} across and {percent(y)} up the sheet."
     if estimated:
         return [Reason(rule="print", level=Level.GOOD, text=f"{text} The calibration allows for it.")]
-    return judge(
+    return graded(
         "print",
         worst,
         text,

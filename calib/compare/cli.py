@@ -48,7 +48,7 @@ def _run(args: argparse.Namespace) -> int:
     from boxcal.calib.compare.difference import difference
     from boxcal.calib.compare.text import comparison, verdict
     from boxcal.calib.errors import CalibError
-    from boxcal.calib.results.calibration import load_calibration
+    from boxcal.calib.results.json_format import load_calibration
     from boxcal.detect.log.safe_text import printable
 
     try:

@@ -9,8 +9,9 @@ from boxcal.calib.errors import CalibError
 from boxcal.calib.four_steps.reprojection import transform
 from boxcal.calib.geometry.so3_se3 import inverse, log_so3
 from boxcal.calib.results.calibration import Calibration, Wheels
+from boxcal.calib.uncertainty.projection import points_at
 from boxcal.target.arrays import Array
-from boxcal.target.camera.camera_model import project, unproject
+from boxcal.target.camera.camera_model import project
 
 STRAIGHT = 10.0
 """Distance driven straight ahead, m."""
@@ -89,7 +90,7 @@ def difference(a: Calibration, b: Calibration) -> Difference:
         raise CalibError(f"images of {sizes} px, one size is needed", remedy="calibrate both with one camera mode")
     if a.camera.kind != b.camera.kind:
         raise CalibError(
-            f"lens models {a.camera.kind} and {b.camera.kind}, one is needed", remedy="calibrate both with one"
+            f"camera models {a.camera.kind} and {b.camera.kind}, one is needed", remedy="calibrate both with one"
         )
     for which, c in (("A", a), ("B", b)):
         if min(c.wheels.rR, c.wheels.rL, c.wheels.b, c.camera.fu, c.camera.fv) <= 0:
@@ -152,8 +153,7 @@ def projection_shift(a: Calibration, b: Calibration, distance: float) -> Array:
     """
     u, v = (np.linspace(0, size - 1, count) for size, count in zip(a.image_size, _GRID, strict=True))
     uv_px = np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2)
-    directions = np.column_stack([unproject(a.camera, uv_px), np.ones(len(uv_px))])
-    p_cam = distance * directions / np.linalg.norm(directions, axis=1, keepdims=True)
+    p_cam = points_at(a.camera, uv_px, distance)
     p_there = transform(inverse(b.T_body_cam), transform(a.T_body_cam, p_cam))
     ahead = np.nan_to_num(p_there[:, 2]) > _AHEAD * distance
     shift = np.full(len(uv_px), np.nan)

@@ -5,9 +5,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from boxcal.calib.compare.difference import STRAIGHT, Difference
+from boxcal.calib.compare.ground_truth import Errors
+from boxcal.calib.console.tables import table
 from boxcal.calib.results.calibration import Calibration
 from boxcal.calib.results.diagnostics import ORDER
-from boxcal.calib.results.text_table import table, yaw_pitch_roll
 from boxcal.detect.log.safe_text import printable
 
 _LARGEST = 3
@@ -24,7 +25,7 @@ _SHOWN = (
 
 def comparison(a: Calibration, b: Calibration, found: Difference) -> str:
     """Return the difference of two calibrations as text, without the verdict."""
-    looks = [_listed(np.degrees(yaw_pitch_roll(c.T_body_cam[:3, :3])).tolist()) for c in (a, b)]
+    looks = [_listed(np.degrees(c.yaw_pitch_roll).tolist()) for c in (a, b)]
     g = found.ground
     lines = [
         f"{printable(a.robot)}: A of {printable(a.provenance.created)}, B of {printable(b.provenance.created)}",
@@ -79,3 +80,20 @@ def _camera_and_wheels(c: Calibration) -> list[float]:
 
 def _listed(values: Sequence[float]) -> str:
     return ", ".join(f"{v:.2f}" for v in values)
+
+
+def errors_table(errors: list[tuple[str, Errors]]) -> str:
+    """Return how far every robot's calibration is from the truth."""
+    header = ["error against truth", "rL %", "rR %", "b %", "rotation deg", "x mm", "y mm", "z mm"]
+    header += ["fu %", "fv %", "cu px", "cv px", "kr"]
+    rows = [
+        [robot]
+        + [f"{100 * v:+.3f}" for v in (e.rL, e.rR, e.b)]
+        + [f"{np.degrees(e.rotation):.3f}"]
+        + [f"{1e3 * v:+.2f}" for v in (e.tx, e.ty, e.tz)]
+        + [f"{100 * v:+.3f}" for v in (e.fu, e.fv)]
+        + [f"{v:+.2f}" for v in (e.cu, e.cv)]
+        + [f"{e.kr:+.4f}"]
+        for robot, e in errors
+    ]
+    return table(header, rows)

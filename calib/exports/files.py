@@ -3,12 +3,12 @@
 from collections.abc import Mapping
 
 from boxcal.calib.exports.kalibr import camchain
-from boxcal.calib.exports.nominal import Nominal
 from boxcal.calib.exports.ros_camera_info import camera_info
 from boxcal.calib.exports.ros_diff_drive import diff_drive_yaml
 from boxcal.calib.exports.ros_static_transform import static_transform
 from boxcal.calib.exports.ros_urdf import urdf, xacro
 from boxcal.calib.results.calibration import Calibration
+from boxcal.calib.settings import Nominal
 
 
 def exports(calibration: Calibration, nominal: Nominal | None = None) -> Mapping[str, bytes]:

@@ -4,11 +4,10 @@ import csv
 import io
 from collections.abc import Iterable
 
-from boxcal.calib.exports.rotations import quaternion
 from boxcal.calib.exports.text import number
+from boxcal.calib.geometry.euler import quaternion
 from boxcal.calib.results.calibration import Calibration
 from boxcal.calib.results.diagnostics import ORDER
-from boxcal.calib.results.text_table import yaw_pitch_roll
 
 _UNIT = dict(zip(ORDER, ["_px"] * 4 + [""] + ["_m"] * 3 + ["_rad"] * 3 + ["_m"] * 3, strict=True))
 _COMMENT = (
@@ -47,7 +46,7 @@ def cell(text: str) -> str:
 def _row(c: Calibration) -> list[str]:
     k, w, t, R = c.camera, c.wheels, c.T_body_cam[:3, 3], c.T_body_cam[:3, :3]
     values = [c.quality.reprojection_rms_px, k.fu, k.fv, k.cu, k.cv, k.kr, w.rR, w.rL, w.b, *t]
-    values += [*quaternion(R), *yaw_pitch_roll(R)]
+    values += [*quaternion(R), *c.yaw_pitch_roll]
     if c.detail is None:
         sure = [""] * (len(ORDER) + 3)
     else:

@@ -2,32 +2,15 @@
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 
 from boxcal.calib.errors import CalibError
 from boxcal.calib.exports.urdf_wheels import urdf_wheels
+from boxcal.calib.settings import Nominal
 
 MAX_YAML_BYTES = 1 << 16
 MAX_URDF_BYTES = 16 << 20
 _MAX_DEPTH = 30
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Nominal:
-    """Nominal wheels.
-
-    Attributes
-    ----------
-    wheel_radius, wheel_separation : m
-        One radius for both wheels; distance between them.
-    source
-        File name that they came from.
-    """
-
-    wheel_radius: float
-    wheel_separation: float
-    source: str
 
 
 def load_nominal(path: Path) -> Nominal:

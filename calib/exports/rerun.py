@@ -28,7 +28,7 @@ def rerun_recording(scene: Scene, images: Images) -> bytes:
     scene
         What happened.
     images
-        Time (ns) and JPEG of a frame of each stop, as :func:`boxcal.calib.fleet.stop_images.stop_jpegs` gives them.
+        Time (ns) and JPEG of a frame of each stop, as :func:`boxcal.calib.exports.stop_images.stop_jpegs` gives them.
 
     Raises
     ------

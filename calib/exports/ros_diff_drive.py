@@ -7,9 +7,9 @@ the separation is its multiplier times ``wheel_separation``; ``linear = (right +
 
 from dataclasses import dataclass
 
-from boxcal.calib.exports.nominal import Nominal
 from boxcal.calib.exports.text import comment, heading, in_comment, number, sigma_line
 from boxcal.calib.results.calibration import Calibration, Wheels
+from boxcal.calib.settings import Nominal
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

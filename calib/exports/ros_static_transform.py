@@ -1,8 +1,8 @@
 """``static_transform.sh``: the mounting as the line that publishes it in ROS 2."""
 
 from boxcal.calib.exports.ros_urdf import BODY, OPTICAL
-from boxcal.calib.exports.rotations import quaternion
 from boxcal.calib.exports.text import comment, heading, sigma_line
+from boxcal.calib.geometry.euler import quaternion
 from boxcal.calib.results.calibration import Calibration
 
 

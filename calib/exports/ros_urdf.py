@@ -1,7 +1,7 @@
 """The camera in a robot's description: its mount link and its optical frame, as URDF and as a xacro macro."""
 
-from boxcal.calib.exports.rotations import OPTICAL_RPY, link_pose, roll_pitch_yaw
 from boxcal.calib.exports.text import heading, in_xml_comment, ros_name, sigma_line
+from boxcal.calib.geometry.euler import OPTICAL_RPY, link_pose, roll_pitch_yaw
 from boxcal.calib.results.calibration import Calibration
 from boxcal.target.arrays import Array
 

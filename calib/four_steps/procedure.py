@@ -64,7 +64,7 @@ def solve_four_steps(drive: Correspondences, mode: CameraMode = CameraMode.JOINT
         If the drive does not determine the calibration: what is missing, and what to add.
     """
     if len(drive.stops) < MIN_STOPS:
-        raise CalibError(f"{len(drive.stops)} usable stops, at least {MIN_STOPS} are needed; add stops")
+        raise CalibError(f"{len(drive.stops)} usable stops, at least {MIN_STOPS} are needed", remedy="add stops")
     camera = calibrate_camera(drive.stops, drive.image_size, mode)
     if len(camera.kept) < MIN_STOPS:
         raise CalibError(

@@ -110,8 +110,8 @@ def _per_stop(stops: tuple[StopObservation, ...], image_size: tuple[int, int]) -
         poses.append(T)
     if not kept:
         raise CalibError(
-            f"none of {len(stops)} stops can be calibrated alone: a stop needs two faces of the box in view; "
-            "add such stops, or calibrate all stops jointly"
+            f"none of {len(stops)} stops can be calibrated alone: a stop needs two faces of the box in view",
+            remedy="add such stops, or calibrate all stops jointly",
         )
     fu, fv, cu, cv, kr = (float(v) for v in np.mean(cameras, axis=0))
     return _step(CameraModel(fu=fu, fv=fv, cu=cu, cv=cv, kr=kr), tuple(kept), np.array(poses), stops, tuple(notes))
@@ -159,7 +159,7 @@ def locate(camera: CameraModel, stop: StopObservation) -> Array:
         np.ascontiguousarray(stop.p_box), np.ascontiguousarray(stop.uv_px), camera.K, dist, flags=method
     )
     if not count:
-        raise CalibError("no camera pose explains a stop's landmarks; are they the corners of this target?")
+        raise CalibError("no camera pose explains a stop's landmarks", remedy="are they the corners of this target?")
     best = int(np.argmin(np.ravel(errors)))
     R, _ = cv2.Rodrigues(rvecs[best])
     return rigid(np.asarray(R, dtype=np.float64), np.ravel(tvecs[best]).astype(np.float64))

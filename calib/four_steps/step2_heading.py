@@ -63,7 +63,7 @@ def solve_heading(turn: Array, phi: Array, moves: int) -> HeadingStep:
         aR and aL say that wheels are swapped or reversed.
     """
     if moves < 2:
-        raise CalibError(f"{moves + 1} usable stops, at least 3 are needed; add stops")
+        raise CalibError(f"{moves + 1} usable stops, at least 3 are needed", remedy="add stops")
     turn = wrap(turn)
     singular = np.linalg.svd(phi, compute_uv=False)
     condition = float(singular[0] / singular[1]) if singular[1] > 0 else np.inf
@@ -80,7 +80,8 @@ def solve_heading(turn: Array, phi: Array, moves: int) -> HeadingStep:
         raise CalibError(
             f"turns seen and turns rolled differ by {np.degrees(rms):.2g} deg (rms), too much to tell the wheels apart "
             f"with these moves (condition number {condition:.0f}): strong slip, or stamps of camera and wheels that do "
-            "not fit together; drive slower, and add moves with more turning, left and right"
+            "not fit together",
+            remedy="drive slower, and add moves with more turning, left and right",
         )
     _check_signs(float(aR), float(aL))
     return HeadingStep(aR=float(aR), aL=float(aL), rms=rms, condition=condition)
@@ -186,11 +187,12 @@ def _check_signs(aR: float, aL: float) -> None:
     found = f"aR = {aR:.4g} and aL = {aL:.4g} (aR > 0 > aL is needed)"
     if aR < 0 < aL:
         raise CalibError(
-            f"left and right wheel joints are swapped: {found}; exchange --left-joint and --right-joint (or, if both "
-            "wheels count backwards, reverse the sign of both)"
+            f"left and right wheel joints are swapped: {found}",
+            remedy="exchange --left-joint and --right-joint (or, if both "
+            "wheels count backwards, reverse the sign of both)",
         )
     wheel = "left" if aR > 0 else "right"
     raise CalibError(
-        f"the sign of the {wheel} wheel is reversed: {found}; wheel angles must grow when the wheel rolls forward, "
-        f"reverse the {wheel} wheel's encoder"
+        f"the sign of the {wheel} wheel is reversed: {found}",
+        remedy=f"wheel angles must grow when the wheel rolls forward, reverse the {wheel} wheel's encoder",
     )

@@ -71,8 +71,8 @@ def find_axis(T_cam_box: Array) -> AxisStep:
     largest = float(np.degrees(np.abs(theta).max()))
     if largest < MIN_TURN_DEG:
         raise CalibError(
-            f"largest turn between stops is {largest:.1f} deg, the camera's mounting needs {MIN_TURN_DEG:.0f} deg; "
-            "add stops that face the box from other sides (the drive was a pure translation)"
+            f"largest turn between stops is {largest:.1f} deg, the camera's mounting needs {MIN_TURN_DEG:.0f} deg",
+            remedy="add stops that face the box from other sides (the drive was a pure translation)",
         )
     sin_a2 = float(np.hypot(n[0], n[1]))
     a2 = float(np.arctan2(sin_a2, n[2]))

@@ -112,7 +112,8 @@ def check_agreement(step: MountingStep, u: Array) -> None:
     if step.misfit > MAX_MISFIT * moved:
         raise CalibError(
             f"wheels and images do not agree on any calibration (they differ by {step.misfit:.3f} m where the camera "
-            f"moved {moved:.3f} m): strong slip, a robot lifted, or a box moved during the drive; drive again"
+            f"moved {moved:.3f} m): strong slip, a robot lifted, or a box moved during the drive",
+            remedy="drive again",
         )
 
 
@@ -135,5 +136,6 @@ def _check_rank(singular: Array, Vt: Array) -> None:
         free = [name for name, v in zip(_PARAMETERS, np.abs(Vt[-2:]).max(axis=0), strict=True) if v > 0.3]
         raise CalibError(
             f"the moves do not determine {', '.join(free)} (sigma4/sigma3 = {s4 / s3:.1e}, {MIN_RANK_RATIO:g} is "
-            "needed); add legs that both turn and drive on, with different curvature"
+            "needed)",
+            remedy="add legs that both turn and drive on, with different curvature",
         )

@@ -93,8 +93,8 @@ def camera_matrix_guesses(homographies: list[Array], image_size: tuple[int, int]
     ]
     if not guesses:
         raise CalibError(
-            f"no focal length fits the {len(homographies)} views of faces: faces seen at a slant are needed; add stops "
-            "that see two faces of the box at once"
+            f"no focal length fits the {len(homographies)} views of faces: faces seen at a slant are needed",
+            remedy="add stops that see two faces of the box at once",
         )
     return guesses
 

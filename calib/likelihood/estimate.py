@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from boxcal.calib.likelihood.finding import Finding
 from boxcal.calib.likelihood.problem import REPORTED
 from boxcal.target.arrays import Array, Mask
 from boxcal.target.camera.camera_model import CameraModel
@@ -142,13 +143,21 @@ class Direction:
         Those that take part, with their share (in natural units: 1 % of a length, 1 mm, 1 mrad), the largest first.
     sigma
         Standard deviation along it in those units; infinite if it is not determined.
-    text
-        In words, with what to do.
+    what
+        What is not or badly determined, in words.
+    advice
+        What to drive, or to ask, instead.
     """
 
     parameters: tuple[tuple[str, float], ...]
     sigma: float
-    text: str
+    what: str
+    advice: str
+
+    @property
+    def text(self) -> str:
+        """Both in one line."""
+        return f"{self.what}; {self.advice}" if self.advice else self.what
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -187,6 +196,8 @@ class Estimate:
         Weighted sum of squares at the solution.
     log_likelihood
         Of corners and legs at the solution, up to a constant that depends on the data only; for comparing lens models.
+    findings
+        Causes of what noise does not explain: solved for, or only named.
     """
 
     camera: CameraModel
@@ -207,6 +218,7 @@ class Estimate:
     iterations: int
     cost: float
     log_likelihood: float
+    findings: tuple[Finding, ...] = ()
 
     @property
     def sigma(self) -> dict[str, float]:

@@ -6,10 +6,10 @@ from typing import Any
 import numpy as np
 
 from boxcal.calib.geometry.so3_se3 import inverse
-from boxcal.calib.report.projection import projection_sigma
 from boxcal.calib.results.calibration import Calibration
 from boxcal.calib.results.stop_residuals import SeenStop
 from boxcal.calib.results.trajectory import DrivenLeg, floor_pose
+from boxcal.calib.uncertainty.projection import projection_sigma
 from boxcal.target.arrays import Array
 from boxcal.target.box import FACES, Target
 
@@ -106,12 +106,11 @@ def projection_data(calibration: Calibration) -> dict[str, Any] | None:
     u = (np.arange(columns) + 0.5) * width / columns - 0.5
     v = (np.arange(rows) + 0.5) * height / rows - 0.5
     uv = np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2)
+    cov = calibration.projection_covariance
     middle = detail.ground.distance
     maps = []
     for distance in sorted({round(middle, 3), 0.5, 5.0}):
-        sigma = projection_sigma(
-            calibration.camera, detail.covariance.matrix, calibration.T_body_cam, uv_px=uv, distance=distance
-        )
+        sigma = projection_sigma(calibration.camera, cov, calibration.T_body_cam, uv_px=uv, distance=distance)
         seen = sigma[np.isfinite(sigma)]
         if len(seen):
             maps.append(

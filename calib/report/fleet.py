@@ -7,11 +7,12 @@ from urllib.parse import quote
 
 import numpy as np
 
-from boxcal.calib.assessment.limits import Level, Verdict, angle, length
+from boxcal.calib.assessment.limits import angle, length
 from boxcal.calib.assessment.verdict import verdict
 from boxcal.calib.report.page import page, readable_time
 from boxcal.calib.results.calibration import Calibration
-from boxcal.calib.results.text_table import yaw_pitch_roll, yaw_pitch_roll_sigma
+from boxcal.calib.results.verdict import Level, Verdict
+from boxcal.target.errors import BoxcalError
 
 REPORT = "report.html"
 """File name of a robot's own report, in the folder that bears its name."""
@@ -38,8 +39,7 @@ _PARAMETERS = (
 
 def fleet_report(
     results: Sequence[Calibration],
-    failures: Sequence[tuple[str, str]],
-    verdicts: Sequence[Verdict] | None = None,
+    failures: Sequence[BoxcalError],
 ) -> bytes:
     """Return the report of a fleet: one HTML file that needs nothing else.
 
@@ -48,19 +48,16 @@ def fleet_report(
     Parameters
     ----------
     results
-        The robots that were calibrated.
+        The robots that were calibrated; one that does not carry a verdict is judged by itself.
     failures
-        File name and reason of those that were not.
-    verdicts
-        Of the results, in their order, where they are known already (:func:`boxcal.calib.report.robot.judge` also
-        looks at the corners); else each result is judged by itself.
+        Why the others were not.
 
     Raises
     ------
     CalibError
         If the extra ``report`` is not installed.
     """
-    verdicts = [verdict(c) for c in results] if verdicts is None else verdicts
+    verdicts = [c.verdict or verdict(c) for c in results]
     values, sigmas = _table(results)
     odd = odd_ones(values, sigmas)
     order = sorted(range(len(results)), key=lambda i: (-_rank(verdicts[i].level), results[i].robot))
@@ -84,7 +81,7 @@ def fleet_report(
         counts={level.value: sum(v.level is level for v in verdicts) for level in Level},
         robots=[_row(results[i], verdicts[i], values[i], odd[i]) for i in order],
         headings=[(key, name, unit) for key, name, unit, _, _ in _PARAMETERS],
-        failures=[_failure(name, reason) for name, reason in failures],
+        failures=failures,
         spread=_spread(values, sigmas) if len(results) > 1 else [],
         odd=_odd_list(results, values, odd),
         steps=_steps(results, verdicts),
@@ -109,18 +106,12 @@ def _table(results: Sequence[Calibration]) -> tuple[Any, Any]:
     values, sigmas = [], []
     for c in results:
         k, w, t = c.camera, c.wheels, c.T_body_cam[:3, 3]
-        values.append([w.rL, w.rR, w.b, *t, *yaw_pitch_roll(c.T_body_cam[:3, :3]), k.fu, k.fv, k.cu, k.cv, k.kr])
+        values.append([w.rL, w.rR, w.b, *t, *c.yaw_pitch_roll, k.fu, k.fv, k.cu, k.cv, k.kr])
         if c.detail is None:
             sigmas.append([np.nan] * len(_PARAMETERS))
             continue
         s = c.detail.covariance.sigma
-        turns = dict(
-            zip(
-                ("yaw", "pitch", "roll"),
-                yaw_pitch_roll_sigma(c.T_body_cam[:3, :3], c.detail.covariance.matrix),
-                strict=True,
-            )
-        )
+        turns = dict(zip(("yaw", "pitch", "roll"), c.yaw_pitch_roll_sigma, strict=True))
         sigmas.append([float(turns[key]) if key in turns else s[key] for key, *_ in _PARAMETERS])
     shape = (len(results), len(_PARAMETERS))
     return np.array(values, dtype=float).reshape(shape), np.array(sigmas, dtype=float).reshape(shape)
@@ -165,13 +156,6 @@ def _row(c: Calibration, v: Verdict, values: Any, odd: Any) -> dict[str, Any]:
             for (_, _, _, scale, digits), value, o in zip(_PARAMETERS, values, odd, strict=True)
         ],
     }
-
-
-def _failure(name: str, reason: str) -> dict[str, str]:
-    """Split a reason, "what was found, what was needed; what to do", so that the last part can be shown as advice."""
-    what = reason.removeprefix(f"{name}: ")
-    found, semicolon, do = what.rpartition("; ")
-    return {"name": name, "found": found if semicolon else what, "do": do if semicolon else ""}
 
 
 def _spread(values: Any, sigmas: Any) -> list[dict[str, Any]]:

@@ -8,7 +8,6 @@ import numpy as np
 
 from boxcal.calib.assessment.limits import length
 from boxcal.calib.results.calibration import Calibration
-from boxcal.calib.results.text_table import yaw_pitch_roll, yaw_pitch_roll_sigma
 from boxcal.target.arrays import Array
 
 
@@ -69,9 +68,7 @@ class Group:
 def parameter_groups(c: Calibration) -> tuple[Group, ...]:
     """Return the wheels, the camera and its mounting."""
     sigma = c.detail.covariance.sigma if c.detail else None
-    angle_sigma = (
-        np.degrees(yaw_pitch_roll_sigma(c.T_body_cam[:3, :3], c.detail.covariance.matrix)) if c.detail else None
-    )
+    angle_sigma = np.degrees(c.yaw_pitch_roll_sigma) if c.detail else None
     f, half = (c.camera.fu + c.camera.fv) / 2, c.image_size[0] / 2
     rim2 = ((c.image_size[0] / 2 / c.camera.fu) ** 2 + (c.image_size[1] / 2 / c.camera.fv) ** 2) ** 0.5
 
@@ -139,7 +136,7 @@ def parameter_groups(c: Calibration) -> tuple[Group, ...]:
         row(key, name, float(v), "mm", 1e3, 1, lambda s: f"shifts all that is seen by {length(s)}")
         for key, name, v in zip(("tx", "ty", "tz"), ("Forward", "To the left", "Above the floor"), t, strict=True)
     )
-    angles = np.degrees(yaw_pitch_roll(c.T_body_cam[:3, :3]))
+    angles = np.degrees(c.yaw_pitch_roll)
     turns = tuple(
         Row(
             key=key,

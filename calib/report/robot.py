@@ -1,14 +1,10 @@
 """The report of one robot."""
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from boxcal.calib.assessment.estimate_rules import held_out_ratio
 from boxcal.calib.assessment.gauges import gauges, slip_on_top
-from boxcal.calib.assessment.limits import Level, Reason, Verdict
-from boxcal.calib.assessment.print_scale import find_print_scale
-from boxcal.calib.assessment.verdict import verdict
+from boxcal.calib.assessment.verdict import Drives, judge
 from boxcal.calib.report.drawing import legs_data, projection_data, residual_data, scene_data
 from boxcal.calib.report.page import page, readable_time
 from boxcal.calib.report.parameters import parameter_groups
@@ -26,6 +22,7 @@ from boxcal.calib.report.tables import (
 from boxcal.calib.results.calibration import Calibration
 from boxcal.calib.results.stop_residuals import stops_seen
 from boxcal.calib.results.trajectory import driven_legs
+from boxcal.calib.results.verdict import Level, Reason, Verdict
 from boxcal.detect.correspondences import Correspondences
 from boxcal.target.box import FACES, Target
 
@@ -33,10 +30,6 @@ SCRIPTS = ("draw.js", "scene.js", "residuals.js", "charts.js")
 _SINGULAR_LOW = 1e-4
 _TELLING = ("around", "legs", "slip", "sharpness", "fit", "print")
 """What a good verdict tells first."""
-
-
-Drives = Correspondences | Sequence[Correspondences]
-"""One drive, or all that were solved together, in their order."""
 
 
 def robot_report(calibration: Calibration, drives: Drives, target: Target) -> bytes:
@@ -61,7 +54,7 @@ def robot_report(calibration: Calibration, drives: Drives, target: Target) -> by
     legs = driven_legs(calibration, drives, seen)
     detail = calibration.detail
     projection = projection_data(calibration)
-    judged = verdict(calibration, find_print_scale(calibration, seen, target))
+    judged = calibration.verdict or judge(calibration, drives, target)
     return page(
         "robot.html",
         scripts=SCRIPTS,
@@ -95,12 +88,6 @@ def robot_report(calibration: Calibration, drives: Drives, target: Target) -> by
         extra=extra_rows(calibration),
         provenance=provenance_rows(calibration),
     )
-
-
-def judge(calibration: Calibration, drives: Drives, target: Target) -> Verdict:
-    """Return the verdict that the report shows: with what the corners say about the print."""
-    seen = stops_seen(calibration, _all(drives), target)
-    return verdict(calibration, find_print_scale(calibration, seen, target))
 
 
 def _all(drives: Drives) -> tuple[Correspondences, ...]:

@@ -11,7 +11,7 @@ from boxcal.calib.likelihood import Estimate
 from boxcal.calib.results.calibration import Calibration, Provenance, Quality, StopResult, Wheels
 from boxcal.calib.results.diagnostics import Covariance, Detail, Ground, Growth, HeldOut, Leg
 from boxcal.calib.uncertainty.cross_validation import Validation
-from boxcal.calib.uncertainty.propagation import ground_uncertainty
+from boxcal.calib.uncertainty.propagation import camera_covariance, ground_uncertainty
 from boxcal.detect.correspondences import Correspondences
 
 PROJECTION_DISTANCE = 1.0
@@ -71,6 +71,7 @@ def refined(
     growth
         Estimates over the number of stops, where asked for.
     """
+    camera_names, camera_cov = camera_covariance(estimate)
     stops = tuple(
         StopResult(
             drive=d,
@@ -110,6 +111,8 @@ def refined(
             ground=_ground(estimate, drives[0].image_size),
             held_out=_held_out(validation),
             growth=growth,
+            findings=estimate.findings,
+            camera_covariance=Covariance(names=camera_names, matrix=camera_cov),
         ),
     )
 

@@ -1,25 +1,16 @@
-"""The calibration of one robot: what a drive gave, saved and loaded as JSON."""
+"""The calibration of one robot: what its drives gave, and what follows from it."""
 
-import json
-import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
-from pathlib import Path
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
-from boxcal.calib.errors import CalibError
-from boxcal.calib.results.diagnostics import Detail
-from boxcal.calib.results.json_format import detail_document, read_detail
+from boxcal.calib.geometry.euler import yaw_pitch_roll, yaw_pitch_roll_sigma
+from boxcal.calib.results.diagnostics import CAMERA, MOUNTING, Detail
+from boxcal.calib.results.verdict import Verdict
 from boxcal.target.arrays import Array
-from boxcal.target.camera.camera_model import CameraKind, CameraModel
-from boxcal.target.errors import TargetError
-from boxcal.target.files.atomic_write import write_atomically
-from boxcal.target.files.json_document import read_json
-
-SCHEMA = 1
-_CAMERA = ("fu", "fv", "cu", "cv", "kr")
+from boxcal.target.camera.camera_model import CameraKind, CameraModel, project, unproject
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -31,7 +22,7 @@ class Wheels:
     rR, rL : m
         Radii of the right and the left wheel.
     b : m
-        Wheelbase: distance between the wheels' contact points.
+        Wheel separation (wheelbase in the paper): distance between the wheels' contact points.
     """
 
     rR: float
@@ -133,8 +124,8 @@ class Calibration:
     wheels
         Radii and wheelbase.
     T_body_cam : (4, 4), m
-        The mounting: maps camera points (x right, y down, z forward) to body (x forward, y left, z up, origin on the
-        floor below the axle's middle).
+        Camera extrinsics: maps camera points (x right, y down, z forward) to body (x forward, y left, z up, origin on
+        the floor below the axle's middle).
     quality
         How well the data fit.
     stops
@@ -146,7 +137,9 @@ class Calibration:
     method
         ``likelihood``, or ``four-steps`` for the closed form alone.
     detail
-        What the likelihood adds: covariance, noise, faults, what is not determined. None for the closed form.
+        What the likelihood adds: covariance, noise, outliers, what is not determined. None for the closed form.
+    verdict
+        Whether it can be used, and why; None where nobody judged it.
     """
 
     robot: str
@@ -160,109 +153,57 @@ class Calibration:
     provenance: Provenance
     method: str = "four-steps"
     detail: Detail | None = None
+    verdict: Verdict | None = None
 
+    @property
+    def camera_matrix(self) -> Array:
+        """OpenCV's camera matrix, (3, 3) px; pixel (0, 0) is the centre of the top-left pixel."""
+        return self.camera.K
 
-def calibration_document(result: Calibration) -> dict[str, Any]:
-    """Return the content of ``calibration.json``."""
-    return {
-        "schema": SCHEMA,
-        "robot": result.robot,
-        "camera": {name: float(getattr(result.camera, name)) for name in _CAMERA},
-        "image_size": list(result.image_size),
-        "wheels": {name: float(value) for name, value in asdict(result.wheels).items()},
-        "T_body_cam": result.T_body_cam.tolist(),
-        "quality": asdict(result.quality),
-        "stops": [
-            {
-                "drive": stop.drive,
-                "t_start_ns": stop.t_start_ns,
-                "t_end_ns": stop.t_end_ns,
-                "landmarks": stop.landmarks,
-                "reprojection_rms_px": stop.reprojection_rms_px,
-                "T_box_cam": stop.T_box_cam.tolist(),
-            }
-            for stop in result.stops
-        ],
-        "notes": list(result.notes),
-        "provenance": {
-            "version": result.provenance.version,
-            "command": result.provenance.command,
-            "created": result.provenance.created,
-            "inputs": dict(result.provenance.inputs),
-            "settings": dict(result.provenance.settings),
-        },
-        "units": "m, rad, px; T_body_cam maps camera points to body, rows of a 4x4 matrix",
-        "method": result.method,
-        "lens": {"model": str(result.camera.kind), "coefficients": result.camera.further},
-        **(detail_document(result.detail) if result.detail else {}),
-    }
+    @property
+    def distortion(self) -> Array:
+        """Distortion coefficients in OpenCV's order: k1, k2, p1, p2 [k3 [k4 k5 k6]], or the fisheye's k1 to k4."""
+        k = np.array(self.camera.distortion)
+        return np.concatenate([k, np.zeros(3)]) if self.camera.kind is CameraKind.RADIAL else k
 
+    @property
+    def yaw_pitch_roll(self) -> tuple[float, float, float]:
+        """Where the camera looks, rad: yaw to the left, pitch down, roll; zeros for straight ahead."""
+        return yaw_pitch_roll(self.T_body_cam[:3, :3])
 
-def save_calibration(result: Calibration, path: Path) -> None:
-    """Write ``calibration.json`` (atomically)."""
-    text = json.dumps(calibration_document(result), indent=2, allow_nan=False)
-    write_atomically(path, (text + "\n").encode())
+    @property
+    def yaw_pitch_roll_sigma(self) -> Array:
+        """Standard deviations of yaw, pitch and roll, (3,) rad; NaN for the closed form, infinite if not determined."""
+        if self.detail is None:
+            return np.full(3, np.nan)
+        return yaw_pitch_roll_sigma(self.T_body_cam[:3, :3], self.detail.covariance.block(("rx", "ry", "rz")))
 
+    @property
+    def projection_covariance(self) -> Array:
+        """Covariance (n + 6, n + 6) of what projects a point: the camera's ``values``, then the camera extrinsics.
 
-def load_calibration(path: Path) -> Calibration:
-    """Read what :func:`save_calibration` wrote.
+        Files of before 0.2 say nothing of coefficients beyond kr; they count as exact there. NaN for the closed form.
+        """
+        n = len(self.camera.values)
+        if self.detail is None:
+            return np.full((n + 6, n + 6), np.nan)
+        if self.detail.camera_covariance is not None:
+            return self.detail.camera_covariance.matrix
+        cov = np.zeros((n + 6, n + 6))
+        known = [*range(5), *range(n, n + 6)]
+        cov[np.ix_(known, known)] = self.detail.covariance.block(CAMERA + MOUNTING)
+        return cov
 
-    Raises
-    ------
-    CalibError
-        If the file is missing, half written, of another schema or inconsistent.
-    """
-    document = read_json(path, "a calibration", error=CalibError, remedy="check the path, or calibrate again")
-    if "schema" not in document:
-        raise CalibError("no calibration in it", source=path, remedy="calibrate again")
-    if document["schema"] != SCHEMA:
-        raise CalibError(
-            f"schema {document['schema']!r}, this version reads {SCHEMA}", source=path, remedy="calibrate again"
-        )
-    try:
-        return Calibration(
-            robot=str(document["robot"]),
-            image_size=(int(document["image_size"][0]), int(document["image_size"][1])),
-            camera=_camera(document["camera"], document.get("lens", {"model": "radial", "coefficients": {}})),
-            wheels=Wheels(**{k: _positive(v) for k, v in document["wheels"].items()}),
-            T_body_cam=_motion(document["T_body_cam"]),
-            quality=Quality(**document["quality"]),
-            stops=tuple(StopResult(**{**stop, "T_box_cam": _motion(stop["T_box_cam"])}) for stop in document["stops"]),
-            notes=tuple(str(note) for note in document["notes"]),
-            provenance=Provenance(**document["provenance"]),
-            method=str(document["method"]),
-            detail=read_detail(document),
-        )
-    except (KeyError, TypeError, ValueError, AttributeError, IndexError, TargetError) as error:
-        raise CalibError(f"not a calibration ({error!r})", source=path, remedy="calibrate again") from error
+    def project(self, p_body: Array) -> Array:
+        """Return the pixels (N, 2) of points (N, 3), m, known in frame ``body``; NaN behind the camera."""
+        p_cam = (np.asarray(p_body, dtype=np.float64) - self.T_body_cam[:3, 3]) @ self.T_body_cam[:3, :3]
+        return project(self.camera, p_cam)
 
+    def unproject(self, uv_px: Array) -> Array:
+        """Return the directions (N, 3), of length 1 along the body's axes, in which pixels (N, 2) see; NaN if nowhere.
 
-def _camera(intrinsics: Mapping[str, Any], lens: Mapping[str, Any]) -> CameraModel:
-    named, further = ({str(k): _number(v) for k, v in m.items()} for m in (intrinsics, lens["coefficients"]))
-    return CameraModel.from_names(CameraKind(lens["model"]), named, further)
-
-
-def _number(value: object) -> float:
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
-        raise ValueError(f"{value!r} is not a finite number")
-    return float(value)
-
-
-def _positive(value: object) -> float:
-    number = _number(value)
-    if number <= 0:
-        raise ValueError(f"{value!r} is not a positive length")
-    return number
-
-
-def _motion(rows: object) -> Array:
-    T = np.asarray(rows, dtype=np.float64)
-    rigid = (
-        T.shape == (4, 4)
-        and np.allclose(T[:3, :3] @ T[:3, :3].T, np.eye(3), atol=1e-6)
-        and np.linalg.det(T[:3, :3]) > 0
-        and np.array_equal(T[3], [0, 0, 0, 1])
-    )
-    if not rigid:
-        raise ValueError("a pose is not a rigid motion of 4 rows of 4")
-    return T
+        The rays start at the camera, ``T_body_cam[:3, 3]``.
+        """
+        xy = unproject(self.camera, np.asarray(uv_px, dtype=np.float64))
+        rays = np.column_stack([xy, np.ones(len(xy))])
+        return np.asarray(rays / np.linalg.norm(rays, axis=1, keepdims=True) @ self.T_body_cam[:3, :3].T)

@@ -1,14 +1,18 @@
 """What a calibration says beyond its numbers: how sure they are, what happened on each leg, what cannot be seen."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from boxcal.calib.likelihood.estimate import Direction, FlaggedCorner, FlaggedLeg, NoiseLevels
+from boxcal.calib.likelihood.finding import Finding
 from boxcal.target.arrays import Array
 
 ORDER = ("fu", "fv", "cu", "cv", "kr", "rR", "rL", "b", "rx", "ry", "rz", "tx", "ty", "tz")
 """Order of the covariance (px, px, px, px, 1, m, m, m, rad, rad, rad, m, m, m)."""
+CAMERA, WHEELS, MOUNTING = ORDER[:5], ORDER[5:8], ORDER[8:]
+"""What of it belongs to the camera, to the wheels and to the camera extrinsics (rotation, then translation)."""
 SIDE = (
     "rx, ry, rz: right perturbation of the mounting, R_body_cam exp(rx, ry, rz), about the camera's own axes; "
     "tx, ty, tz: of t_body_cam itself, along the body's axes"
@@ -17,26 +21,34 @@ SIDE = (
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Covariance:
-    """How sure the reported parameters are.
+    """How sure parameters are.
 
     Attributes
     ----------
-    matrix : (14, 14)
-        In the order of ``ORDER``, with the side of ``SIDE``; infinite on the diagonal (and NaN beside it) where the
+    matrix : (n, n)
+        In the order of ``names``, with the side of ``SIDE``; infinite on the diagonal (and NaN beside it) where the
         drive does not determine a parameter.
+    names : (n,)
+        The parameters; the 14 reported ones unless said otherwise.
     """
 
     matrix: Array
+    names: tuple[str, ...] = ORDER
 
     @property
     def sigma(self) -> dict[str, float]:
         """Standard deviation of each parameter by name; infinite where it is not determined."""
-        return dict(zip(ORDER, np.sqrt(np.diag(self.matrix)).tolist(), strict=True))
+        return dict(zip(self.names, np.sqrt(np.diag(self.matrix)).tolist(), strict=True))
 
     def correlation(self, a: str, b: str) -> float:
         """Return the correlation of two parameters."""
-        i, j = ORDER.index(a), ORDER.index(b)
+        i, j = self.names.index(a), self.names.index(b)
         return float(self.matrix[i, j] / np.sqrt(self.matrix[i, i] * self.matrix[j, j]))
+
+    def block(self, names: Sequence[str]) -> Array:
+        """Return the covariance of some of the parameters, in their order."""
+        rows = [self.names.index(name) for name in names]
+        return self.matrix[np.ix_(rows, rows)]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -146,14 +158,19 @@ class Detail:
         Of the reported parameters.
     noise
         Noise levels found in the data.
+    camera_covariance
+        Of the camera model's coefficients and of the camera extrinsics together; None in files of before 0.2, which
+        give it for the 14 reported parameters only.
     extra, extra_sigma
         Further unknowns (tilt of the floor, print scale, face poses, ink) by name, and their sigmas.
     legs
         Every leg used or left out.
     flagged_legs, flagged_corners
-        Faults found.
+        Outliers found.
     directions
         What the drive determines badly or not at all, in words.
+    findings
+        Causes of what noise does not explain: solved for, or only named.
     ground
         What the uncertainty means on the ground.
     held_out
@@ -173,3 +190,5 @@ class Detail:
     ground: Ground
     held_out: tuple[HeldOut, ...] = ()
     growth: tuple[Growth, ...] = ()
+    findings: tuple[Finding, ...] = ()
+    camera_covariance: Covariance | None = None

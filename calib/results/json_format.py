@@ -1,101 +1,149 @@
-"""The part of ``calibration.json`` that the likelihood adds: written and read."""
+"""``calibration.json``: a calibration saved and loaded."""
 
+import json
 import math
-from collections.abc import Iterable, Mapping
-from dataclasses import asdict, fields
-from typing import Any, TypeVar
+from collections.abc import Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from boxcal.calib.likelihood.estimate import Direction, FlaggedCorner, FlaggedLeg, NoiseLevels
-from boxcal.calib.results.diagnostics import ORDER, SIDE, Covariance, Detail, Ground, Growth, HeldOut, Leg
+from boxcal.calib.errors import CalibError
+from boxcal.calib.results.calibration import Calibration, Provenance, Quality, StopResult, Wheels
+from boxcal.calib.results.detail_json import detail_document, read_detail
+from boxcal.calib.results.diagnostics import CAMERA
+from boxcal.calib.results.verdict import Level, Reason, Verdict
+from boxcal.target.arrays import Array
+from boxcal.target.camera.camera_model import CameraKind, CameraModel
+from boxcal.target.errors import TargetError
+from boxcal.target.files.atomic_write import write_atomically
+from boxcal.target.files.json_document import read_json
 
-T = TypeVar("T")
-
-
-def detail_document(detail: Detail) -> dict[str, Any]:
-    """Return the fields that stand beside the calibration's own; what is infinite or undefined becomes null."""
-    document: dict[str, Any] = _finite(
-        {
-            "sigma": detail.covariance.sigma,
-            "covariance": {"order": ORDER, "side": SIDE, "matrix": detail.covariance.matrix.tolist()},
-            "noise": asdict(detail.noise),
-            "extra": detail.extra,
-            "extra_sigma": detail.extra_sigma,
-            "ground": asdict(detail.ground),
-            "legs": [asdict(leg) for leg in detail.legs],
-            "flagged_legs": [asdict(leg) for leg in detail.flagged_legs],
-            "flagged_corners": [asdict(corner) for corner in detail.flagged_corners],
-            "directions": [asdict(direction) for direction in detail.directions],
-            "held_out": [asdict(stop) for stop in detail.held_out],
-            "growth": [asdict(point) for point in detail.growth],
-        }
-    )
-    return document
+SCHEMA = 1
 
 
-def read_detail(document: Mapping[str, Any]) -> Detail | None:
-    """Return the detail in a calibration's document, None if there is none.
+def calibration_document(result: Calibration) -> dict[str, Any]:
+    """Return the content of ``calibration.json``."""
+    return {
+        "schema": SCHEMA,
+        "robot": result.robot,
+        "camera": {name: float(getattr(result.camera, name)) for name in CAMERA},
+        "image_size": list(result.image_size),
+        "wheels": {name: float(value) for name, value in asdict(result.wheels).items()},
+        "T_body_cam": result.T_body_cam.tolist(),
+        "quality": asdict(result.quality),
+        "stops": [
+            {
+                "drive": stop.drive,
+                "t_start_ns": stop.t_start_ns,
+                "t_end_ns": stop.t_end_ns,
+                "landmarks": stop.landmarks,
+                "reprojection_rms_px": stop.reprojection_rms_px,
+                "T_box_cam": stop.T_box_cam.tolist(),
+            }
+            for stop in result.stops
+        ],
+        "notes": list(result.notes),
+        "provenance": {
+            "version": result.provenance.version,
+            "command": result.provenance.command,
+            "created": result.provenance.created,
+            "inputs": dict(result.provenance.inputs),
+            "settings": dict(result.provenance.settings),
+        },
+        "units": "m, rad, px; T_body_cam maps camera points to body, rows of a 4x4 matrix",
+        "method": result.method,
+        **({} if result.verdict is None else {"verdict": asdict(result.verdict)}),
+        "lens": {"model": str(result.camera.kind), "coefficients": result.camera.further},
+        **(detail_document(result.detail) if result.detail else {}),
+    }
+
+
+def save_calibration(result: Calibration, path: Path) -> None:
+    """Write ``calibration.json`` (atomically)."""
+    text = json.dumps(calibration_document(result), indent=2, allow_nan=False)
+    write_atomically(path, (text + "\n").encode())
+
+
+def load_calibration(path: str | Path) -> Calibration:
+    """Read what :func:`save_calibration` wrote.
 
     Raises
     ------
-    KeyError, TypeError, ValueError
-        If it is not what :func:`detail_document` makes.
+    CalibError
+        If the file is missing, half written, of another schema or inconsistent.
     """
-    if "covariance" not in document:
-        return None
-    covariance = document["covariance"]
-    if tuple(covariance["order"]) != ORDER:
-        raise ValueError(f"covariance in the order {covariance['order']!r}")
-    matrix = np.array([[math.nan if v is None else v for v in row] for row in covariance["matrix"]], dtype=np.float64)
-    if matrix.shape != (len(ORDER), len(ORDER)):
-        raise ValueError(f"covariance of shape {matrix.shape}")
-    diagonal = np.diag(matrix)
-    matrix[np.diag_indices(len(ORDER))] = np.where(np.isnan(diagonal), np.inf, diagonal)
-    return Detail(
-        covariance=Covariance(matrix=matrix),
-        noise=_one(NoiseLevels, document["noise"]),
-        extra={str(k): float(v) for k, v in document["extra"].items()},
-        extra_sigma={str(k): math.inf if v is None else float(v) for k, v in document["extra_sigma"].items()},
-        ground=_one(Ground, document["ground"]),
-        legs=_many(Leg, document["legs"]),
-        flagged_legs=_many(FlaggedLeg, document["flagged_legs"]),
-        flagged_corners=_many(FlaggedCorner, document["flagged_corners"]),
-        directions=tuple(
-            Direction(
-                parameters=tuple((str(name), float(share)) for name, share in d["parameters"]),
-                sigma=math.inf if d["sigma"] is None else float(d["sigma"]),
-                text=str(d["text"]),
+    path = Path(path)
+    document = read_json(path, "a calibration", error=CalibError, remedy="check the path, or calibrate again")
+    if "schema" not in document:
+        raise CalibError("no calibration in it", source=path, remedy="calibrate again")
+    if document["schema"] != SCHEMA:
+        raise CalibError(
+            f"schema {document['schema']!r}, this version reads {SCHEMA}", source=path, remedy="calibrate again"
+        )
+    try:
+        return Calibration(
+            robot=str(document["robot"]),
+            image_size=(int(document["image_size"][0]), int(document["image_size"][1])),
+            camera=_camera(document["camera"], document.get("lens", {"model": "radial", "coefficients": {}})),
+            wheels=Wheels(**{k: _positive(v) for k, v in document["wheels"].items()}),
+            T_body_cam=_motion(document["T_body_cam"]),
+            quality=Quality(**document["quality"]),
+            stops=tuple(StopResult(**{**stop, "T_box_cam": _motion(stop["T_box_cam"])}) for stop in document["stops"]),
+            notes=tuple(str(note) for note in document["notes"]),
+            provenance=Provenance(**document["provenance"]),
+            method=str(document["method"]),
+            detail=read_detail(document),
+            verdict=_verdict(document["verdict"]) if "verdict" in document else None,
+        )
+    except (KeyError, TypeError, ValueError, AttributeError, IndexError, TargetError) as error:
+        raise CalibError(f"not a calibration ({error!r})", source=path, remedy="calibrate again") from error
+
+
+def _verdict(document: Mapping[str, Any]) -> Verdict:
+    return Verdict(
+        level=Level(document["level"]),
+        headline=str(document["headline"]),
+        reasons=tuple(
+            Reason(
+                rule=str(reason["rule"]),
+                level=Level(reason["level"]),
+                text=str(reason["text"]),
+                advice=str(reason["advice"]),
             )
-            for d in document["directions"]
+            for reason in document["reasons"]
         ),
-        held_out=_many(HeldOut, document["held_out"]),
-        growth=_many(Growth, document["growth"]),
+        next_steps=tuple(str(step) for step in document["next_steps"]),
     )
 
 
-def _finite(value: Any) -> Any:
-    """Return JSON's values with numbers that it has no word for as None."""
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    if isinstance(value, Mapping):
-        return {str(k): _finite(v) for k, v in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_finite(v) for v in value]
-    return value
+def _camera(intrinsics: Mapping[str, Any], lens: Mapping[str, Any]) -> CameraModel:
+    named, further = ({str(k): _number(v) for k, v in m.items()} for m in (intrinsics, lens["coefficients"]))
+    return CameraModel.from_names(CameraKind(lens["model"]), named, further)
 
 
-def _one(kind: type[T], values: Mapping[str, Any]) -> T:
-    names = [f.name for f in fields(kind)]  # type: ignore[arg-type]
-    return kind(**{name: _tuple(values[name]) for name in names})
+def _number(value: object) -> float:
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
+        raise ValueError(f"{value!r} is not a finite number")
+    return float(value)
 
 
-def _many(kind: type[T], rows: Iterable[Mapping[str, Any]]) -> tuple[T, ...]:
-    return tuple(_one(kind, row) for row in rows)
+def _positive(value: object) -> float:
+    number = _number(value)
+    if number <= 0:
+        raise ValueError(f"{value!r} is not a positive length")
+    return number
 
 
-def _tuple(value: Any) -> Any:
-    """Return lists as tuples and null as infinity: what the dataclasses hold."""
-    if isinstance(value, list):
-        return tuple(_tuple(v) for v in value)
-    return math.inf if value is None else value
+def _motion(rows: object) -> Array:
+    T = np.asarray(rows, dtype=np.float64)
+    rigid = (
+        T.shape == (4, 4)
+        and np.allclose(T[:3, :3] @ T[:3, :3].T, np.eye(3), atol=1e-6)
+        and np.linalg.det(T[:3, :3]) > 0
+        and np.array_equal(T[3], [0, 0, 0, 1])
+    )
+    if not rigid:
+        raise ValueError("a pose is not a rigid motion of 4 rows of 4")
+    return T

@@ -12,7 +12,7 @@ from boxcal.calib.likelihood.target_deformation import box_shape
 from boxcal.calib.results.calibration import Calibration, StopResult
 from boxcal.detect.correspondences import Correspondences, StopObservation
 from boxcal.target.arrays import Array, Ids
-from boxcal.target.box import CORNERS, Target
+from boxcal.target.box import Target
 from boxcal.target.camera.camera_model import project
 
 
@@ -73,7 +73,6 @@ def stops_seen(calibration: Calibration, drives: Sequence[Correspondences], targ
         error = np.full((len(p_cam), 2), np.nan)
         ahead = p_cam[:, 2] > 0
         error[ahead] = view.uv_px[ahead] - project(camera, p_cam[ahead])
-        rows = [target.row_of(int(i) // CORNERS) for i in view.landmark_ids]
         seen.append(
             SeenStop(
                 drive=d,
@@ -83,7 +82,7 @@ def stops_seen(calibration: Calibration, drives: Sequence[Correspondences], targ
                 view=view,
                 p_box=p_box,
                 p_cam=p_cam,
-                face=target.tag_faces[rows],
+                face=view.faces,
                 error_px=error,
                 used=ahead & np.array([(d, number, int(i)) not in wrong for i in view.landmark_ids]),
             )

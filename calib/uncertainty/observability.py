@@ -103,4 +103,4 @@ def _direction(names: tuple[str, ...], vector: Array, sigma: float) -> Direction
             if len(shown) == 1
             else f"{', '.join(shown[:-1])} and {shown[-1]} are known badly together, {size}"
         )
-    return Direction(parameters=parts, sigma=sigma, text=f"{what}; {advice}")
+    return Direction(parameters=parts, sigma=sigma, what=what, advice=advice)

@@ -4,12 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from boxcal.calib.geometry.so3_se3 import hat
 from boxcal.calib.likelihood.estimate import Estimate
 from boxcal.calib.likelihood.leg_model import LegModel, WheelPath, leg_model
 from boxcal.calib.likelihood.problem import REPORTED
+from boxcal.calib.uncertainty.projection import projection_sigma
 from boxcal.target.arrays import Array
-from boxcal.target.camera.camera_model import project_with_jacobians, unproject
 
 STRAIGHT_M = 10.0
 _SAMPLES = 500
@@ -133,22 +132,20 @@ def _model(wheels: Array, phi: Array) -> LegModel:
 def _projection(estimate: Estimate, image_size: tuple[int, int], distance_m: float) -> ProjectionUncertainty:
     u, v = np.meshgrid(np.linspace(0, image_size[0] - 1, _GRID[0]), np.linspace(0, image_size[1] - 1, _GRID[1]))
     uv = np.stack([u.ravel(), v.ravel()], axis=1)
-    xy = unproject(estimate.camera, uv)
-    seen = np.all(np.isfinite(xy), axis=1)
-    uv, xy = uv[seen], xy[seen]
-    rays = np.concatenate([xy, np.ones((len(xy), 1))], axis=1)
-    p_cam = distance_m * rays / np.linalg.norm(rays, axis=1)[:, None]
-    lens = [k for k, name in enumerate(estimate.names) if name in REPORTED[:5] or name in estimate.camera.further]
-    columns = [*lens, *range(8, 14)]
-    _, by_lens, by_point = project_with_jacobians(estimate.camera.kind, estimate.camera.values, p_cam)
-    # A point fixed to the body moves in the camera by p x w - R^T dt, dt along the body's axes.
-    R = estimate.T_body_cam[:3, :3]
-    J = np.concatenate([by_lens, by_point @ hat(p_cam), by_point @ -R.T], axis=2)
-    variance = np.einsum("lak,km,lam->l", J, estimate.cov_all[np.ix_(columns, columns)], J)
-    worst = int(np.argmax(variance))
+    _, cov = camera_covariance(estimate)
+    sigma = projection_sigma(estimate.camera, cov, estimate.T_body_cam, uv_px=uv, distance=distance_m)
+    seen = np.isfinite(sigma)
+    worst = int(np.argmax(np.where(seen, sigma, -1)))
     return ProjectionUncertainty(
         distance_m=distance_m,
-        mean_px=float(np.sqrt(np.mean(variance))),
-        worst_px=float(np.sqrt(variance[worst])),
+        mean_px=float(np.sqrt(np.mean(sigma[seen] ** 2))) if np.any(seen) else np.inf,
+        worst_px=float(sigma[worst]) if np.any(seen) else np.inf,
         worst_at_px=(float(uv[worst, 0]), float(uv[worst, 1])),
     )
+
+
+def camera_covariance(estimate: Estimate) -> tuple[tuple[str, ...], Array]:
+    """Return the names of the camera model's coefficients and of the mounting, and their covariance."""
+    names = (*REPORTED[:5], *estimate.camera.further, *REPORTED[8:])
+    columns = [estimate.names.index(name) for name in names]
+    return names, estimate.cov_all[np.ix_(columns, columns)]

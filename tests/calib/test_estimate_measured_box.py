@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from boxcal.calib.assessment.verdict import judge
 from boxcal.calib.four_steps.procedure import solve_four_steps
 from boxcal.calib.likelihood import EstimateOptions, estimate
-from boxcal.calib.report.robot import judge
 from boxcal.calib.results.build import refined
 from boxcal.calib.results.calibration import Calibration, Provenance
 from boxcal.calib.simulate.drive import DriveOptions, exact_correspondences, simulate_drive

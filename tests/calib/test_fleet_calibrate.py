@@ -16,7 +16,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from boxcal.calib.cli import main
 from boxcal.calib.compare.ground_truth import compare, load_truth
-from boxcal.calib.results.calibration import load_calibration
+from boxcal.calib.results.json_format import load_calibration
 from boxcal.calib.simulate.drive import DriveOptions, simulate_drive
 from boxcal.calib.simulate.mcap_writer import LogWriter
 from boxcal.calib.simulate.recorder import RecordOptions, write_log
@@ -366,7 +366,7 @@ def test_every_prior_and_lens_is_taken(good: Path, tmp_path: Path, capsys: pytes
         names = [*detail.extra, *again.camera.further]
         assert any(unknown in name for name in names) or not unknown, (words, names)
         if words[1] == "auto":
-            assert "lens chosen by BIC" in out
+            assert "camera model chosen by BIC" in out
         if words[0] == "--ink-prior-mm":
             assert not detail.extra
         if words[0] == "--encoder-step-deg":

@@ -10,18 +10,15 @@ import pytest
 
 from boxcal.calib.compare.ground_truth import compare, load_truth
 from boxcal.calib.errors import CalibError
+from boxcal.calib.exports.lens_models import ros_distortion
+from boxcal.calib.geometry.so3_se3 import exp_so3, rigid
 from boxcal.calib.likelihood.estimate import Direction, FlaggedCorner, FlaggedLeg, NoiseLevels
-from boxcal.calib.results.calibration import (
-    Calibration,
-    Provenance,
-    Quality,
-    StopResult,
-    Wheels,
-    load_calibration,
-    save_calibration,
-)
+from boxcal.calib.likelihood.finding import Finding
+from boxcal.calib.results.calibration import Calibration, Provenance, Quality, StopResult, Wheels
 from boxcal.calib.results.diagnostics import ORDER, Covariance, Detail, Ground, Growth, HeldOut, Leg
-from boxcal.target.camera.camera_model import CameraModel
+from boxcal.calib.results.json_format import load_calibration, save_calibration
+from boxcal.calib.results.verdict import Level, Reason, Verdict
+from boxcal.target.camera.camera_model import CameraKind, CameraModel
 
 
 def _result(T_body_cam: Any, detail: Detail | None = None) -> Calibration:
@@ -74,7 +71,15 @@ def _detail() -> Detail:
             ),
         ),
         flagged_corners=(FlaggedCorner(drive=0, stop=0, landmark_id=17, error_px=(3.0, -4.0)),),
-        directions=(Direction(parameters=(("tz", 1.0),), sigma=np.inf, text="tz is not determined"),),
+        directions=(
+            Direction(parameters=(("tz", 1.0),), sigma=np.inf, what="tz is not determined", advice="add stops"),
+        ),
+        findings=(
+            Finding(
+                cause="eccentric-right", text="the right wheel is 1.0 % out of round", advice="look at it",
+                adopted=True, stops=(1, 2), size=1.0, sigma=0.1, unit="%", p_value=1e-9,
+            ),
+        ),
         ground=Ground(
             straight_heading=1e-3, straight_position=0.01, turn_heading=2e-3, distance=2.0,
             projection_mean_px=0.1, projection_worst_px=0.3,
@@ -178,3 +183,47 @@ def test_a_file_that_is_no_truth_is_refused(tmp_path: Path, content: str) -> Non
     (tmp_path / "t.json").write_text(content)
     with pytest.raises(CalibError, match=r"not a (truth file|whole JSON file)"):
         load_truth(tmp_path / "t.json")
+
+
+@pytest.mark.parametrize(
+    ("lens", "further"),
+    [
+        ("brown", {"k2": 0.09, "p1": 2e-3, "p2": -1.5e-3, "k3": 0.01}),
+        ("rational", {"k2": 0.09, "p1": 2e-3, "p2": -1.5e-3, "k3": 0.01, "k4": 0.02, "k5": -0.03, "k6": 0.004}),
+        ("fisheye", {"k2": 0.01, "k3": -0.02, "k4": 0.003}),
+    ],
+)
+def test_order_of_keys_in_the_file_does_not_change_the_camera(
+    tmp_path: Path, lens: str, further: dict[str, float]
+) -> None:
+    plain = _result(np.eye(4), _detail())
+    result = replace(plain, camera=replace(plain.camera, kind=CameraKind(lens), **further))
+    save_calibration(result, tmp_path / "calibration.json")
+    document = json.loads((tmp_path / "calibration.json").read_text())
+    shuffled = dict(reversed(document["lens"]["coefficients"].items()))
+    document["lens"]["coefficients"] = shuffled
+    (tmp_path / "shuffled.json").write_text(json.dumps(document))
+    (tmp_path / "sorted.json").write_text(json.dumps(document, sort_keys=True))
+    points = np.array([[0.4, 0.3, 1.0], [-0.2, 0.1, 0.5]])
+    for name in ("shuffled.json", "sorted.json"):
+        loaded = load_calibration(tmp_path / name)
+        assert loaded.camera.values.tolist() == result.camera.values.tolist()
+        assert np.array_equal(loaded.project(points), result.project(points))
+        assert ros_distortion(loaded) == ros_distortion(result)
+
+
+def test_projecting_and_unprojecting_undo_each_other_in_the_body_frame() -> None:
+    T = rigid(exp_so3(np.array([1.2, -1.2, 1.0])), np.array([0.1, -0.02, 0.3]))
+    result = _result(T)
+    uv_px = np.array([[10.0, 20.0], [320.0, 240.0], [600.0, 460.0]])
+    rays = result.unproject(uv_px)
+    assert np.allclose(np.linalg.norm(rays, axis=1), 1, rtol=1e-12)
+    assert np.allclose(result.project(T[:3, 3] + 2.5 * rays), uv_px, atol=1e-8)
+    assert np.all(np.isnan(result.project(T[:3, 3] - rays)))
+
+
+def test_verdict_is_kept_in_the_file(tmp_path: Path) -> None:
+    reason = Reason(rule="slip", level=Level.USABLE, text="The wheels slip.", advice="Drive slower.")
+    judged = Verdict(level=Level.USABLE, headline="It works.", reasons=(reason,), next_steps=("Drive slower.",))
+    save_calibration(replace(_result(np.eye(4)), verdict=judged), tmp_path / "calibration.json")
+    assert load_calibration(str(tmp_path / "calibration.json")).verdict == judged

@@ -22,7 +22,7 @@ from boxcal.calib.errors import CalibError
 from boxcal.calib.exports.foxglove.results_mcap import results_mcap
 from boxcal.calib.exports.rerun import rerun_recording
 from boxcal.calib.exports.scene import Scene, make_scene, residual_colours
-from boxcal.calib.fleet.stop_images import draw_stops, paint_stop, stop_jpegs
+from boxcal.calib.exports.stop_images import draw_stops, paint_stop, stop_jpegs
 from boxcal.calib.geometry.so3_se3 import inverse
 from boxcal.calib.likelihood.estimate import FlaggedCorner
 from boxcal.calib.results.calibration import Calibration, StopResult, Wheels

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from browser import Browser
 
+from boxcal.calib.errors import CalibError
 from boxcal.calib.report.fleet import fleet_report
 from boxcal.calib.report.robot import robot_report
 from boxcal.calib.results.calibration import Calibration
@@ -43,7 +44,7 @@ def pages(
         "robot": robot_report(calibration, drive, faulty.TARGET),
         "evil": robot_report(replace(calibration, robot=EVIL, notes=(EVIL,)), drive, faulty.TARGET),
         "closed": robot_report(replace(calibration, detail=None), drive, faulty.TARGET),
-        "fleet": fleet_report(fleet, [(f"{EVIL}.mcap", f"found {EVIL}; rename it")]),
+        "fleet": fleet_report(fleet, [CalibError(f"found {EVIL}", source=f"{EVIL}.mcap", remedy="rename it")]),
         "hundred": fleet_report([replace(good, robot=f"r{i:03d}") for i in range(100)], []),
     }
     for name, content in html.items():

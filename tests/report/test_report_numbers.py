@@ -10,18 +10,18 @@ import pytest
 
 from boxcal.calib.assessment.gauges import slip_on_top
 from boxcal.calib.assessment.print_scale import find_print_scale
+from boxcal.calib.geometry.euler import yaw_pitch_roll, yaw_pitch_roll_sigma
 from boxcal.calib.geometry.so3_se3 import exp_so3, inverse
 from boxcal.calib.likelihood.estimate import FlaggedCorner
 from boxcal.calib.report.drawing import projection_data, residual_data, scene_data
 from boxcal.calib.report.parameters import Row, parameter_groups
-from boxcal.calib.report.projection import projection_sigma
 from boxcal.calib.report.tables import face_row, rms
 from boxcal.calib.results.calibration import Calibration, StopResult
 from boxcal.calib.results.diagnostics import ORDER, Covariance
 from boxcal.calib.results.stop_residuals import stops_seen
-from boxcal.calib.results.text_table import yaw_pitch_roll, yaw_pitch_roll_sigma
 from boxcal.calib.results.trajectory import driven_legs, floor_pose
 from boxcal.calib.simulate.drive import exact_correspondences, exact_options, simulate_drive
+from boxcal.calib.uncertainty.projection import projection_sigma
 from boxcal.detect.correspondences import Correspondences
 from boxcal.target.arrays import Array
 from boxcal.target.box import make_target
@@ -171,7 +171,7 @@ def test_print_scale_stays_silent_where_corners_do_not_tell(calibrations: Calibr
 def test_pixels_that_no_ray_reaches_have_no_sigma() -> None:
     camera = CameraModel(fu=300.0, fv=300.0, cu=320.0, cv=240.0, kr=-0.9)
     uv_px = np.array([[320.0, 240.0], [639.0, 479.0]])
-    sigma = projection_sigma(camera, np.eye(14) * 1e-8, np.eye(4), uv_px=uv_px, distance=1.0)
+    sigma = projection_sigma(camera, np.eye(11) * 1e-8, np.eye(4), uv_px=uv_px, distance=1.0)
     assert np.isfinite(sigma[0])
     assert np.isnan(sigma[1])
 
@@ -180,7 +180,7 @@ def test_projection_sigma_agrees_with_drawn_calibrations(calibrations: Calibrati
     c = calibrations("good_drive")
     assert c.detail is not None
     rng = np.random.default_rng(2)
-    cov = c.detail.covariance.matrix
+    cov = c.projection_covariance
     uv_px = np.array([[10.0, 10.0], [320.0, 240.0], [600.0, 400.0]])
     for distance in (0.5, 5.0):
         claimed = projection_sigma(c.camera, cov, c.T_body_cam, uv_px=uv_px, distance=distance)
@@ -188,13 +188,12 @@ def test_projection_sigma_agrees_with_drawn_calibrations(calibrations: Calibrati
         p_cam *= distance / np.linalg.norm(p_cam, axis=1)[:, None]
         p_body = p_cam @ c.T_body_cam[:3, :3].T + c.T_body_cam[:3, 3]
         square = np.zeros(3)
-        drawn = rng.multivariate_normal(np.zeros(14), cov, size=1500)
+        drawn = rng.multivariate_normal(np.zeros(11), cov, size=1500)
         for d in drawn:
-            R = c.T_body_cam[:3, :3] @ exp_so3(d[8:11])
-            p = (p_body - c.T_body_cam[:3, 3] - d[11:]) @ R
-            square += np.sum(
-                (project(CameraModel.from_values(c.camera.kind, c.camera.values + d[:5]), p) - uv_px) ** 2, axis=1
-            )
+            R = c.T_body_cam[:3, :3] @ exp_so3(d[5:8])
+            p = (p_body - c.T_body_cam[:3, 3] - d[8:]) @ R
+            drawn_camera = CameraModel.from_values(c.camera.kind, c.camera.values + d[:5])
+            square += np.sum((project(drawn_camera, p) - uv_px) ** 2, axis=1)
         assert np.allclose(np.sqrt(square / len(drawn)), claimed, rtol=0.08)
 
 
@@ -205,13 +204,13 @@ def test_sigmas_of_yaw_pitch_and_roll_agree_with_drawn_rotations(calibrations: C
     rng = np.random.default_rng(4)
     drawn = rng.multivariate_normal(np.zeros(3), cov[8:11, 8:11], size=4000)
     spread = np.std([np.subtract(yaw_pitch_roll(R @ exp_so3(d)), yaw_pitch_roll(R)) for d in drawn], axis=0)
-    assert np.allclose(yaw_pitch_roll_sigma(R, cov), spread, rtol=0.06)
+    assert np.allclose(yaw_pitch_roll_sigma(R, cov[8:11, 8:11]), spread, rtol=0.06)
 
 
 def test_rotation_that_is_not_determined_has_infinite_sigmas(calibrations: Calibrations) -> None:
     cov = np.eye(14)
     cov[10, :], cov[:, 10], cov[10, 10] = np.nan, np.nan, np.inf
-    assert np.all(np.isinf(yaw_pitch_roll_sigma(np.eye(3), cov)))
+    assert np.all(np.isinf(yaw_pitch_roll_sigma(np.eye(3), cov[8:11, 8:11])))
     c = calibrations("good_drive")
     assert c.detail is not None
     groups = parameter_groups(replace(c, detail=replace(c.detail, covariance=Covariance(matrix=cov))))

@@ -16,11 +16,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from boxcal.calib.assessment.verdict import judge
 from boxcal.calib.errors import CalibError
 from boxcal.calib.likelihood import EstimateOptions
 from boxcal.calib.report.fleet import fleet_report, odd_ones, robot_link
 from boxcal.calib.report.page import embedded, page, readable_time
-from boxcal.calib.report.robot import judge, robot_report
+from boxcal.calib.report.robot import robot_report
 from boxcal.calib.results.calibration import Calibration
 from boxcal.calib.results.diagnostics import Covariance
 from boxcal.detect.correspondences import Correspondences
@@ -120,7 +121,7 @@ def test_page_has_every_part(robot_page: bytes) -> None:
 
 
 def test_page_is_accessible_by_its_structure(robot_page: bytes, fleet: Sequence[Calibration]) -> None:
-    for html in (robot_page, fleet_report(fleet, [("r9.mcap", "broken; record it again")])):
+    for html in (robot_page, fleet_report(fleet, [CalibError("broken", source="r9.mcap", remedy="record it again")])):
         found = Page(html)
         names = [tag for tag, _ in found.tags]
         assert names.count("h1") == names.count("main") == names.count("header") == names.count("footer") == 1
@@ -174,8 +175,8 @@ def test_name_with_markup_stays_text(name: str, full: tuple[Calibration, Corresp
     provenance = replace(calibration.provenance, command=name, inputs={name: name}, settings={name: {name: name}})
     renamed = replace(calibration, robot=name, notes=notes, provenance=provenance)
     robot = robot_report(renamed, drive, faulty.TARGET)
-    fleet = fleet_report([renamed] * 6, [(name, f"{name}; {name}")])
-    plain = fleet_report([calibration] * 6, [("r", "r; r")])
+    fleet = fleet_report([renamed] * 6, [CalibError(name, source=name, remedy=name)])
+    plain = fleet_report([calibration] * 6, [CalibError("r", source="r", remedy="r")])
     for html, harmless in ((robot, robot_report(calibration, drive, faulty.TARGET)), (fleet, plain)):
         found = Page(html)
         assert [t for t, _ in found.tags if t in {"script", "img"}] == [
@@ -289,7 +290,7 @@ def test_fleet_lists_failures_with_what_to_do(fleet: Sequence[Calibration], cali
     for name in ("no_turn", "swapped_wheels"):
         with pytest.raises(CalibError) as refused:
             calibrations(name)
-        failures.append((f"{name}.mcap", f"{name}.mcap: {refused.value}"))
+        failures.append(refused.value.of(f"{name}.mcap"))
     text = Page(fleet_report(fleet, failures)).text
     assert "Fleet of 9" in text
     assert "no_turn.mcap : largest turn between stops is 0.3 deg" in text
@@ -300,8 +301,8 @@ def test_fleet_lists_failures_with_what_to_do(fleet: Sequence[Calibration], cali
 
 
 def test_fleet_counts_and_links_its_robots(fleet: Sequence[Calibration], drives: Drives) -> None:
-    verdicts = [judge(c, drives(c.robot), faulty.TARGET) for c in fleet]
-    found = Page(fleet_report(fleet, [], verdicts))
+    judged = [replace(c, verdict=judge(c, drives(c.robot), faulty.TARGET)) for c in fleet]
+    found = Page(fleet_report(judged, []))
     assert "1 good" in found.text
     assert "4 usable" in found.text
     assert "2 redo" in found.text
@@ -327,7 +328,12 @@ def test_pages_are_small(full: tuple[Calibration, Correspondences]) -> None:
     calibration, drive = full
     assert len(robot_report(calibration, drive, faulty.TARGET)) < 3e6
     many = [replace(calibration, robot=f"r{i:03d}") for i in range(100)]
-    assert len(fleet_report(many, [(f"f{i}.mcap", "broken; record it again") for i in range(20)])) < 5e6
+    assert (
+        len(
+            fleet_report(many, [CalibError("broken", source=f"f{i}.mcap", remedy="record it again") for i in range(20)])
+        )
+        < 5e6
+    )
 
 
 def test_long_drive_stays_below_three_megabytes(full: tuple[Calibration, Correspondences]) -> None:

@@ -10,15 +10,15 @@ import numpy as np
 import pytest
 
 from boxcal.calib.assessment.estimate_rules import held_out_ratio
-from boxcal.calib.assessment.limits import LIMITS, Level, Limit, Verdict, angle, length, percent
+from boxcal.calib.assessment.limits import LIMITS, Limit, angle, length, percent
 from boxcal.calib.assessment.print_scale import PrintScale
-from boxcal.calib.assessment.verdict import verdict
+from boxcal.calib.assessment.verdict import judge, verdict
 from boxcal.calib.errors import CalibError
 from boxcal.calib.geometry.so3_se3 import rigid, rot_z
 from boxcal.calib.likelihood.estimate import Direction, FlaggedCorner
-from boxcal.calib.report.robot import judge
 from boxcal.calib.results.calibration import Calibration
 from boxcal.calib.results.diagnostics import Covariance, HeldOut
+from boxcal.calib.results.verdict import Level, Verdict
 from boxcal.detect.correspondences import Correspondences
 from boxcal.target.box import make_target
 
@@ -237,8 +237,12 @@ def test_stop_behind_a_faulty_leg_does_not_count_as_badly_predicted(calibrations
 
 def test_what_is_not_determined_forbids_use(calibrations: Calibrations) -> None:
     c = calibrations("good_drive")
-    text = "wheelbase is not determined by these stops; add turns on the spot"
-    open_ = Direction(parameters=(("b", 1.0),), sigma=np.inf, text=text)
+    open_ = Direction(
+        parameters=(("b", 1.0),),
+        sigma=np.inf,
+        what="wheelbase is not determined by these stops",
+        advice="add turns on the spot",
+    )
     found = verdict(_with(c, directions=(open_,)))
     assert found.level is Level.REDO
     assert found.reasons[0].text == "Wheelbase is not determined by these stops."

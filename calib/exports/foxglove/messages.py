@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from boxcal.calib.exports.rotations import quaternion
+from boxcal.calib.geometry.euler import quaternion
 from boxcal.target.arrays import Array
 
 Message = dict[str, Any]

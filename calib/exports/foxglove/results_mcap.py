@@ -39,7 +39,7 @@ def results_mcap(scene: Scene, images: Images) -> bytes:
     scene
         What happened.
     images
-        Time (ns) and JPEG of a frame of each stop, as :func:`boxcal.calib.fleet.stop_images.stop_jpegs` gives them.
+        Time (ns) and JPEG of a frame of each stop, as :func:`boxcal.calib.exports.stop_images.stop_jpegs` gives them.
     """
     items = [*_still(scene), *_poses(scene)]
     for stop in scene.stops:

@@ -1,0 +1,41 @@
+"""What was found about a drive beyond its parameters: a cause, its size and what to do, ready to be shown."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Finding:
+    """A named cause of what noise does not explain.
+
+    Attributes
+    ----------
+    cause
+        Its name in the catalogue of explanations, such as ``eccentric-right``; stable, for programs.
+    text
+        One sentence: cause, size, standard deviation and unit.
+    advice
+        What to do about it; empty where nothing is to be done.
+    adopted
+        Whether it was solved for, so that the result allows for it.
+    blocks
+        Whether the result must not be used: sheets exchanged, a camera below its floor.
+    stops
+        Numbers of the stops that it concerns, from 0.
+    size, sigma
+        How large it is, in ``unit``; NaN where it has no one size.
+    unit
+        Of both; empty where they have none.
+    p_value
+        Chance of data as odd as these without the cause; NaN where no test was made.
+    """
+
+    cause: str
+    text: str
+    advice: str = ""
+    adopted: bool = False
+    blocks: bool = False
+    stops: tuple[int, ...] = ()
+    size: float = float("nan")
+    sigma: float = float("nan")
+    unit: str = ""
+    p_value: float = float("nan")

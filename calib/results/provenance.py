@@ -1,0 +1,42 @@
+"""How a result came about: version, command, inputs and settings."""
+
+from collections.abc import Mapping, Sequence
+from datetime import UTC, datetime
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+from boxcal.calib.results.calibration import Provenance
+from boxcal.detect.correspondences import Correspondences
+
+
+def provenance(command: str, drives: Sequence[Correspondences], settings: Mapping[str, Any]) -> Provenance:
+    """Return how the calibration of drives comes about now.
+
+    Parameters
+    ----------
+    command
+        The command line.
+    drives
+        What is calibrated.
+    settings
+        What was asked for; of a path only its name is kept.
+    """
+    return Provenance(
+        version=boxcal_version(),
+        command=command,
+        created=datetime.now(UTC).isoformat(timespec="seconds"),
+        inputs={
+            **{drive.source.log: drive.source.sha256 for drive in drives},
+            "target": drives[0].source.target_sha256,
+        },
+        settings={name: value.name if isinstance(value, Path) else value for name, value in settings.items()},
+    )
+
+
+def boxcal_version() -> str:
+    """Return the installed version."""
+    try:
+        return version("boxcal")
+    except PackageNotFoundError:
+        return "not installed"
