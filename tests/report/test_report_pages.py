@@ -352,7 +352,7 @@ def test_long_drive_stays_below_three_megabytes(full: tuple[Calibration, Corresp
                 last_sample=10 * k + 1,
                 **{
                     name: np.concatenate([getattr(stop, name)] * tile)
-                    for name in ("landmark_ids", "p_box", "uv_px", "cov_px2")
+                    for name in ("landmark_ids", "p_box", "uv_px", "cov_px2", "faces")
                 },
             )
         )
