@@ -94,7 +94,7 @@ def test_richer_lenses_are_compared_in_pixels() -> None:
     same = difference(a, a)
     assert same.ground.projection_worst_px < 1e-3
     assert same.p_value == 1.0
-    with pytest.raises(CalibError, match="lens models brown and radial"):
+    with pytest.raises(CalibError, match="camera models brown and radial"):
         difference(a, calibration(detail=PLAIN))
 
 
