@@ -6,18 +6,19 @@ from pathlib import Path
 
 import numpy as np
 
+from boxcal.detect.alignment.detector import KnownCamera
 from boxcal.detect.correspondences import Correspondences, Source, StopObservation
 from boxcal.detect.errors import DetectError
-from boxcal.detect.image.bit_depth import DEPTHS, eight_bits
-from boxcal.detect.image.log_response import choose_response
-from boxcal.detect.log.messages import Grey
+from boxcal.detect.image.bit_depth import DEPTHS, DeepGrey, eight_bits
+from boxcal.detect.image.response_curve import Response
 from boxcal.detect.log.recording import Recording, file_sha256, open_recording
 from boxcal.detect.log.safe_text import listed, printable
 from boxcal.detect.log.topics import Topics
 from boxcal.detect.log.wheel_samples import WheelUnits
 from boxcal.detect.stops import Stop, StopSettings, find_stops
-from boxcal.detect.tags.averaging import FLOOR_PX, AveragedCorners, combine, covariances
-from boxcal.detect.tags.detections import TagDetections, TagSettings, find_tags, other_family
+from boxcal.detect.tags.averaging import FLOOR_PX, AveragedCorners, covariances
+from boxcal.detect.tags.detections import TagSettings, other_family
+from boxcal.detect.tags.stop_measurement import measure_stop
 from boxcal.target.arrays import Array, Ids
 from boxcal.target.box import Target
 from boxcal.target.files.target_json import target_sha256
@@ -38,7 +39,7 @@ class ExtractSettings:
     stops, tags
         How stops and tags are found.
     response
-        The camera response function (``srgb`` or ``linear``); None tells it from the tags.
+        The camera response function (``srgb`` or ``linear``); None tells it from the tags of the first stops.
     bits
         Of the grey levels of a camera of more than 8 bits (10, 12, 14, 16), as its messages do not say how many of
         their 16 are used; None tells it from the largest value in some frames. It matters little where the response
@@ -55,7 +56,7 @@ class ExtractSettings:
 
     stops: StopSettings = field(default_factory=StopSettings)
     tags: TagSettings = field(default_factory=TagSettings)
-    response: str | None = None
+    response: Response | None = None
     bits: int | None = None
     settle: float = 0.1
     max_frames: int = 20
@@ -109,14 +110,14 @@ def extract(
     recording = open_recording(path, topics, units)
     stops = find_stops(recording.wheels, settings.stops)
     settings = replace(settings, bits=_bits(recording, stops, settings))
-    look = _Look(recording, target, replace(settings, tags=_with_tone(recording, stops, target, settings)))
+    look = _Look(recording, target, replace(settings, tags=_tag_settings(settings)))
     seen: list[tuple[Stop, AveragedCorners]] = []
     for number, stop in enumerate(stops, 1):
-        detections = look.at(stop)
+        detections, left_out = look.at(stop)
         usable = detections.tags >= settings.min_tags
         tell(
             f"{path.name}: stop {number} of {len(stops)}: {detections.frames} frames, {detections.tags} tags"
-            f"{'' if usable else ', left out'}"
+            f"{f' (frames left out: {left_out})' if left_out else ''}{'' if usable else ', left out'}"
         )
         if usable:
             seen.append((stop, detections))
@@ -153,13 +154,12 @@ def _bits(recording: Recording, stops: tuple[Stop, ...], settings: ExtractSettin
     return given or told
 
 
-def _with_tone(recording: Recording, stops: tuple[Stop, ...], target: Target, settings: ExtractSettings) -> TagSettings:
-    """Return the tag settings with the camera response function, told from one frame each of a few stops."""
-    response = settings.response
-    if response is None:
-        frames = recording.read_deep_frames(_some_frames(recording, stops, settings), settings.bits or 8)
-        response = choose_response([image for _, image in frames], target, settings.tags)
-    return replace(settings.tags, corners=replace(settings.tags.corners, response=response))
+def _tag_settings(settings: ExtractSettings) -> TagSettings:
+    """Return the tag settings under the response curve that was given; without one the tags tell it."""
+    if settings.response is None:
+        return settings.tags
+    corners = replace(settings.tags.corners, response=settings.response)
+    return replace(settings.tags, response=settings.response, corners=corners)
 
 
 def _some_frames(recording: Recording, stops: tuple[Stop, ...], settings: ExtractSettings) -> Ids:
@@ -175,17 +175,21 @@ class _Look:
         self._recording, self._target, self._settings = recording, target, settings
         self._frames = self._with_frames = self._with_tags = 0
         self._foreign: set[int] = set()
-        self._example: Grey | None = None
+        self._example: DeepGrey | None = None
+        self._camera: KnownCamera | None = None
         self.image_size = (0, 0)
 
-    def at(self, stop: Stop) -> AveragedCorners:
-        tags = list(self._tags(frames_at(self._recording, stop, self._settings.settle, self._settings.max_frames)))
-        detections = combine(tags)
-        self._with_frames += bool(tags)
-        self._with_tags += detections.tags > 0
-        return detections
+    def at(self, stop: Stop) -> tuple[AveragedCorners, str]:
+        """Return what the frames of a stop show, and which of them were left out and why."""
+        frames = frames_at(self._recording, stop, self._settings.settle, self._settings.max_frames)
+        found = measure_stop(self._images(frames), self._target, self._settings.tags, self._camera)
+        self._camera = found.camera
+        self._foreign.update(found.foreign_ids.tolist())
+        self._with_frames += bool(found.corners.frames)
+        self._with_tags += found.corners.tags > 0
+        return found.corners, found.left_out
 
-    def _tags(self, frames: Ids) -> Iterator[TagDetections]:
+    def _images(self, frames: Ids) -> Iterator[DeepGrey]:
         for t_ns, image in self._recording.read_deep_frames(frames, self._settings.bits or 8):
             size = (image.shape[1], image.shape[0])
             if self.image_size not in {(0, 0), size}:
@@ -195,10 +199,8 @@ class _Look:
                 )
             self.image_size = size
             self._frames += 1
-            self._example = eight_bits(image)
-            tags = find_tags(image, self._target, self._settings.tags)
-            self._foreign.update(tags.foreign_ids.tolist())
-            yield tags
+            self._example = image
+            yield image
 
     def why_not(self, stops: int, usable: int) -> str:
         """Return why fewer than three stops are usable, and what to do."""
@@ -227,7 +229,11 @@ class _Look:
                 f": tags {listed(map(str, sorted(self._foreign)))} of {box.dictionary} were seen, the target carries "
                 f"{ids[0]} to {ids[-1]}; give the target.json that this box was printed from"
             )
-        other = None if self._example is None else other_family(self._example, box.dictionary, self._settings.tags)
+        other = (
+            None
+            if self._example is None
+            else other_family(eight_bits(self._example), box.dictionary, self._settings.tags)
+        )
         if other is not None:
             return (
                 f": tags of {other} were seen, the target carries {box.dictionary}; give the target.json that this box "

@@ -46,7 +46,32 @@ FISHEYES = (0.32, 0.45)
 LEAST_SIGMA_PX = 0.05
 LEAST_DEPTH = 0.02
 _PRIORS = np.array([0.7, 0.05, 0.05, 0.15, 0.05, 0.02])
-"""Deviations of log f, centre (image widths), a1, a2 and a3."""
+"""Deviations of log f, centre (image widths), a1, a2 and a3 of a camera of which nothing is known."""
+_LEAST_PRIORS = np.array([0.003, 0.003, 0.003, 0.003, 0.001, 0.0005])
+"""The same of a camera that took an earlier picture: as well as that picture told, and no better."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class CameraPrior:
+    """What is known of a camera before a picture of it is searched.
+
+    Attributes
+    ----------
+    focal_px : px
+    lens : (6,)
+        See :mod:`boxcal.detect.alignment.radial_camera`.
+    deviation : (6,)
+        Of log f, centre px, a1, a2 and a3.
+    """
+
+    focal_px: float
+    lens: Array
+    deviation: Array
+
+    @property
+    def expected(self) -> Array:
+        """Log f, centre px, a1, a2 and a3, (6,)."""
+        return np.array([np.log(self.focal_px), *self.lens[FITTED]])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -59,8 +84,8 @@ class BoxFit:
     lens : (6,)
         See :mod:`boxcal.detect.alignment.radial_camera`.
     T_cam_box : (4, 4), m
-    expected : (6,)
-        Log f, centre px, a1, a2 and a3 before any tag was seen.
+    prior
+        What was known of the camera before any tag was seen.
     information : (12, 12)
         Of those six and the pose (left perturbation, rotation then translation), by px of residual.
     sigma_px : px
@@ -72,7 +97,7 @@ class BoxFit:
     focal_px: float
     lens: Array
     T_cam_box: Array
-    expected: Array
+    prior: CameraPrior
     information: Array
     sigma_px: float
     off_px: Array
@@ -81,6 +106,16 @@ class BoxFit:
         """Return where points (P, 3) are seen, (P, 2) px, and how uncertain that is, (P,) px; NaN where out of view."""
         uv, spread = _prediction()(p_box, self.focal_px, self.lens, self.T_cam_box, self.information)
         return uv, self.sigma_px * spread
+
+    def camera(self, width: int) -> CameraPrior:
+        """Return what this picture, ``width`` px wide, tells of the camera, for the next picture that it takes."""
+        deviation = 3 * self.sigma_px * np.sqrt(np.diag(np.linalg.inv(self.information))[:CAMERA])
+        scale = np.array([1, width, width, 1, 1, 1])
+        return CameraPrior(
+            focal_px=self.focal_px,
+            lens=self.lens,
+            deviation=np.clip(deviation, _LEAST_PRIORS * scale, _PRIORS * scale),
+        )
 
     def faces_camera(self, corners_box: Array) -> NDArray[np.bool_]:
         """Return which tags (T, 4, 3) turn their printed side to the camera."""
@@ -98,6 +133,7 @@ def fit_box(
     image_size: tuple[int, int],
     sigma_px: float,
     start: BoxFit | None = None,
+    camera: CameraPrior | None = None,
 ) -> BoxFit:
     """Fit box and camera to tags' corners.
 
@@ -112,33 +148,38 @@ def fit_box(
         How well the corners are known; a tag that is off by much more loses its weight (Cauchy).
     start
         A fit to much the same tags.
+    camera
+        The camera, if it is known from other pictures; others compete only where it does not explain the tags.
     """
-    refine = partial(_refine, target, rows, corners_px, width=max(image_size), sigma_px=sigma_px)
+    refine = partial(_refine, target, rows, corners_px, sigma_px=sigma_px)
     if start is not None:
-        fit = refine(start.focal_px, start.lens, start.T_cam_box, expected=start.expected, fair=FAIR * sigma_px)
+        fit = refine(start.focal_px, start.lens, start.T_cam_box, prior=start.prior, fair=FAIR * sigma_px)
         if np.median(fit.off_px) < FAIR * sigma_px or abs(fit.lens[2]) < PLAIN:
             return fit
     faces, counts = np.unique(target.tag_faces[rows], return_counts=True)
     main = target.tag_faces[rows] == faces[counts.argmax()]
     fits = [] if start is None else [fit]
     # seen from one side a box fits several focal lengths: they compete, those of ordinary cameras first
-    for focal, lens, expected in _cameras(image_size):
+    for focal, lens, prior in _cameras(image_size, camera):
         T = _start(target, rows[main], corners_px[main], lens, focal)
-        fits.append(refine(focal, lens, T, expected=expected))
-        if np.median(fits[-1].off_px) < GOOD * sigma_px and abs(fits[-1].lens[2]) < PLAIN:
+        fits.append(refine(focal, lens, T, prior=prior))
+        if np.median(fits[-1].off_px) < GOOD * sigma_px and (prior is camera or abs(fits[-1].lens[2]) < PLAIN):
             break
     return min(fits, key=lambda fit: float(np.median(fit.off_px)))
 
 
-def _cameras(image_size: tuple[int, int]) -> Iterator[tuple[float, Array, Array]]:
-    """Yield focal length, lens and expected figures of the cameras that may have taken a picture."""
+def _cameras(image_size: tuple[int, int], known: CameraPrior | None) -> Iterator[tuple[float, Array, CameraPrior]]:
+    """Yield focal length and lens to start from, and the prior, of the cameras that may have taken a picture."""
+    if known is not None:
+        yield known.focal_px, known.lens, known
     width, straight = max(image_size), no_distortion(image_size)
-    usual = np.array([np.log(1.1 * width), *straight[FITTED]])
+    deviation = _PRIORS * (1, width, width, 1, 1, 1)
+    usual = CameraPrior(focal_px=1.1 * width, lens=straight, deviation=deviation)
     for focal in FOCAL_LENGTHS:
         yield focal * width, straight, usual
     for focal in FISHEYES:
         lens = fisheye_distortion(image_size, focal * width)
-        yield focal * width, lens, np.array([np.log(focal * width), *lens[FITTED]])
+        yield focal * width, lens, CameraPrior(focal_px=focal * width, lens=lens, deviation=deviation)
 
 
 def _start(target: Target, rows: Index, corners_px: Array, lens: Array, focal: float) -> Array:
@@ -172,22 +213,21 @@ def _refine(  # noqa: PLR0917 - the state by position
     lens: Array,
     T_cam_box: Array,
     *,
-    width: int,
     sigma_px: float,
-    expected: Array,
+    prior: CameraPrior,
     fair: float = np.inf,
 ) -> BoxFit:
     """Return the fit from a start; longer where the median deviation stays above ``fair``, px."""
     lens, T = lens.copy(), T_cam_box.copy()
     p_box, uv = target.tag_corners[rows].reshape(-1, 3), corners_px.reshape(-1, 2)
     _bring_forward(focal, lens, T, p_box, uv)
-    prior = (sigma_px / (_PRIORS * (1, width, width, 1, 1, 1))) ** 2
-    focal, lens, T, information, off = _steps()(p_box, uv, (focal, lens, T), prior, expected, sigma_px, fair)
+    weight = (sigma_px / prior.deviation) ** 2
+    focal, lens, T, information, off = _steps()(p_box, uv, (focal, lens, T), weight, prior.expected, sigma_px, fair)
     return BoxFit(
         focal_px=focal,
         lens=lens,
         T_cam_box=T,
-        expected=expected,
+        prior=prior,
         information=information + 1e-12 * np.diag(np.diag(information)),
         sigma_px=max(LEAST_SIGMA_PX, sigma_px, 1.2 * float(np.median(off))),
         off_px=off.reshape(-1, 4).max(axis=1),

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from boxcal.detect.alignment.box_pose import FISHEYES, GOOD, BoxFit, fit_box
+from boxcal.detect.alignment.box_pose import FISHEYES, GOOD, BoxFit, CameraPrior, fit_box
 from boxcal.detect.alignment.candidates import TagCandidates
 from boxcal.detect.alignment.homography import least_squares_homography, map_points
 from boxcal.detect.alignment.pyramid import Pyramid, align_coarsely, align_midway
@@ -139,11 +139,16 @@ def predict_regions(
     patterns: Patterns,
     candidates: TagCandidates,
     image_size: tuple[int, int],
+    *,
     sigma_px: float = CANDIDATE_SIGMA_PX,
+    camera: CameraPrior | None = None,
 ) -> PredictedRegions:
     """Return the regions to search: at the candidates that one rigid box explains, and where it predicts more tags."""
-    fit, rows, corners = _fitted(
-        target, patterns, candidates.rows, candidates.corners_px, image_size=image_size, sigma_px=sigma_px
+    fit = fit_box(
+        target, candidates.rows, candidates.corners_px, image_size=image_size, sigma_px=sigma_px, camera=camera
+    )
+    fit, rows, corners = _consistent(
+        target, patterns, candidates.rows, candidates.corners_px, image_size=image_size, sigma_px=sigma_px, fit=fit
     )
     # where many candidates agree, the box says better than each of them where its corners are
     uv, spread = fit.predict(target.tag_corners[rows].reshape(-1, 3))
@@ -154,7 +159,7 @@ def predict_regions(
     return PredictedRegions(rows=rows, corners_px=corners, fit=fit)
 
 
-def _fitted(
+def _consistent(
     target: Target,
     patterns: Patterns,
     rows: Index,
@@ -162,10 +167,9 @@ def _fitted(
     *,
     image_size: tuple[int, int],
     sigma_px: float,
-    start: BoxFit | None = None,
+    fit: BoxFit,
 ) -> tuple[BoxFit, Index, Array]:
-    """Return the box through tags, and the tags that lie on it."""
-    fit = fit_box(target, rows, corners_px, image_size=image_size, sigma_px=sigma_px, start=start)
+    """Return the box refitted until all its tags lie on it, and those tags."""
     while True:
         good = fit.off_px <= _tolerance(patterns, corners_px, sigma_px)
         if good.all() or not good.any() or len(rows) < 3:
@@ -218,8 +222,9 @@ def grow_from_pose(
     for _ in range(ROUNDS):
         if len(tags) == 0:
             break
-        fit, rows, _ = _fitted(
-            target, patterns, tags.rows, tags.corners_px, image_size=image_size, sigma_px=ALIGNED_SIGMA_PX, start=fit
+        fit = fit_box(target, tags.rows, tags.corners_px, image_size=image_size, sigma_px=ALIGNED_SIGMA_PX, start=fit)
+        fit, rows, _ = _consistent(
+            target, patterns, tags.rows, tags.corners_px, image_size=image_size, sigma_px=ALIGNED_SIGMA_PX, fit=fit
         )
         if len(rows) < len(tags):
             tags = tags.take(np.isin(tags.rows, rows))

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from boxcal.detect.alignment.box_pose import LEAST_SIGMA_PX, BoxFit, fit_box
+from boxcal.detect.alignment.box_pose import LEAST_SIGMA_PX, BoxFit, CameraPrior, fit_box
 from boxcal.detect.alignment.box_search import (
     RIGID_TOLERANCE_MODULES,
     RIGID_TOLERANCE_PX,
@@ -13,7 +13,7 @@ from boxcal.detect.alignment.box_search import (
 from boxcal.detect.alignment.covariance import variance_inflation
 from boxcal.detect.alignment.preview import SIGMA_PX, preview
 from boxcal.detect.alignment.pyramid import Pyramid, align_coarsely
-from boxcal.detect.alignment.pyramid_search import find_box, search_copies
+from boxcal.detect.alignment.pyramid_search import FEW_TAGS, find_box, search_copies
 from boxcal.detect.alignment.radial_camera import no_distortion, sagitta_difference_px
 from boxcal.detect.alignment.registration.align import TagAlignments, align
 from boxcal.detect.alignment.registration.parameters import KURTOSIS
@@ -71,6 +71,22 @@ class DetectorSettings:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class KnownCamera:
+    """What earlier pictures of a camera tell about the next one.
+
+    Attributes
+    ----------
+    prior
+        Focal length and distortion.
+    imaging
+        Response curve and kurtosis of the PSF.
+    """
+
+    prior: CameraPrior
+    imaging: ImagingParameters
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class DetectorOutput:
     """Tags located in one image.
 
@@ -87,8 +103,12 @@ class DetectorOutput:
         Of the picture with the aligned pattern; NaN in a preview.
     blur_px : (N,), px
         Deviation of blur and pixel area together; NaN in a preview.
+    residual : (N,)
+        Deviation of the grey levels from the aligned pattern, 1 is full scale; NaN in a preview.
     response
         The response curve that was used.
+    camera
+        For the next picture of the same camera; None where too little was seen to tell, and in a preview.
     """
 
     ids: Index
@@ -96,7 +116,9 @@ class DetectorOutput:
     cov_px2: Array
     correlation: Array
     blur_px: Array
+    residual: Array
     response: str
+    camera: KnownCamera | None = None
 
 
 def nothing(response: str) -> DetectorOutput:
@@ -108,6 +130,7 @@ def nothing(response: str) -> DetectorOutput:
         cov_px2=np.zeros((0, 4, 2, 2)),
         correlation=none,
         blur_px=none,
+        residual=none,
         response=response,
     )
 
@@ -138,22 +161,55 @@ def detect_tags(image: NDArray[np.generic], target: Target, settings: DetectorSe
     if settings.fast:
         response = "srgb" if settings.response == "srgb" else "linear"
         return _previewed(patterns, *preview(to_grey8(image), target, response, settings.windows_px[0]), response)
-    grey, grey8 = to_grey(image)
+    return detect_in_grey(*to_grey(image), target, settings)
+
+
+def detect_in_grey(
+    grey: NDArray[np.float32],
+    grey8: NDArray[np.uint8],
+    target: Target,
+    settings: DetectorSettings,
+    camera: KnownCamera | None = None,
+) -> DetectorOutput:
+    """Return the target's tags in grey levels (H, W), 1 at full scale, and their copy in 8 bits.
+
+    Where the camera is known from other pictures, the search is for the box alone. For the rest see
+    :func:`detect_tags`; a preview is not made.
+    """
+    patterns = target_patterns(target)
     size = (grey.shape[1], grey.shape[0])
-    frame = Frame(grey=grey, response=response_table("linear"), lens=no_distortion(size))
-    found = find_box(Pyramid(frame), grey8, target, patterns, windows_px=settings.windows_px, limits=settings.limits)
+    frame = Frame(grey=grey, response=response_table(_first_response(settings, camera)), lens=no_distortion(size))
+    found = find_box(
+        Pyramid(frame), grey8, target, patterns, windows_px=settings.windows_px, limits=settings.limits,
+        camera=None if camera is None else camera.prior,
+    )  # fmt: skip
     if found is None:
-        return nothing("linear" if settings.response == "auto" else settings.response)
+        return nothing(_first_response(settings, camera))
     tags, fit = found.tags, found.fit
     frame = replace(frame, lens=fit.lens)
-    frame, tags = _finely(frame, patterns, tags, estimate_response(frame, patterns, tags, settings.response))
+    imaging = camera.imaging if camera and camera.imaging.settled else None
+    if imaging is None:
+        imaging = estimate_response(frame, patterns, tags, settings.response)
+    frame, tags = _finely(frame, patterns, tags, imaging)
     tags = tags.take(verified(patterns, tags, settings.limits))
     if len(tags) and module_px(patterns, tags.corners_px).max() > LARGE_MODULE_PX:
         fit = fit_box(target, tags.rows, tags.corners_px, image_size=size, sigma_px=LEAST_SIGMA_PX, start=fit)
         if sagitta_difference_px(frame.lens, fit.lens, tags.corners_px) > BENT_PX:
             frame = replace(frame, lens=fit.lens)
             tags = align(frame, patterns, tags.rows, tags.corners_px, start=tags, side_px=FINE_SIDE_PX, stop_px=STOP_PX)
-    return _located(frame, patterns, _on_the_box(target, patterns, tags, fit))
+    tags = _on_the_box(target, patterns, tags, fit)
+    located = _located(frame, patterns, tags)
+    if len(tags) < FEW_TAGS:
+        return located
+    imaging = replace(imaging, kurtosis=float(np.median(tags.theta[:, KURTOSIS])))
+    return replace(located, camera=KnownCamera(prior=fit.camera(max(size)), imaging=imaging))
+
+
+def _first_response(settings: DetectorSettings, camera: KnownCamera | None) -> str:
+    """Return the response curve under which a picture is searched."""
+    if settings.response != "auto":
+        return settings.response
+    return "linear" if camera is None else camera.imaging.response
 
 
 def detect_copies(
@@ -212,6 +268,7 @@ def _previewed(patterns: Patterns, rows: Index, corners_px: Array, response: str
         cov_px2=np.broadcast_to(SIGMA_PX**2 * np.eye(2), (len(rows), 4, 2, 2)).copy(),
         correlation=np.full(len(rows), np.nan),
         blur_px=np.full(len(rows), np.nan),
+        residual=np.full(len(rows), np.nan),
         response=response,
     )
 
@@ -226,5 +283,6 @@ def _located(frame: Frame, patterns: Patterns, tags: TagAlignments) -> DetectorO
         cov_px2=share * tags.cov_px2 + MODEL_ERROR_PX**2 * np.eye(2),
         correlation=tags.correlation,
         blur_px=tags.psf_sigma_px,
+        residual=tags.noise,
         response="srgb" if frame.response is response_table("srgb") else "linear",
     )

@@ -7,6 +7,7 @@ found from it, or the whole picture would not show the rest either; else larger 
 import numpy as np
 from numpy.typing import NDArray
 
+from boxcal.detect.alignment.box_pose import CameraPrior
 from boxcal.detect.alignment.box_search import (
     CANDIDATE_SIGMA_PX,
     BoxDetection,
@@ -38,6 +39,7 @@ def find_box(
     *,
     windows_px: tuple[int, ...],
     limits: Limits,
+    camera: CameraPrior | None = None,
 ) -> BoxDetection | None:
     """Return the tags of one box, roughly aligned; None if there is no candidate of any.
 
@@ -51,6 +53,8 @@ def find_box(
         Neighbourhoods that tell dark from bright: the first one always, the others where it finds few tags.
     limits
         What an aligned tag must keep to.
+    camera
+        The camera, if it is known from other pictures.
     """
     size = (grey8.shape[1], grey8.shape[0])
     lost_module_px = np.inf
@@ -62,7 +66,9 @@ def find_box(
         )
         if len(candidates) < FEW_TAGS:
             continue
-        search = predict_regions(target, patterns, candidates, size, sigma_px=CANDIDATE_SIGMA_PX * factor)
+        search = predict_regions(
+            target, patterns, candidates, size, sigma_px=CANDIDATE_SIGMA_PX * factor, camera=camera
+        )
         found = grow_from_pose(pyramid, target, patterns, search, limits)
         lost_module_px = found.lost_module_px if len(found.tags) >= FEW_TAGS else np.inf
         if factor == 1 or lost_module_px < CANDIDATE_MODULE_PX:
@@ -74,7 +80,9 @@ def find_box(
         )
     if len(candidates) == 0:
         return None
-    return grow_from_pose(pyramid, target, patterns, predict_regions(target, patterns, candidates, size), limits)
+    return grow_from_pose(
+        pyramid, target, patterns, predict_regions(target, patterns, candidates, size, camera=camera), limits
+    )
 
 
 def search_copies(grey8: NDArray[np.uint8], patterns: Patterns, windows_px: tuple[int, ...]) -> TagCandidates:

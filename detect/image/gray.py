@@ -26,6 +26,13 @@ def to_grey8(image: NDArray[np.generic]) -> NDArray[np.uint8]:
     return _eight_bits(single, np.multiply(single, np.float32(1 / full), dtype=np.float32))
 
 
+def eight_bit_copy(levels: NDArray[np.float32], full: float) -> NDArray[np.uint8]:
+    """Return grey levels (H, W) of images of 8 bits (``full`` 255) rounded, others stretched to 8 bits."""
+    if full == 255:
+        return np.asarray(cv2.convertScaleAbs(levels), dtype=np.uint8)
+    return _eight_bits(levels, np.multiply(levels, np.float32(1 / full), dtype=np.float32))
+
+
 def _single(image: NDArray[np.generic], bits: int | None) -> tuple[NDArray[Any], float]:
     """Return the one channel (H, W) of an image, colour mixed to grey, and its full scale."""
     if image.ndim not in {2, 3} or (image.ndim == 3 and image.shape[2] not in {1, 3, 4}):

@@ -22,6 +22,8 @@ Response = Literal["auto", "linear", "srgb"]
 RESPONSES: tuple[Response, ...] = ("auto", "linear", "srgb")
 TAGS = 3
 SIDE_PX, STOP_PX = 16.0, 0.05
+CLEAR = 0.8
+"""A response curve that leaves this fraction of the other's squared residuals is the camera's."""
 _ENTRIES = 1025
 
 
@@ -56,10 +58,13 @@ class ImagingParameters:
         Response curve, ``linear`` or ``srgb``.
     kurtosis
         Excess kurtosis of the blur.
+    settled
+        Whether the response curve was given, or told clearly.
     """
 
     response: str
     kurtosis: float
+    settled: bool = True
 
 
 def estimate_response(frame: Frame, patterns: Patterns, tags: TagAlignments, response: Response) -> ImagingParameters:
@@ -89,4 +94,8 @@ def estimate_response(frame: Frame, patterns: Patterns, tags: TagAlignments, res
     residual = {name: float(np.sum(tags.noise[fitted] ** 2)) for name, tags in left.items()}
     best = min(left, key=lambda name: residual[name] * (1.0 if name == "linear" else 1.03))
     kurtosis = left[best].theta[fitted, KURTOSIS]
-    return ImagingParameters(response=best, kurtosis=float(np.median(kurtosis)) if len(kurtosis) else 0.0)
+    return ImagingParameters(
+        response=best,
+        kurtosis=float(np.median(kurtosis)) if len(kurtosis) else 0.0,
+        settled=min(residual.values()) <= CLEAR * max(residual.values()) or len(left) == 1,
+    )

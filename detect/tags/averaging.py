@@ -41,6 +41,11 @@ class AveragedCorners:
         Degrees of freedom of those sums.
     frames
         How many frames were combined.
+    of_mean
+        The corners were measured once, in the mean of the frames: ``cov_px2`` is their covariance there, noise and
+        what the tags' model does not follow together.
+    averages_out
+        Fraction of the variance in that mean that is noise, which more frames would lessen; NaN where it is not known.
     """
 
     landmark_ids: Ids
@@ -52,6 +57,8 @@ class AveragedCorners:
     normalised: float
     freedom: int
     frames: int
+    of_mean: bool = False
+    averages_out: float = float("nan")
 
     @property
     def tags(self) -> int:
@@ -142,7 +149,7 @@ def covariances(by_stop: Sequence[AveragedCorners], floor_px: float = FLOOR_PX) 
     if len(told) == len(by_stop):
         share = sum(s.normalised for s in by_stop) / freedom if freedom else 1.0
         return [
-            cov * (share / s.counts + max(1 - share, 0.0))[:, None, None] + least
+            (cov if s.of_mean else cov * (share / s.counts + max(1 - share, 0.0))[:, None, None]) + least
             for s, cov, least in zip(by_stop, told, fixed, strict=True)
         ]
     scatter = np.sum([s.scatter_px2 for s in by_stop], axis=0)

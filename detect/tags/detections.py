@@ -16,7 +16,7 @@ from boxcal.detect.alignment.verification import Limits, verified
 from boxcal.detect.errors import DetectError
 from boxcal.detect.image.bit_depth import DeepGrey, eight_bits
 from boxcal.detect.image.gray import LEAST_SIDE_PX, to_grey, to_grey8
-from boxcal.detect.image.response_curve import response_table
+from boxcal.detect.image.response_curve import Response, response_table
 from boxcal.detect.tags.line_fit import CornerSettings, refine, systematic_px
 from boxcal.target.arrays import Array, Ids
 from boxcal.target.box import Target
@@ -24,7 +24,6 @@ from boxcal.target.tags.families import dictionary_names, family_size, load_dict
 
 _MIN_OTHER_TAGS = 4
 _CELL_PX = 8
-_LOCATE = {"srgb": DetectorSettings(response="srgb"), "linear": DetectorSettings(response="linear")}
 _THRESHOLD_CONSTANT = 3.0
 """OpenCV's own values, 4 and 7, find 8 % fewer of the tags of the real logs, at the same cost."""
 
@@ -38,13 +37,16 @@ class TagSettings:
     accurate
         Find all tags of the box and align each with its pattern (:mod:`boxcal.detect.alignment`). Otherwise OpenCV's
         detector finds tags one by one, and lines are fitted to their edges.
+    response
+        The camera's response curve of an accurate search: ``linear``, ``srgb``, or ``auto`` to tell it from the tags.
     threshold_windows_px
         Smallest and largest window, and their step, of the adaptive threshold that finds OpenCV's candidates.
     corners
-        The camera response function, and how lines are fitted.
+        How lines are fitted, and under which response curve.
     """
 
     accurate: bool = True
+    response: Response = "auto"
     threshold_windows_px: tuple[int, int, int] = (3, 23, 10)
     corners: CornerSettings = field(default_factory=CornerSettings)
 
@@ -76,6 +78,17 @@ class TagDetections:
     foreign_ids: Ids
     cov_px2: Array | None = None
 
+    @classmethod
+    def none(cls, foreign_ids: Ids | None = None) -> "TagDetections":
+        """Return what an image without a tag of the target shows."""
+        return cls(
+            ids=np.zeros(0, dtype=np.int64),
+            corners_px=np.zeros((0, 4, 2)),
+            sigma_px=np.zeros(0),
+            foreign_ids=np.zeros(0, dtype=np.int64) if foreign_ids is None else foreign_ids,
+            cov_px2=np.zeros((0, 4, 2, 2)),
+        )
+
     @property
     def landmark_ids(self) -> Ids:
         """Ids of all corners, (4 N,), ascending: ``4 * tag id + corner``."""
@@ -97,7 +110,7 @@ def find_tags(image: DeepGrey, target: Target, settings: TagSettings | None = No
         raise DetectError(f"an image of shape {image.shape}: a grey one (H, W) is needed; convert it first")
     settings = settings or TagSettings()
     if settings.accurate and min(image.shape) >= LEAST_SIDE_PX:
-        located = detect_tags(image, target, _LOCATE[settings.corners.response])
+        located = detect_tags(image, target, detector_settings(settings))
         if located.ids.size:
             return TagDetections(
                 ids=located.ids,
@@ -106,8 +119,7 @@ def find_tags(image: DeepGrey, target: Target, settings: TagSettings | None = No
                 foreign_ids=np.zeros(0, dtype=np.int64),
                 cov_px2=located.cov_px2,
             )
-        ids, _ = _detect(to_grey8(image), target.box.dictionary, settings.threshold_windows_px)
-        return _no_tags(np.unique(ids[~np.isin(ids, target.tag_ids)]))
+        return TagDetections.none(foreign_tags(image, target, settings))
     grey = eight_bits(image)
     ids, corners = _detect(grey, target.box.dictionary, settings.threshold_windows_px)
     known = np.isin(ids, target.tag_ids)
@@ -120,15 +132,16 @@ def find_tags(image: DeepGrey, target: Target, settings: TagSettings | None = No
     return TagDetections(ids=ids, corners_px=corners, sigma_px=systematic_px(corners), foreign_ids=foreign)
 
 
-def _no_tags(foreign_ids: Ids) -> TagDetections:
-    nothing = np.zeros((0, 4, 2))
-    return TagDetections(
-        ids=np.zeros(0, dtype=np.int64),
-        corners_px=nothing,
-        sigma_px=np.zeros(0),
-        foreign_ids=foreign_ids,
-        cov_px2=np.zeros((0, 4, 2, 2)),
-    )
+def foreign_tags(image: DeepGrey, target: Target, settings: TagSettings) -> Ids:
+    """Return the ids of the target's family that a grey image (H, W) shows but the target does not carry, ascending."""
+    ids, _ = _detect(to_grey8(image), target.box.dictionary, settings.threshold_windows_px)
+    return np.unique(ids[~np.isin(ids, target.tag_ids)])
+
+
+@cache
+def detector_settings(settings: TagSettings) -> DetectorSettings:
+    """Return the settings of the accurate detector."""
+    return DetectorSettings(response=settings.response)
 
 
 def other_family(image: NDArray[np.uint8], dictionary: str, settings: TagSettings | None = None) -> str | None:

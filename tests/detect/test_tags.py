@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from small_views import SIZE, TARGET, T_cam_box, true_corners, view
 
+from boxcal.detect.alignment.detector import detect_tags
 from boxcal.detect.errors import DetectError
-from boxcal.detect.image.log_response import choose_response, tag_growth_px
 from boxcal.detect.tags.detections import TagSettings, find_tags, other_family
 from boxcal.detect.tags.line_fit import CornerSettings, refine, systematic_px
 from boxcal.target.box import Box, make_target
@@ -54,24 +54,12 @@ def test_opencvs_own_corner_search_is_worse() -> None:
 
 @pytest.mark.parametrize("srgb", [True, False])
 @pytest.mark.parametrize("blur_px", [0.5, 1.0])
-def test_the_tone_curve_is_told_from_the_tags(srgb: bool, blur_px: float) -> None:
-    images = [view(angle, srgb=srgb, blur_px=blur_px) for angle in (10.0, 120.0)]
-    right, wrong = ("srgb", "linear") if srgb else ("linear", "srgb")
-    assert choose_response(images, TARGET, _with_tone(wrong)) == right
-    growth = {
-        response: tag_growth_px(find_tags(images[0], TARGET, _with_tone(response)), TARGET)
-        for response in (right, wrong)
-    }
-    assert abs(growth[right] or 0) < 0.05
-    assert abs(growth[wrong] or 0) > 0.1
-
-
-def test_the_tone_curve_stays_as_set_where_the_box_is_not_seen() -> None:
-    grey = np.full((100, 100), 128, dtype=np.uint8)
-    for response in ("srgb", "linear"):
-        assert choose_response([grey], TARGET, _with_tone(response)) == response
-        assert choose_response([], TARGET, _with_tone(response)) == response
-    assert tag_growth_px(find_tags(grey, TARGET), TARGET) is None
+def test_the_response_curve_is_told_from_the_tags_of_one_picture(srgb: bool, blur_px: float) -> None:
+    for angle in (10.0, 120.0):
+        found = detect_tags(view(angle, srgb=srgb, blur_px=blur_px), TARGET)
+        assert found.response == ("srgb" if srgb else "linear")
+        assert found.camera is not None
+        assert found.camera.imaging.settled
 
 
 def test_an_image_without_the_box_has_no_tags() -> None:

@@ -9,9 +9,7 @@ from boxcal.detect.alignment.detector import DetectorSettings, detect_copies, de
 from boxcal.detect.alignment.tag_patterns import family_patterns
 from boxcal.detect.errors import DetectError
 from boxcal.detect.image.gray import to_grey
-from boxcal.detect.image.log_response import choose_response
 from boxcal.detect.tags.detections import TagSettings, find_tags
-from boxcal.detect.tags.line_fit import CornerSettings
 from boxcal.target.box import Box, make_target
 from boxcal.target.camera.camera_model import CameraModel
 
@@ -160,16 +158,10 @@ def test_unknown_tone_is_refused():
 def test_extraction_aligns_by_default_and_tells_each_corners_covariance():
     T = pose(20.0)
     uv, _ = truth(T)
-    tags = find_tags(view(T), TARGET, TagSettings(corners=CornerSettings(response="linear")))
+    tags = find_tags(view(T), TARGET, TagSettings(response="linear"))
     assert _rms(tags.corners_px - uv[tags.ids]) < 0.03
     assert tags.cov_px2.shape == (len(tags.ids), 4, 2, 2)
     assert np.all(np.sqrt(np.trace(tags.cov_px2, axis1=2, axis2=3)) < 0.1)
-
-
-@pytest.mark.parametrize("srgb", [True, False])
-def test_tone_curve_of_a_log_is_told_with_aligned_corners(srgb):
-    images = [view(pose(a), replace(PLAIN, srgb=srgb)) for a in (10.0, 40.0)]
-    assert choose_response(images, TARGET, TagSettings()) == ("srgb" if srgb else "linear")
 
 
 def test_all_tags_of_real_photographs_are_found(shared_data):

@@ -1,0 +1,167 @@
+"""Frames of a stop compared: which of them show the same still picture, each up to its exposure.
+
+A frame is the reference under a gain and an offset of its grey levels (of a power law, as response curves nearly are,
+an exposure is a factor of the grey level too), moved by a fraction of a pixel. The gain, the offset and the motion are
+fitted to the pixels where the picture has its strongest gradients, with Tukey's weights, so that a passer-by in a
+corner of the picture counts for nothing (Lucas and Kanade 1981 for the motion; Huber and Ronchetti, Robust Statistics,
+2009, for the weights). The reference is the median over the frames.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from boxcal.detect.image.bit_depth import DeepGrey
+from boxcal.target.arrays import Array
+
+POINTS = 3000
+"""Pixels that are compared."""
+_SPACING_PX = 2
+"""Of every square of so many pixels a side one is a candidate: its neighbour's edge is the same edge."""
+MOST_MOTION_PX, MOTION_SIGMAS = 0.1, 5.0
+"""A frame that is displaced by more than this, and by more than noise explains, moved."""
+CHANGED_SIGMAS, MOST_CHANGED = 6.0, 0.02
+"""A frame in which more than this fraction of the pixels differ by so many deviations of the noise is not the same."""
+_LEAST_NOISE = 0.5
+"""Grey levels of 255: rounding alone has a deviation of 0.3."""
+BANDS, MOST_BANDING = 8, 0.02
+"""Lamps flicker in horizontal bands of a rolling shutter: bands compared, and their largest deviation in gain."""
+_ROUNDS = 3
+_TUKEY = 4.685
+"""Tukey's constant: 95 % of the efficiency of least squares under normal noise."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Stillness:
+    """How the frames of a stop differ from the picture that most of them show.
+
+    Attributes
+    ----------
+    kept : (N,)
+        Which frames show the same still picture.
+    moved, flickered, changed : (N,)
+        Why the others do not: displaced; lit in bands; covered or changed in part.
+    gain, offset : (N,)
+        Of each frame's grey levels against the median frame's; the offset in grey levels.
+    motion_px : (N, 2)
+        Displacement against the median frame.
+    noise
+        Deviation of a pixel from frame to frame at edges, grey levels; NaN of a single frame.
+    """
+
+    kept: NDArray[np.bool_]
+    moved: NDArray[np.bool_]
+    flickered: NDArray[np.bool_]
+    changed: NDArray[np.bool_]
+    gain: Array
+    offset: Array
+    motion_px: Array
+    noise: float
+
+    @property
+    def left_out(self) -> str:
+        """How many frames are left out and why, as a phrase; empty if none is."""
+        reasons = (("moved", self.moved), ("changed in part (covered?)", self.changed), ("flickered", self.flickered))
+        told, seen = [], self.kept.copy()
+        for word, which in reasons:
+            new = which & ~seen
+            seen |= new
+            if new.any():
+                told.append(f"{int(new.sum())} {word}")
+        return ", ".join(told)
+
+
+def compare_frames(frames: Sequence[DeepGrey], mean: NDArray[np.float32]) -> Stillness:
+    """Compare frames (H, W) of one size and depth with the picture that most of them show.
+
+    Parameters
+    ----------
+    frames
+        One at least.
+    mean : (H, W)
+        Of all frames, in their grey levels.
+    """
+    n = len(frames)
+    scale = 1.0 if frames[0].dtype == np.uint8 else 257.0
+    at, gradient = _strong_gradients(mean)
+    values = np.stack([frame.ravel()[at] for frame in frames], axis=1).astype(np.float64)
+    reference = np.median(values, axis=1)
+    fits = [_fit(values[:, k], reference, gradient) for k in range(n)]
+    coefficients = np.stack([fit[0] for fit in fits])
+    residuals = np.stack([fit[1] for fit in fits])
+    spread = 1.4826 * np.median(np.abs(residuals), axis=1)
+    noise = max(float(np.median(spread)), _LEAST_NOISE * scale)
+    motion = coefficients[:, 2:] - np.median(coefficients[:, 2:], axis=0)
+    motion_sigma = np.stack([fit[2] for fit in fits]) * noise
+    size = np.linalg.norm(motion, axis=1)
+    moved = size > np.maximum(MOST_MOTION_PX, MOTION_SIGMAS * motion_sigma.max(axis=1))
+    changed = np.mean(np.abs(residuals) > CHANGED_SIGMAS * noise, axis=1) > MOST_CHANGED
+    flickered = _banding(values, reference, at // mean.shape[1], mean.shape[0]) > MOST_BANDING
+    kept = ~(moved | changed | flickered)
+    # where no picture has a majority, nothing says which frame is right
+    if kept.sum() * 2 <= n and n > 1:
+        kept = ~(moved | changed) if (~(moved | changed)).sum() * 2 > n else np.ones(n, dtype=np.bool_)
+    used = residuals[kept]
+    return Stillness(
+        kept=kept,
+        moved=moved & ~kept,
+        flickered=flickered & ~kept,
+        changed=changed & ~kept,
+        gain=1 + coefficients[:, 0],
+        offset=coefficients[:, 1],
+        motion_px=motion,
+        noise=_temporal_noise(used, int(kept.sum())) if n > 1 else float("nan"),
+    )
+
+
+def _strong_gradients(picture: NDArray[np.float32]) -> tuple[NDArray[np.int64], Array]:
+    """Return the flat indices (P,) of the pixels with the strongest gradients, spread out, and the gradients (P, 2)."""
+    across = cv2.Sobel(picture, cv2.CV_32F, 1, 0, ksize=3, scale=1 / 8)
+    down = cv2.Sobel(picture, cv2.CV_32F, 0, 1, ksize=3, scale=1 / 8)
+    strength = np.asarray(
+        across[1:-1:_SPACING_PX, 1:-1:_SPACING_PX] ** 2 + down[1:-1:_SPACING_PX, 1:-1:_SPACING_PX] ** 2
+    )
+    count = min(POINTS, strength.size)
+    best = np.argpartition(strength.ravel(), strength.size - count)[strength.size - count :]
+    row, column = np.divmod(best, strength.shape[1])
+    at = (1 + _SPACING_PX * row) * picture.shape[1] + 1 + _SPACING_PX * column
+    return at.astype(np.int64), np.stack([across.ravel()[at], down.ravel()[at]], axis=1).astype(np.float64)
+
+
+def _fit(values: Array, reference: Array, gradient: Array) -> tuple[Array, Array, Array]:
+    """Return gain less one, offset and motion (4,) of a frame, its residuals (P,), and the motion's sigma by noise."""
+    A = np.column_stack([reference, np.ones(len(reference)), -gradient])
+    y, weight = values - reference, np.ones(len(values))
+    for _ in range(_ROUNDS):
+        weighted = A * weight[:, None]
+        normal = A.T @ weighted + 1e-9 * np.diag((A**2).sum(axis=0) + 1e-9)
+        x = np.linalg.solve(normal, weighted.T @ y)
+        r = y - A @ x
+        width = _TUKEY * max(1.4826 * float(np.median(np.abs(r))), 1e-3)
+        weight = np.maximum(1 - (r / width) ** 2, 0) ** 2
+    return np.asarray(x), np.asarray(r), np.sqrt(np.diag(np.linalg.inv(normal))[2:])
+
+
+def _banding(values: Array, reference: Array, rows: NDArray[np.int64], height: int) -> Array:
+    """Return the largest deviation (N,) of a horizontal band's gain from that of the whole frame."""
+    band = rows * BANDS // height
+    bright = reference > np.median(reference)
+    ratio = np.where(bright[:, None], values, np.nan) / np.maximum(reference, 1e-9)[:, None]
+    whole = np.median(ratio[bright], axis=0) if bright.any() else np.ones(values.shape[1])
+    most = np.zeros(values.shape[1])
+    for k in range(BANDS):
+        here = bright & (band == k)
+        if here.sum() >= 100:
+            most = np.maximum(most, np.abs(np.median(ratio[here], axis=0) / whole - 1))
+    return most
+
+
+def _temporal_noise(residuals: Array, n: int) -> float:
+    """Return the deviation of a pixel's noise from residuals (N, P) against the median of the frames."""
+    if n < 2:
+        return float("nan")
+    apart = residuals - residuals.mean(axis=0)
+    return float(1.4826 * np.median(np.abs(apart)) * np.sqrt(n / (n - 1)))

@@ -1,0 +1,166 @@
+"""One stop measured once: its frames averaged, and the tags of the box aligned in the mean picture.
+
+A mean over n frames has a root of n less noise than one of them, costs one detection instead of n, and what does not
+change from frame to frame (the pixel grid, the print, the lens) shows in its residuals instead of hiding below noise.
+Frames that do not show the same still picture are left out (:mod:`boxcal.detect.tags.stillness`). The next stop starts
+from the camera that this one found: its focal length and distortion, response curve and PSF.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from boxcal.detect.alignment.detector import KnownCamera, detect_in_grey
+from boxcal.detect.image.bit_depth import FULL_SCALE, DeepGrey
+from boxcal.detect.image.gray import LEAST_SIDE_PX, eight_bit_copy
+from boxcal.detect.tags.averaging import AveragedCorners, combine
+from boxcal.detect.tags.detections import TagDetections, TagSettings, detector_settings, find_tags, foreign_tags
+from boxcal.detect.tags.stillness import Stillness, compare_frames
+from boxcal.target.box import Target
+
+MOST_BYTES = 1 << 27
+"""Frames of a stop held at once; beyond it further frames are not read."""
+EXPOSURE = 0.005
+"""Gains closer to one are noise of the fit: the frames are averaged as they are."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class StopMeasurement:
+    """What the frames of one stop show.
+
+    Attributes
+    ----------
+    corners
+        Where each landmark was seen, and how well.
+    foreign_ids : (M,)
+        Tags of the target's family that the target does not carry, looked for only where none of its own was seen.
+    left_out
+        How many frames were left out and why, as a phrase; empty if none was.
+    camera
+        For the next stop; None where nothing is known yet.
+    """
+
+    corners: AveragedCorners
+    foreign_ids: NDArray[np.int64]
+    left_out: str
+    camera: KnownCamera | None
+
+
+def measure_stop(
+    frames: Iterable[DeepGrey], target: Target, settings: TagSettings | None = None, camera: KnownCamera | None = None
+) -> StopMeasurement:
+    """Measure the tags of a target in the frames that were taken while the robot stood still once.
+
+    Parameters
+    ----------
+    frames
+        Grey images (H, W) of one size, uint8 or uint16 (white at 65535); read one after the other.
+    target
+        The box to look for.
+    settings
+        The defaults if None. If they are not ``accurate``, tags are found frame by frame and averaged.
+    camera
+        What the stop before told of the camera; the first stop has none.
+    """
+    settings = settings or TagSettings()
+    held = _held(frames)
+    if not held:
+        return _measured(combine([]), camera=camera)
+    if not settings.accurate or min(held[0].shape) < LEAST_SIDE_PX:
+        by_frame = [find_tags(frame, target, settings) for frame in held]
+        foreign = np.unique(np.concatenate([t.foreign_ids for t in by_frame]))
+        return _measured(combine(by_frame), foreign_ids=foreign, camera=camera)
+    mean, still = average_frames(held)
+    full = 255.0 if held[0].dtype == np.uint8 else float(FULL_SCALE)
+    grey = np.multiply(mean, np.float32(1 / full), dtype=np.float32)
+    found = detect_in_grey(grey, eight_bit_copy(mean, full), target, detector_settings(settings), camera)
+    if found.ids.size == 0:
+        foreign = foreign_tags(held[len(held) // 2], target, settings)
+        corners = combine([TagDetections.none()] * len(held))
+        return _measured(corners, foreign_ids=foreign, left_out=still.left_out, camera=camera)
+    tags = TagDetections(
+        ids=found.ids,
+        corners_px=found.corners_px,
+        sigma_px=np.zeros(found.ids.size),
+        foreign_ids=np.zeros(0, dtype=np.int64),
+        cov_px2=found.cov_px2,
+    )
+    kept = int(still.kept.sum())
+    corners = replace(
+        combine([tags]),
+        counts=np.full(4 * found.ids.size, kept, dtype=np.int64),
+        frames=kept,
+        of_mean=True,
+        averages_out=_averages_out(still.noise / full, found.residual, kept),
+    )
+    return _measured(corners, left_out=still.left_out, camera=_newer(camera, found.camera))
+
+
+def average_frames(frames: list[DeepGrey]) -> tuple[NDArray[np.float32], Stillness]:
+    """Return the mean of the frames that show the same still picture, (H, W) in their grey levels, and which those are.
+
+    Each frame is brought to the exposure of the median frame first.
+    """
+    mean = _mean(frames)
+    still = compare_frames(frames, mean)
+    kept = np.flatnonzero(still.kept)
+    exposed = np.abs(still.gain[kept] - 1).max() > EXPOSURE
+    if len(kept) < len(frames) or exposed:
+        gain, offset = (still.gain, still.offset) if exposed else (np.ones(len(frames)), np.zeros(len(frames)))
+        mean = _mean([frames[k] for k in kept], gain[kept], offset[kept])
+    return mean, still
+
+
+def _mean(
+    frames: list[DeepGrey], gain: NDArray[np.float64] | None = None, offset: NDArray[np.float64] | None = None
+) -> NDArray[np.float32]:
+    """Return the mean of frames; with gains and offsets, of what each would be at gain 1 and offset 0, by its noise."""
+    total = np.zeros(frames[0].shape, dtype=np.float32)
+    if gain is None or offset is None:
+        for frame in frames:
+            cv2.accumulate(frame, total)
+        return np.asarray(total * np.float32(1 / len(frames)))
+    for frame, g in zip(frames, gain, strict=True):
+        total += np.float32(g) * frame
+    return np.asarray((total - np.float32(gain @ offset)) * np.float32(1 / (gain @ gain)))
+
+
+def _averages_out(noise: float, residual: NDArray[np.float64], frames: int) -> float:
+    """Return the fraction of the residuals' variance in a mean picture that is noise; the rest stays in every frame."""
+    if frames < 2:
+        return float("nan")
+    return float(np.clip(np.median(noise**2 / frames / np.maximum(residual, 1e-9) ** 2), 0, 1))
+
+
+def _held(frames: Iterable[DeepGrey]) -> list[DeepGrey]:
+    held: list[DeepGrey] = []
+    size = 0
+    for frame in frames:
+        held.append(frame)
+        size += frame.nbytes
+        if size > MOST_BYTES:
+            break
+    return held
+
+
+def _newer(old: KnownCamera | None, new: KnownCamera | None) -> KnownCamera | None:
+    """Return what is known of the camera after a stop; a response curve once told clearly stays."""
+    if new is None or old is None:
+        return new or old
+    return replace(new, imaging=replace(new.imaging, response=old.imaging.response)) if old.imaging.settled else new
+
+
+def _measured(
+    corners: AveragedCorners,
+    *,
+    foreign_ids: NDArray[np.int64] | None = None,
+    left_out: str = "",
+    camera: KnownCamera | None = None,
+) -> StopMeasurement:
+    none = np.zeros(0, dtype=np.int64)
+    return StopMeasurement(
+        corners=corners, foreign_ids=none if foreign_ids is None else foreign_ids, left_out=left_out, camera=camera
+    )
