@@ -23,7 +23,8 @@ from boxcal.calib.uncertainty.cross_validation import HeldOut, _predict
 from boxcal.calib.uncertainty.propagation import ground_uncertainty
 from boxcal.detect.correspondences import Correspondences
 from boxcal.target.box import make_target
-from boxcal.target.camera.camera_model import Lens, project_lens
+from boxcal.target.camera.camera_model import CameraModel, project, unproject
+from boxcal.target.camera.distortion import CameraKind
 
 TARGET = make_target()
 SIZE = (640, 480)
@@ -53,30 +54,27 @@ def sampled_pixels(found: Estimate, uv_px: Array, distance: float, draws: int) -
     Written down from the documentation of ``Estimate`` alone: what is drawn is added to the camera, turns
     ``R_body_cam`` from the right, and is added to ``t_body_cam``; the points stand still in the body's frame.
     """
-    values = [getattr(found.camera, name) for name in ("fu", "fv", "cu", "cv", "kr")] + list(found.lens_extra.values())
-    xy = np.zeros((len(uv_px), 2))
-    for _ in range(50):  # Newton's method on the pixel
-        at, _, by_point = project_lens(found.lens, np.array(values), np.column_stack([xy, np.ones(len(xy))]))
-        xy = xy + np.linalg.solve(by_point[:, :, :2], (uv_px - at)[:, :, None])[:, :, 0]
-    rays = np.column_stack([xy, np.ones(len(xy))])
-    R, t = found.T_body_cam[:3, :3], found.T_body_cam[:3, 3]
+    camera, R, t = found.camera, found.T_body_cam[:3, :3], found.T_body_cam[:3, 3]
+    rays = np.column_stack([unproject(camera, uv_px), np.ones(len(uv_px))])
+    np.testing.assert_allclose(project(camera, rays), uv_px, atol=1e-6)
     p_body = distance * rays / np.linalg.norm(rays, axis=1)[:, None] @ R.T + t
-    columns = [found.names.index(name) for name in (*ORDER, *found.lens_extra)]
+    names = ("fu", "fv", "cu", "cv", *camera.names)
+    columns = [found.names.index(name) for name in (*names, "rx", "ry", "rz", "tx", "ty", "tz")]
     cov = found.cov_all[np.ix_(columns, columns)]
     # Drawn a hundredth as large: projection is linear there, which the covariance of the projection assumes.
     changes = np.random.default_rng(1).multivariate_normal(np.zeros(len(cov)), cov * 1e-4, draws, method="cholesky")
     pixels = []
     for change in changes:
-        R_new, t_new = R @ exp_so3(change[8:11]), t + change[11:14]
-        camera = np.array(values) + np.concatenate([change[:5], change[14:]])
-        pixels.append(project_lens(found.lens, camera, (p_body - t_new) @ R_new)[0])
+        lens, rotation, translation = np.split(change, [len(names), len(names) + 3])
+        changed = CameraModel.from_values(camera.kind, camera.values + lens)
+        pixels.append(project(changed, (p_body - t - translation) @ R @ exp_so3(rotation)))
     return np.asarray(np.sum(np.var(pixels, axis=0), axis=1) * 1e4)
 
 
-@pytest.mark.parametrize("lens", [Lens.RADIAL, Lens.BROWN])
-def test_projection_uncertainty_is_that_of_sampled_calibrations(lens: Lens) -> None:
+@pytest.mark.parametrize("kind", [CameraKind.RADIAL, CameraKind.BROWN])
+def test_projection_uncertainty_is_that_of_sampled_calibrations(kind: CameraKind) -> None:
     """4000 draws know a variance of two coordinates to 1/sqrt(2000) at worst; four of these are allowed."""
-    found = estimate([drive(31, 5)[0]], None, EstimateOptions(lens=lens))
+    found = estimate([drive(31, 5)[0]], None, EstimateOptions(lens=kind))
     tell = ground_uncertainty(found, SIZE, 0.7).projection
     u, v = np.meshgrid(np.linspace(0, 639, 16), np.linspace(0, 479, 12))
     grid = np.stack([u.ravel(), v.ravel()], axis=1)
