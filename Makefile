@@ -11,7 +11,7 @@ TREE := build/tree
 EXTRAS ?= dev,docs,fast,cad,models-test
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable
 
-.PHONY: demo test lint format docs printables dist docker clean
+.PHONY: demo test lint format docs schemas printables dist docker clean
 
 # The main job without hardware: print files, three simulated robots and their logs, three calibrations.
 demo: $(INSTALLED)
@@ -48,6 +48,10 @@ dist: $(ALL_INSTALLED)
 
 docker:
 	docker build --tag boxcal .
+
+# JSON Schemas of the files that are written, as they are kept in the repository.
+schemas: $(INSTALLED)
+	$(BIN)/boxcal schemas docs/schemas
 
 $(INSTALLED): pyproject.toml constraints.txt
 	$(PYTHON) -c 'import sys; sys.exit("Python 3.11 or newer is needed: make PYTHON=python3.11 ...") if sys.version_info < (3, 11) else None'

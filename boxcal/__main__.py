@@ -16,6 +16,8 @@ COMMANDS = {
     "simulate-fleet": ("boxcal.calib.simulate.cli", "drive simulated robots around the box and write their logs"),
 }
 """Module and summary of each command, by the name under which it is installed."""
+ONLY_HERE = {"schemas": ("boxcal.schemas", "write JSON Schemas of the files that boxcal writes")}
+"""Commands that have no name of their own."""
 SHORT = {
     "calibrate": "fleet-calibrate",
     "compare": "compare-calibrations",
@@ -42,16 +44,20 @@ def main(argv: Sequence[str] | None = None) -> int:
     if words[0].startswith("-"):
         parser.parse_args(words[:1])
     name = SHORT.get(words[0], words[0])
-    if name not in COMMANDS:
-        hint = did_you_mean(words[0], [*COMMANDS, *SHORT])
+    known = COMMANDS | ONLY_HERE
+    if name not in known:
+        hint = did_you_mean(words[0], [*known, *SHORT])
         parser.error(f"unknown command {words[0]!r}; {hint or 'boxcal --help lists them'}")
-    command = cast("_Command", import_module(COMMANDS[name][0]))
+    command = cast("_Command", import_module(known[name][0]))
     return command.main(words[1:])
 
 
 def _parser() -> CommandParser:
     short = {name: alias for alias, name in SHORT.items()}
-    rows = [(f"{short[name]}, {name}" if name in short else name, summary) for name, (_, summary) in COMMANDS.items()]
+    rows = [
+        (f"{short[name]}, {name}" if name in short else name, summary)
+        for name, (_, summary) in (COMMANDS | ONLY_HERE).items()
+    ]
     width = max(len(names) for names, _ in rows)
     return CommandParser(
         "boxcal",

@@ -1,0 +1,226 @@
+"""JSON Schemas of the files that boxcal writes, made from the dataclasses that are saved in them.
+
+``boxcal schemas FOLDER`` writes them; those of this version are kept in ``docs/schemas``.
+"""
+
+import json
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from boxcal.command_line import CommandParser
+from boxcal.json_schema import NUMBER, NUMBER_OR_NULL, Schema, attributes, matrix, of_dataclass, record
+
+DIALECT = "https://json-schema.org/draft/2020-12/schema"
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run ``boxcal schemas``; return 0 if all schemas were written, 1 if not (argparse exits with 2)."""
+    parser = CommandParser(
+        "boxcal schemas",
+        description="example:\n  boxcal schemas schemas\n\n"
+        "Write JSON Schemas of calibration.json, target.json and of the header in correspondences.npz.",
+    )
+    parser.add_argument("folder", type=Path, metavar="FOLDER", help="where to write")
+    folder = parser.parse_args(argv).folder
+    from boxcal.target.files.atomic_write import write_atomically
+
+    try:
+        for name, schema in all_schemas().items():
+            write_atomically(folder / f"{name}.schema.json", schema_bytes(schema))
+    except OSError as error:
+        sys.stderr.write(
+            f"boxcal schemas: {folder}: cannot be written ({error.strerror or error}); name another FOLDER\n"
+        )
+        return 1
+    return 0
+
+
+def schema_bytes(schema: Schema) -> bytes:
+    """Return a schema as it is written."""
+    return (json.dumps(schema, indent=2, ensure_ascii=False) + "\n").encode()
+
+
+def all_schemas() -> dict[str, Schema]:
+    """Return the schemas by the stem of their file."""
+    return {
+        "calibration": calibration_schema(),
+        "target": target_schema(),
+        "correspondences": correspondences_schema(),
+    }
+
+
+def target_schema() -> Schema:
+    """Return the schema of ``target.json``."""
+    from boxcal.target.box import Box
+    from boxcal.target.files.target_json import SCHEMA
+    from boxcal.target.measure.measured_size import SIZES, Measured
+
+    measured = of_dataclass(Measured, {"cov": matrix(len(SIZES), len(SIZES), "m^2 for lengths, none for scales")})
+    measured["properties"]["cov_order"] = {"const": list(SIZES), "description": "Rows and columns of cov."}
+    measured["required"] = sorted(measured["properties"])
+    return _document(
+        "target.json",
+        "A landmark box: its design, its tags' corners and, if it was measured, its true size.",
+        SCHEMA,
+        {
+            "units": {"const": "m"},
+            "frame": _text("Of all coordinates."),
+            "corner_order": _text("Of a tag's corners."),
+            "box": of_dataclass(Box),
+            "measured": measured,
+            "tags": {
+                "type": "object",
+                "description": "Tag id -> its four corners in frame box, m.",
+                "propertyNames": {"pattern": "^[0-9]+$"},
+                "additionalProperties": matrix(4, 3, "m"),
+            },
+        },
+        optional=("measured",),
+    )
+
+
+def correspondences_schema() -> Schema:
+    """Return the schema of the JSON text in the array ``header`` of ``correspondences.npz``.
+
+    Under ``arrays`` it says what the other arrays of the archive hold; that is for people, a validator skips it.
+    """
+    from boxcal.detect.correspondences import SCHEMA, Source, StopObservation
+    from boxcal.detect.log.wheel_samples import WheelSamples, WheelUnits
+
+    stop = of_dataclass(StopObservation, skip_arrays=True)
+    schema = _document(
+        "correspondences.npz: header",
+        "What a robot saw at each stop of one drive, and what its wheels did between: the numbers beside the arrays.",
+        SCHEMA,
+        {
+            "robot": _text("Name of the robot."),
+            "image_size": _image_size(),
+            "source": of_dataclass(Source),
+            "encoder_steps": of_dataclass(WheelSamples, skip_arrays=True)["properties"]["encoder_steps"],
+            "units": of_dataclass(WheelUnits),
+            "stops": {"type": "array", "items": stop, "description": "In order of time."},
+        },
+        optional=("encoder_steps", "units"),
+    )
+    arrays = {name: text for name, text in attributes(WheelSamples).items() if name != "encoder_steps"}
+    own = set(stop["properties"])
+    arrays |= {f"stop<number>_{name}": text for name, text in attributes(StopObservation).items() if name not in own}
+    return {**schema, "arrays": {"header": "This document, UTF-8 bytes.", **arrays}}
+
+
+def calibration_schema() -> Schema:
+    """Return the schema of ``calibration.json``."""
+    from boxcal.calib.results.calibration import Calibration, Provenance, Quality, StopResult, Wheels
+    from boxcal.calib.results.diagnostics import CAMERA
+    from boxcal.calib.results.json_format import SCHEMA
+    from boxcal.calib.results.verdict import Verdict
+    from boxcal.target.camera.camera_model import CameraModel
+
+    said = attributes(Calibration)
+    stop = of_dataclass(StopResult, {"T_box_cam": matrix(4, 4, "m")})
+    always: dict[str, Schema] = {
+        "robot": _text(said["robot"]),
+        "camera": of_dataclass(CameraModel, only=CAMERA),
+        "image_size": _image_size(),
+        "wheels": of_dataclass(Wheels),
+        "T_body_cam": {**matrix(4, 4, "m"), "description": said["T_body_cam"]},
+        "quality": of_dataclass(Quality),
+        "stops": {"type": "array", "items": stop, "description": said["stops"]},
+        "notes": {"type": "array", "items": {"type": "string"}, "description": said["notes"]},
+        "provenance": of_dataclass(Provenance),
+        "units": _text("Of the numbers in this file."),
+        "method": {"enum": ["likelihood", "four-steps"], "description": said["method"]},
+        "lens": _lens(),
+    }
+    sometimes: dict[str, Schema] = {"verdict": of_dataclass(Verdict), **_of_likelihood()}
+    return _document(
+        "calibration.json",
+        "The calibration of one robot; fields from sigma on are there unless method is four-steps. Null stands for "
+        "what is infinite or undefined.",
+        SCHEMA,
+        always | sometimes,
+        optional=tuple(sometimes),
+    )
+
+
+def _of_likelihood() -> dict[str, Schema]:
+    """Return the schemas of the fields that the likelihood adds to a calibration."""
+    from boxcal.calib.likelihood.estimate import FlaggedCorner, FlaggedLeg, NoiseLevels
+    from boxcal.calib.likelihood.finding import Finding
+    from boxcal.calib.results.diagnostics import ORDER, Detail, Ground, Growth, HeldOut, Leg
+
+    said = attributes(Detail)
+
+    def many(kind: type, what: str) -> Schema:
+        return {"type": "array", "items": of_dataclass(kind, nullable=True), "description": what}
+
+    words = {"type": "string"}
+    both = _covariance("", {"type": "array", "items": words})
+    direction = {
+        "parameters": {"type": "array", "items": {"type": "array", "prefixItems": [words, NUMBER]}},
+        "sigma": NUMBER_OR_NULL,
+        **dict.fromkeys(("what", "advice", "text"), words),
+    }
+    return {
+        "sigma": _named("Standard deviation of each parameter, in its own unit; null where it is not determined."),
+        "covariance": _covariance(said["covariance"], {"const": list(ORDER)}),
+        "noise": of_dataclass(NoiseLevels, nullable=True),
+        "camera_covariance": {"anyOf": [both, {"type": "null"}], "description": said["camera_covariance"]},
+        "extra": _named(said["extra"]),
+        "extra_sigma": _named(said["extra_sigma"]),
+        "ground": of_dataclass(Ground, nullable=True),
+        "legs": many(Leg, said["legs"]),
+        "flagged_legs": many(FlaggedLeg, said["flagged_legs"]),
+        "flagged_corners": many(FlaggedCorner, said["flagged_corners"]),
+        "directions": {
+            "type": "array",
+            "items": record(direction, "", optional=("what", "advice")),
+            "description": said["directions"],
+        },
+        "findings": many(Finding, said["findings"]),
+        "held_out": many(HeldOut, said["held_out"]),
+        "growth": many(Growth, said["growth"]),
+    }
+
+
+def _lens() -> Schema:
+    from boxcal.target.camera.distortion import CameraKind
+
+    parts = {
+        "model": {"enum": [str(kind) for kind in CameraKind]},
+        "coefficients": _named("Distortion coefficients beyond kr by name, which their order may not replace."),
+    }
+    return record(parts, "Camera model.")
+
+
+def _covariance(what: str, order: Schema) -> Schema:
+    from boxcal.calib.results.diagnostics import SIDE
+
+    rows = {"type": "array", "items": {"type": "array", "items": NUMBER_OR_NULL}}
+    return record({"order": order, "side": {"const": SIDE}, "matrix": rows}, what)
+
+
+def _named(what: str) -> Schema:
+    return {"type": "object", "additionalProperties": NUMBER_OR_NULL, "description": what}
+
+
+def _document(
+    title: str, what: str, number: int, properties: Mapping[str, Schema], optional: Sequence[str] = ()
+) -> Schema:
+    schema = {"const": number, "description": "Number of this format; fields may be added, none is removed or renamed."}
+    return {"$schema": DIALECT, "title": title, **record({"schema": schema, **properties}, what, optional)}
+
+
+def _text(what: str) -> Schema:
+    return {"type": "string", "description": what}
+
+
+def _image_size() -> Schema:
+    return {
+        "type": "array",
+        "items": {"type": "integer", "minimum": 1},
+        "minItems": 2,
+        "maxItems": 2,
+        "description": "[px] Width and height of the camera's images.",
+    }
