@@ -66,7 +66,7 @@ class _Version(argparse.Action):
         super().__init__(option_strings, dest, nargs=0, help="print the version and leave")
 
     def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
-        from boxcal import __version__
+        from boxcal.version import installed_version
 
-        sys.stdout.write(f"boxcal {__version__}\n")
+        sys.stdout.write(f"boxcal {installed_version()}\n")
         parser.exit()

@@ -4,6 +4,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 
+import numpy as np
+
 from boxcal.calib.assessment.verdict import judge
 from boxcal.calib.errors import CalibError
 from boxcal.calib.exports.files import exports
@@ -18,21 +20,89 @@ from boxcal.calib.results.build import closed_form, refined
 from boxcal.calib.results.calibration import Calibration
 from boxcal.calib.results.json_format import save_calibration
 from boxcal.calib.results.provenance import provenance
-from boxcal.calib.settings import CORRESPONDENCES, Job, listed
+from boxcal.calib.settings import CORRESPONDENCES, Job, Settings, listed, robot_name
 from boxcal.calib.uncertainty.box_size import box_notes
 from boxcal.calib.uncertainty.convergence import grow
 from boxcal.calib.uncertainty.cross_validation import validate
 from boxcal.detect.correspondences import Correspondences, load_correspondences, taken_as
 from boxcal.detect.extract import ExtractSettings, extract
-from boxcal.target.box import Target
+from boxcal.target.box import Target, make_target
 from boxcal.target.files.atomic_write import write_atomically
-from boxcal.target.files.target_json import target_sha256
+from boxcal.target.files.target_json import load_target, target_sha256
 
 _SAME_FOCAL, _SAME_SEPARATION = 0.03, 0.4
 """How far focal length and wheel separation of one robot's drives may differ, relative; slip makes the closed form's
 wheels rough."""
 
+_SAME_PLACE = 1e-6
+"""How far a landmark may lie from where a box has it, m: rounding only."""
+
 Progress = Callable[[str], None]
+
+
+Source = str | Path | Correspondences
+"""What a drive is read from: a recording (MCAP), correspondences saved before (``.npz``), or correspondences."""
+
+
+def calibrate(
+    source: Source | Sequence[Source],
+    target: Target | str | Path | None = None,
+    *,
+    settings: Settings | None = None,
+    robot: str | None = None,
+) -> Calibration:
+    """Return the calibration of one robot from its drive, with its verdict; nothing is written.
+
+    Parameters
+    ----------
+    source
+        The drive, or several drives of one robot around the same box, which are solved together.
+    target
+        The box, or its ``target.json``; the default box as designed if not given.
+    settings
+        Camera model, priors, topics and more; the defaults if not given.
+    robot
+        Name of the robot; that of the first drive if not given.
+
+    Raises
+    ------
+    BoxcalError
+        If a drive cannot be used, does not determine the calibration, or saw another box.
+
+    Examples
+    --------
+    >>> import boxcal
+    >>> found = boxcal.calibrate("robots/r01.mcap", "box/target.json")
+    >>> found.robot, found.camera_matrix.shape, found.T_body_cam.shape
+    ('r01', (3, 3), (4, 4))
+    """
+    sources = [source] if isinstance(source, (str, Path, Correspondences)) else list(source)
+    if not sources:
+        raise CalibError("no drive was given", remedy="give a recording or correspondences")
+    box = target if isinstance(target, Target) else load_target(target) if target is not None else make_target()
+    paths = tuple(Path(s.source.log or s.robot) if isinstance(s, Correspondences) else Path(s) for s in sources)
+    first = sources[0]
+    name = robot or (first.robot if isinstance(first, Correspondences) else robot_name(paths[0]))
+    job = Job(robot=name, logs=paths, target=box, settings=settings or Settings(report=False), out=None)
+    drives = [
+        _at_box(s, box, given=target is not None) if isinstance(s, Correspondences) else read(path, job)
+        for s, path in zip(sources, paths, strict=True)
+    ]
+    result = solve(job, drives)
+    return replace(result, verdict=judge(result, drives, box))
+
+
+def _at_box(drive: Correspondences, target: Target, *, given: bool) -> Correspondences:
+    """Return a drive with its landmarks on a box; where none was given they must lie on the default one already."""
+    there = placed(drive, target)
+    off = [np.max(np.abs(a.p_box - b.p_box), initial=0.0) for a, b in zip(drive.stops, there.stops, strict=True)]
+    if not given and max(off, default=0.0) > _SAME_PLACE:
+        raise CalibError(
+            "its landmarks are not where the default box has them",
+            source=drive.robot,
+            remedy="give the target that the drive was made with",
+        )
+    return there
 
 
 def calibrate_robot(job: Job, progress: Progress | None = None) -> Calibration:

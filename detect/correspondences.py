@@ -152,7 +152,7 @@ class Correspondences:
         spans = [(a.last_sample + 1, b.first_sample + 1) for a, b in zip(self.stops, self.stops[1:], strict=False)]
         return np.array([bool(np.all(self.wheels.covered[first:end])) for first, end in spans], dtype=np.bool_)
 
-    def save(self, path: Path) -> None:
+    def save(self, path: str | Path) -> None:
         """Write one ``.npz`` file (atomically)."""
         header: dict[str, Any] = {
             "schema": SCHEMA,
@@ -188,17 +188,26 @@ class Correspondences:
             arrays.update({f"stop{j}_{name}": getattr(stop, name) for name in _STOP_ARRAYS})
         buffer = io.BytesIO()
         np.savez_compressed(buffer, **arrays)
-        write_atomically(path, buffer.getvalue())
+        write_atomically(Path(path), buffer.getvalue())
 
 
-def load_correspondences(path: Path) -> Correspondences:
+def load_correspondences(path: str | Path) -> Correspondences:
     """Read what :meth:`Correspondences.save` wrote.
 
     Raises
     ------
     DetectError
         If the file is missing, too large, of another schema or inconsistent.
+
+    Examples
+    --------
+    >>> import boxcal
+    >>> boxcal.simulate(stops=4, seed=1).correspondences.save("drive.npz")
+    >>> drive = boxcal.load_correspondences("drive.npz")
+    >>> len(drive.stops), drive.image_size
+    (4, (640, 480))
     """
+    path = Path(path)
     try:
         if path.stat().st_size > MAX_FILE_BYTES:
             raise DetectError(f"{path.name}: larger than {MAX_FILE_BYTES} bytes; not a correspondence file")

@@ -73,7 +73,7 @@ class ExtractSettings:
 
 
 def extract(
-    path: Path,
+    path: str | Path,
     target: Target,
     *,
     topics: Topics | None = None,
@@ -104,7 +104,15 @@ def extract(
     ------
     DetectError
         If the log cannot be read or has fewer than three stops that see the box; the message says what to do.
+
+    Examples
+    --------
+    >>> import boxcal
+    >>> drive = boxcal.extract("robots/r01.mcap", boxcal.make_target())
+    >>> len(drive.stops), drive.stops[0].uv_px.shape[1]
+    (5, 2)
     """
+    path = Path(path)
     settings = settings or ExtractSettings()
     tell = progress or _silent
     recording = open_recording(path, topics, units)

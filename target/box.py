@@ -180,6 +180,13 @@ def make_target(box: Box | None = None, measured: Measured | None = None) -> Tar
     ------
     TargetError
         If a measured figure lies more than 5 % from the design.
+
+    Examples
+    --------
+    >>> import boxcal
+    >>> target = boxcal.make_target(boxcal.Box(width=0.12, depth=0.12, height=0.12, columns=3, rows=3))
+    >>> len(target.tag_ids)
+    36
     """
     box = box or Box()
     grid = box.grid_corners()

@@ -139,6 +139,58 @@ def test_only_boxcal_appears_in_site_packages(way: str, wheel: Path, source: Pat
     assert (home.parent / "box" / "target.json").is_file()
 
 
+_SCRIPT = """
+import boxcal
+
+target: boxcal.Target = boxcal.make_target(boxcal.Box(width=0.3, depth=0.3))
+boxcal.save_target(target, "target.json")
+drive: boxcal.Correspondences = boxcal.simulate(target=boxcal.load_target("target.json"), stops=8).correspondences
+found: boxcal.Calibration = boxcal.calibrate(drive, target)
+try:
+    found = boxcal.calibrate(["r01.mcap", "r02.mcap"], "target.json", robot="r01")
+except boxcal.BoxcalError as error:
+    print(error.found, error.remedy)
+yaw, pitch, roll = found.yaw_pitch_roll
+pixels = found.project([[1.0, 0.0, 0.1]])
+if found.verdict is not None:
+    for reason in found.verdict.reasons:
+        print(reason.level.value.upper(), reason.text, yaw + pitch + roll, pixels.shape)
+print(found.wheels.b * 2, found.camera_matrix.sum(), found.distortion.sum(), boxcal.__version__.split("."))
+"""
+
+
+@pytest.mark.slow
+def test_a_users_script_is_typed_against_the_installed_wheel(wheel: Path, home: Path, tmp_path: Path) -> None:
+    """mypy strict finds the types of the public names in the wheel, and finds a mistake in their use."""
+    _install(home, str(wheel))
+    script = tmp_path / "script.py"
+
+    def check(text: str) -> subprocess.CompletedProcess[str]:
+        script.write_text(text)
+        options = [
+            "--strict",
+            "--python-executable",
+            str(home),
+            "--config-file=",
+            "--cache-dir",
+            str(tmp_path / "cache"),
+        ]
+        return subprocess.run(
+            [sys.executable, "-m", "mypy", *options, str(script)],
+            cwd=tmp_path,
+            env=CLEAN,
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+
+    done = check(_SCRIPT)
+    assert done.returncode == 0, done.stdout
+    wrong = check(_SCRIPT + "radius: str = found.wheels.rR\nboxcal.calibrat(drive)\n")
+    assert "Incompatible types in assignment" in wrong.stdout
+    assert 'Module has no attribute "calibrat"' in wrong.stdout
+
+
 def test_distributions_named_as_our_folders_harm_nothing(wheel: Path, home: Path, tmp_path: Path) -> None:
     """Others' target, detect and calib, installed before and after boxcal and removed again: all work throughout."""
     others = {}

@@ -6,11 +6,11 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from boxcal.calib.errors import CalibError
-from boxcal.calib.results.provenance import boxcal_version
 from boxcal.calib.settings import Outcome
 from boxcal.target.box import Target
 from boxcal.target.files.json_document import read_json
 from boxcal.target.files.target_json import target_sha256
+from boxcal.version import installed_version
 
 FLEET = "fleet.json"
 """What a folder of results says of itself."""
@@ -44,7 +44,7 @@ def fleet_record(outcomes: Sequence[Outcome], target: Target, command: str) -> b
     """Return the content of ``fleet.json``: what a folder holds, and the failures."""
     document = {
         "schema": 1,
-        "version": boxcal_version(),
+        "version": installed_version(),
         "command": command,
         "created": datetime.now(UTC).isoformat(timespec="seconds"),
         "target": target_sha256(target),

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from boxcal.calib.geometry.euler import yaw_pitch_roll, yaw_pitch_roll_sigma
 from boxcal.calib.results.diagnostics import CAMERA, MOUNTING, Detail
@@ -140,6 +141,17 @@ class Calibration:
         What the likelihood adds: covariance, noise, outliers, what is not determined. None for the closed form.
     verdict
         Whether it can be used, and why; None where nobody judged it.
+
+    Examples
+    --------
+    >>> import boxcal
+    >>> found = boxcal.load_calibration("calibration/r01/calibration.json")
+    >>> reasons = [(reason.rule, str(reason.level), reason.text) for reason in found.verdict.reasons]
+    >>> yaw, pitch, roll = found.yaw_pitch_roll
+    >>> pixels = found.project([[1.0, 0.0, 0.1], [1.0, 0.1, 0.1]])  # m, frame body: 1 m ahead, 0.1 m above the floor
+    >>> directions = found.unproject(pixels)  # from the camera at found.T_body_cam[:3, 3]
+    >>> found.camera_matrix.shape, found.distortion.shape, pixels.shape, directions.shape
+    ((3, 3), (4,), (2, 2), (2, 3))
     """
 
     robot: str
@@ -194,12 +206,12 @@ class Calibration:
         cov[np.ix_(known, known)] = self.detail.covariance.block(CAMERA + MOUNTING)
         return cov
 
-    def project(self, p_body: Array) -> Array:
+    def project(self, p_body: ArrayLike) -> Array:
         """Return the pixels (N, 2) of points (N, 3), m, known in frame ``body``; NaN behind the camera."""
         p_cam = (np.asarray(p_body, dtype=np.float64) - self.T_body_cam[:3, 3]) @ self.T_body_cam[:3, :3]
         return project(self.camera, p_cam)
 
-    def unproject(self, uv_px: Array) -> Array:
+    def unproject(self, uv_px: ArrayLike) -> Array:
         """Return the directions (N, 3), of length 1 along the body's axes, in which pixels (N, 2) see; NaN if nowhere.
 
         The rays start at the camera, ``T_body_cam[:3, 3]``.

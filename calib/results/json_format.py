@@ -60,10 +60,17 @@ def calibration_document(result: Calibration) -> dict[str, Any]:
     }
 
 
-def save_calibration(result: Calibration, path: Path) -> None:
-    """Write ``calibration.json`` (atomically)."""
+def save_calibration(result: Calibration, path: str | Path) -> None:
+    """Write ``calibration.json`` (atomically).
+
+    Examples
+    --------
+    >>> import boxcal
+    >>> found = boxcal.load_calibration("calibration/r01/calibration.json")
+    >>> boxcal.save_calibration(found, "r01.json")
+    """
     text = json.dumps(calibration_document(result), indent=2, allow_nan=False)
-    write_atomically(path, (text + "\n").encode())
+    write_atomically(Path(path), (text + "\n").encode())
 
 
 def load_calibration(path: str | Path) -> Calibration:
@@ -73,6 +80,13 @@ def load_calibration(path: str | Path) -> Calibration:
     ------
     CalibError
         If the file is missing, half written, of another schema or inconsistent.
+
+    Examples
+    --------
+    >>> import boxcal
+    >>> found = boxcal.load_calibration("calibration/r01/calibration.json")
+    >>> sorted(found.detail.covariance.sigma)[:4]
+    ['b', 'cu', 'cv', 'fu']
     """
     path = Path(path)
     document = read_json(path, "a calibration", error=CalibError, remedy="check the path, or calibrate again")

@@ -2,12 +2,12 @@
 
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
 from boxcal.calib.results.calibration import Provenance
 from boxcal.detect.correspondences import Correspondences
+from boxcal.version import installed_version
 
 
 def provenance(command: str, drives: Sequence[Correspondences], settings: Mapping[str, Any]) -> Provenance:
@@ -23,7 +23,7 @@ def provenance(command: str, drives: Sequence[Correspondences], settings: Mappin
         What was asked for; of a path only its name is kept.
     """
     return Provenance(
-        version=boxcal_version(),
+        version=installed_version(),
         command=command,
         created=datetime.now(UTC).isoformat(timespec="seconds"),
         inputs={
@@ -32,11 +32,3 @@ def provenance(command: str, drives: Sequence[Correspondences], settings: Mappin
         },
         settings={name: value.name if isinstance(value, Path) else value for name, value in settings.items()},
     )
-
-
-def boxcal_version() -> str:
-    """Return the installed version."""
-    try:
-        return version("boxcal")
-    except PackageNotFoundError:
-        return "not installed"

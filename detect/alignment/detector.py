@@ -155,6 +155,13 @@ def detect_tags(image: NDArray[np.generic], target: Target, settings: DetectorSe
     ------
     DetectError
         If that is no image.
+
+    Examples
+    --------
+    >>> import boxcal, cv2
+    >>> found = boxcal.detect_tags(cv2.imread("photo.png"), boxcal.make_target())
+    >>> found.corners_px.shape == (len(found.ids), 4, 2)
+    True
     """
     settings = settings or DetectorSettings()
     patterns = target_patterns(target)

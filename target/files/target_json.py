@@ -50,12 +50,18 @@ def target_sha256(target: Target) -> str:
     return hashlib.sha256(target_bytes(target)).hexdigest()
 
 
-def save_target(target: Target, path: Path) -> None:
-    """Write ``target.json`` (atomically)."""
-    write_atomically(path, target_bytes(target))
+def save_target(target: Target, path: str | Path) -> None:
+    """Write ``target.json`` (atomically).
+
+    Examples
+    --------
+    >>> import boxcal
+    >>> boxcal.save_target(boxcal.make_target(), "box/target.json")
+    """
+    write_atomically(Path(path), target_bytes(target))
 
 
-def load_target(path: Path) -> Target:
+def load_target(path: str | Path) -> Target:
     """Read and check a ``target.json``.
 
     Raises
@@ -63,7 +69,16 @@ def load_target(path: Path) -> Target:
     TargetError
         If the file is missing, is no such file, has another schema, impossible figures, or corners that do not agree
         with its figures.
+
+    Examples
+    --------
+    >>> import boxcal
+    >>> boxcal.save_target(boxcal.make_target(), "box/target.json")
+    >>> target = boxcal.load_target("box/target.json")
+    >>> target.tag_corners[0, 0]  # m, frame box: the first tag's top left corner
+    array([ 0.125, -0.119,  0.184])
     """
+    path = Path(path)
     name = path.name
     document = read_json(path, "a target file", error=TargetError, remedy="make one with make-target")
     if "schema" not in document or "tags" not in document:
