@@ -1,0 +1,145 @@
+"""Whether camera and wheels are stamped by one clock: pictures that move while the wheels stand, and by how much late.
+
+The stamps of the pictures are shifted against the wheels until turns seen and turns rolled agree.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from boxcal.calib.errors import CalibError
+from boxcal.calib.four_steps.step1_camera import CameraStep
+from boxcal.calib.four_steps.step2_heading import unwrap_turns
+from boxcal.calib.four_steps.step3_axis import find_axis
+from boxcal.calib.geometry.so3_se3 import Array, wrap
+from boxcal.calib.likelihood.finding import Finding
+from boxcal.detect.correspondences import Correspondences
+
+LONGEST_S = 60.0
+"""Offsets up to this are tried."""
+MOVES_PX = 2.0
+"""Pictures whose corners scatter more than this (median, one axis) were not taken by a camera that stood still."""
+LEAST_STOPS = 6
+"""With fewer stops an offset is not looked for: some offset always fits."""
+FITS_DEG = 4.0
+"""Turns agree to this (root mean square) where an offset fits."""
+GAIN = 4.0
+"""And so many times better than without an offset."""
+_COARSE_S, _FINE_S = 0.2, 0.02
+_ALIKE = 0.5
+_LEAST_RAD = 0.1
+"""Wheel travel below which two pictures are taken to show one place."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ClockOffset:
+    """How late the pictures' stamps are.
+
+    Attributes
+    ----------
+    late_s : s
+        Stamp less true time.
+    rms_deg, as_stamped_deg : deg
+        What turns seen and rolled differ by with that offset, and without.
+    """
+
+    late_s: float
+    rms_deg: float
+    as_stamped_deg: float
+
+
+def moving_pictures(drive: Correspondences) -> tuple[int, ...]:
+    """Return the stops, from 0, whose pictures move while the wheels stand."""
+    scatter = [
+        float(np.sqrt(np.median(np.trace(stop.cov_px2, axis1=1, axis2=2)) / 2)) if len(stop.cov_px2) else 0.0
+        for stop in drive.stops
+    ]
+    return tuple(j for j, s in enumerate(scatter) if s > MOVES_PX)
+
+
+def find_offset(drive: Correspondences, camera: CameraStep) -> ClockOffset | None:
+    """Return the offset of the pictures' stamps under which turns seen and rolled agree; None if none does."""
+    if len(camera.kept) < LEAST_STOPS:
+        return None
+    try:
+        theta = find_axis(camera.T_cam_box).theta
+    except CalibError:
+        return None
+    i, j = np.triu_indices(len(theta), 1)
+    turn = wrap(-theta[i, j])
+    middle = np.array([(drive.stops[k].t_start_ns + drive.stops[k].t_end_ns) / 2 for k in camera.kept])
+
+    def rms(late: float) -> float:
+        return _rms(drive, middle - late * 1e9, turn, (i, j))
+
+    here = rms(0.0)
+    coarse = np.arange(-LONGEST_S, LONGEST_S + _COARSE_S, _COARSE_S)
+    best = min(coarse, key=rms)
+    fine = best + np.arange(-_COARSE_S, _COARSE_S + _FINE_S, _FINE_S)
+    late = float(min(fine, key=rms))
+    least = rms(late)
+    if least > np.radians(FITS_DEG) or here < GAIN * least:
+        return None
+    return ClockOffset(late_s=late, rms_deg=float(np.degrees(least)), as_stamped_deg=float(np.degrees(here)))
+
+
+def clock_finding(offset: ClockOffset | None, moving: Sequence[int], stops: int) -> Finding | None:
+    """Return what is said of the clocks; None if nothing speaks against one clock.
+
+    Parameters
+    ----------
+    offset
+        From :func:`find_offset`.
+    moving
+        From :func:`moving_pictures`.
+    stops
+        How many stops there are.
+    """
+    advice = "Stamp camera and wheels with one clock (synchronise the computers, or stamp on arrival), and record again."
+    if offset is not None:
+        way = "late" if offset.late_s > 0 else "early"
+        return Finding(
+            cause="clock",
+            text=f"the camera's stamps are {abs(offset.late_s):.2f} s {way} against the wheels' (so turns seen and "
+            f"rolled agree to {offset.rms_deg:.1f} deg, as stamped to {offset.as_stamped_deg:.0f} deg)",
+            advice=advice,
+            blocks=True,
+            stops=tuple(moving),
+            size=offset.late_s,
+            sigma=_COARSE_S / 4,
+            unit="s",
+        )
+    if len(moving) >= max(2, stops // 3):
+        return Finding(
+            cause="clock",
+            text=f"at {len(moving)} of {stops} stops the picture moves while the wheels stand: the stamps of camera "
+            "and wheels do not fit together",
+            advice=advice,
+            blocks=True,
+            stops=tuple(moving),
+        )
+    return None
+
+
+def _rms(drive: Correspondences, t_ns: Array, turn: Array, pairs: tuple[Array, Array]) -> float:
+    """Return what turns seen and rolled differ by if pictures were taken at times (P,), rad; inf if no wheels fit.
+
+    Before and after the record the robot is taken to stand.
+    """
+    w = drive.wheels
+    phi = np.stack([np.interp(t_ns, w.t_ns, w.phi_R), np.interp(t_ns, w.t_ns, w.phi_L)], axis=1)
+    i, j = pairs
+    moved = phi[j] - phi[i]
+    some = np.abs(moved).sum(axis=1) > _LEAST_RAD
+    if np.count_nonzero(some) < LEAST_STOPS:
+        return float("inf")
+    turn, moved = turn[some], moved[some]
+    singular = np.linalg.svd(moved, compute_uv=False)
+    if singular[1] < 1e-3 * singular[0]:
+        return float("inf")
+    dtheta = unwrap_turns(turn, moved)
+    a, *_ = np.linalg.lstsq(moved, dtheta, rcond=None)
+    if not (a[0] > 0 > a[1]) or abs(np.log(-a[0] / a[1])) > _ALIKE:
+        return float("inf")
+    return float(np.sqrt(np.mean((dtheta - moved @ a) ** 2)))

@@ -1,0 +1,203 @@
+"""Which sheet is glued to which face, and which way up, told from views of two faces at once.
+
+A sheet's pose in a picture needs no other sheet, so two sheets in one picture show how one lies against the other. All
+orders of the sheets, each upright or upside down, are compared with that; turning the whole box changes nothing and is
+passed over.
+"""
+
+from collections import defaultdict
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations, permutations, product
+
+import cv2
+import numpy as np
+
+from boxcal.calib.errors import CalibError
+from boxcal.calib.four_steps.zhang_init import MIN_POINTS, camera_matrix_guesses, face_homographies
+from boxcal.calib.geometry.so3_se3 import Array, inverse, rigid, rot_z
+from boxcal.calib.likelihood.finding import Finding
+from boxcal.detect.correspondences import StopObservation
+from boxcal.target.box import CORNERS, FACES, Target
+
+FITS_DEG = 15.0
+"""Two sheets fit an order if their poses differ by no more than this from it; planar poses are good to a few degrees."""
+MISFITS_DEG = 30.0
+"""The order as described is doubted where it is further off than this, on average."""
+MIN_VIEWS = 2
+"""Views of two sheets at once that an order must rest on."""
+_DEG_A_METRE = 100.0
+"""Weight of distances beside angles: 0.1 m counts as 10 deg."""
+_CAP_DEG = 90.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Gluing:
+    """Where the sheets are.
+
+    Attributes
+    ----------
+    face
+        Face that carries each sheet.
+    turned
+        Whether each sheet is upside down.
+    misfit_deg, described_deg
+        Mean difference of the sheets' poses from this gluing, and from the one described.
+    views
+        Pairs of sheets seen at once that it rests on.
+    """
+
+    face: tuple[int, ...]
+    turned: tuple[bool, ...]
+    misfit_deg: float
+    described_deg: float
+    views: int
+
+    @property
+    def as_described(self) -> bool:
+        """Whether every sheet is where it belongs."""
+        return self.face == tuple(range(FACES)) and not any(self.turned)
+
+    def target(self, target: Target) -> Target:
+        """Return the landmarks where this gluing has them."""
+        corners, faces = target.tag_corners.copy(), target.tag_faces.copy()
+        for sheet in range(FACES):
+            rows = target.tag_faces == sheet
+            T = _pose(target, self.face[sheet], self.turned[sheet]) @ inverse(target.T_box_face(sheet))
+            corners[rows] = target.tag_corners[rows] @ T[:3, :3].T + T[:3, 3]
+            faces[rows] = self.face[sheet]
+        return replace(target, tag_corners=corners, tag_faces=faces)
+
+    def finding(self) -> Finding:
+        """Return it in words."""
+        moved = [s for s in range(FACES) if self.face[s] != s]
+        words = []
+        if len(moved) == 2 and (moved[1] - moved[0]) % 2 == 0:
+            rest = [s for s in range(FACES) if s not in moved]
+            words.append(
+                f"sheets {moved[0]} and {moved[1]} are swapped (or {rest[0]} and {rest[1]}: the sheets run round the "
+                "box in reverse order)"
+            )
+        elif len(moved) == 2:
+            words.append(f"sheets {moved[0]} and {moved[1]} are swapped")
+        elif moved:
+            order = ", ".join(str(self.face.index(f)) for f in range(FACES))
+            words.append(f"faces 0 to {FACES - 1} carry sheets {order}")
+        upside = [str(s) for s in range(FACES) if self.turned[s]]
+        if upside:
+            words.append(
+                f"sheet {upside[0]} is glued upside down"
+                if len(upside) == 1
+                else f"sheets {', '.join(upside[:-1])} and {upside[-1]} are glued upside down"
+            )
+        cause = "sheets-upside-down" if not moved else "sheets-swapped"
+        return Finding(
+            cause=cause,
+            text=f"{' and '.join(words)}: {self.views} views of two faces at once fit that to {self.misfit_deg:.1f} deg, "
+            f"the box as described to {self.described_deg:.0f} deg; the landmarks were taken where they are",
+            advice="Glue the sheets as the assembly guide shows, or keep this box for this fleet only.",
+            adopted=True,
+        )
+
+
+def find_gluing(stops: Sequence[StopObservation], image_size: tuple[int, int], target: Target) -> Gluing | None:
+    """Return where the sheets are; None if too few views show two of them at once, or nothing fits.
+
+    Parameters
+    ----------
+    stops
+        What was seen.
+    image_size : px
+        Width and height.
+    target
+        The box as described.
+    """
+    try:
+        homographies = [H for stop in stops for H in face_homographies(stop)]
+        if not homographies:
+            return None
+        K = camera_matrix_guesses(homographies, image_size)[-1]
+    except CalibError:
+        return None
+    pairs = _pairs(stops, K, target)
+    count = sum(len(seen) for seen in pairs.values())
+    if count < MIN_VIEWS:
+        return None
+    costs = {pair: _costs(seen, target) for pair, seen in pairs.items()}
+
+    def cost(face: tuple[int, ...], turned: tuple[int, ...]) -> float:
+        return sum(float(c[face[a], face[b], turned[a], turned[b]]) for (a, b), c in costs.items()) / count
+
+    described = cost(tuple(range(FACES)), (0,) * FACES)
+    if described < MISFITS_DEG:
+        return Gluing(
+            face=tuple(range(FACES)),
+            turned=(False,) * FACES,
+            misfit_deg=described,
+            described_deg=described,
+            views=count,
+        )
+    every = product(permutations(range(FACES)), product((0, 1), repeat=FACES))
+    found = [(cost(face, turned), face, turned) for face, turned in every]
+    least = min(c for c, _, _ in found)
+    if least > FITS_DEG:
+        return None
+    _, face, turned = min(
+        (f for f in found if f[0] < least + 1.0),
+        key=lambda f: (_moved(f[1]) + 1.5 * sum(f[2]), [s for s in range(FACES) if f[1][s] != s]),
+    )
+    return Gluing(
+        face=face, turned=tuple(bool(t) for t in turned), misfit_deg=least, described_deg=described, views=count
+    )
+
+
+def _moved(face: tuple[int, ...]) -> int:
+    return sum(f != sheet for sheet, f in enumerate(face))
+
+
+def _pose(target: Target, face: int, turned: int) -> Array:
+    return target.T_box_face(face) @ rigid(rot_z(np.pi * turned), np.zeros(3))
+
+
+def _pairs(stops: Sequence[StopObservation], K: Array, target: Target) -> dict[tuple[int, int], list[list[Array]]]:
+    """Return, for each couple of sheets, what each picture says of T_sheet_sheet: all solutions of both planar poses."""
+    pairs: dict[tuple[int, int], list[list[Array]]] = defaultdict(list)
+    for stop in stops:
+        rows = np.array([target.row_of(int(i) // CORNERS) for i in stop.landmark_ids])
+        sheets = {}
+        for sheet in range(FACES):
+            on = np.flatnonzero(target.tag_faces[rows] == sheet)
+            if len(on) >= MIN_POINTS:
+                T_sheet_box = inverse(target.T_box_face(sheet))
+                p = target.tag_corners[rows[on], stop.landmark_ids[on] % CORNERS]
+                p = p @ T_sheet_box[:3, :3].T + T_sheet_box[:3, 3]
+                sheets[sheet] = _planar_poses(p, stop.uv_px[on], K)
+        for a, b in combinations(sorted(sheets), 2):
+            both = [inverse(A) @ B for A in sheets[a] for B in sheets[b]]
+            if both:
+                pairs[a, b].append(both)
+    return pairs
+
+
+def _planar_poses(p: Array, uv_px: Array, K: Array) -> list[Array]:
+    """Return both poses that fit a planar view, T_cam_sheet."""
+    flat = p * (1.0, 1.0, 0.0)
+    _, rotations, translations, _ = cv2.solvePnPGeneric(flat, uv_px, K, None, flags=cv2.SOLVEPNP_IPPE)
+    poses = [rigid(cv2.Rodrigues(r)[0], t.ravel()) for r, t in zip(rotations, translations, strict=True)]
+    return [T for T in poses if np.all(np.isfinite(T)) and T[2, 3] > 0]
+
+
+def _costs(seen: list[list[Array]], target: Target) -> Array:
+    """Return the misfit, deg, summed over views, for each couple of faces and ways up: (FACES, FACES, 2, 2)."""
+    out = np.full((FACES, FACES, 2, 2), _CAP_DEG * len(seen))
+    for a, b in permutations(range(FACES), 2):
+        for up in product((0, 1), repeat=2):
+            T = inverse(_pose(target, a, up[0])) @ _pose(target, b, up[1])
+            out[a, b, up[0], up[1]] = sum(min(_difference(T, view) for view in views) for views in seen)
+    return out
+
+
+def _difference(T: Array, seen: Array) -> float:
+    cosine = (np.trace(T[:3, :3].T @ seen[:3, :3]) - 1) / 2
+    angle = float(np.degrees(np.arccos(np.clip(cosine, -1, 1))))
+    return min(angle + _DEG_A_METRE * float(np.linalg.norm(T[:3, 3] - seen[:3, 3])), _CAP_DEG)
