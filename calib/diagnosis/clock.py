@@ -5,16 +5,21 @@ The stamps of the pictures are shifted against the wheels until turns seen and t
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
 from boxcal.calib.errors import CalibError
+from boxcal.calib.four_steps.procedure import solve_motion
 from boxcal.calib.four_steps.step1_camera import CameraStep
 from boxcal.calib.four_steps.step2_heading import unwrap_turns
 from boxcal.calib.four_steps.step3_axis import find_axis
-from boxcal.calib.geometry.so3_se3 import Array, wrap
+from boxcal.calib.four_steps.step4_mounting import upright_translations
+from boxcal.calib.geometry.diff_drive import Legs
+from boxcal.calib.geometry.so3_se3 import wrap
 from boxcal.calib.likelihood.finding import Finding
 from boxcal.detect.correspondences import Correspondences
+from boxcal.target.arrays import Array
 
 LONGEST_S = 60.0
 """Offsets up to this are tried."""
@@ -26,7 +31,10 @@ FITS_DEG = 4.0
 """Turns agree to this (root mean square) where an offset fits."""
 GAIN = 4.0
 """And so many times better than without an offset."""
+MAX_MISFIT = 0.05
+"""Places agree to this share of the distances moved where an offset fits."""
 _COARSE_S, _FINE_S = 0.2, 0.02
+_CANDIDATES = 12
 _ALIKE = 0.5
 _LEAST_RAD = 0.1
 """Wheel travel below which two pictures are taken to show one place."""
@@ -73,15 +81,17 @@ def find_offset(drive: Correspondences, camera: CameraStep) -> ClockOffset | Non
     def rms(late: float) -> float:
         return _rms(drive, middle - late * 1e9, turn, (i, j))
 
-    here = rms(0.0)
     coarse = np.arange(-LONGEST_S, LONGEST_S + _COARSE_S, _COARSE_S)
-    best = min(coarse, key=rms)
-    fine = best + np.arange(-_COARSE_S, _COARSE_S + _FINE_S, _FINE_S)
-    late = float(min(fine, key=rms))
-    least = rms(late)
-    if least > np.radians(FITS_DEG) or here < GAIN * least:
+    cost = np.array([rms(late) for late in coarse])
+    best: tuple[float, float] = (MAX_MISFIT, 0.0)
+    for k in np.argsort(cost)[:_CANDIDATES]:
+        fine = coarse[k] + np.arange(-_COARSE_S, _COARSE_S + _FINE_S, _FINE_S)
+        late = float(min(fine, key=rms))
+        best = min(best, (_misfit(drive, camera, middle - late * 1e9), late))
+    least, here = rms(best[1]), rms(0.0)
+    if best[0] >= MAX_MISFIT or least > np.radians(FITS_DEG) or here < GAIN * least:
         return None
-    return ClockOffset(late_s=late, rms_deg=float(np.degrees(least)), as_stamped_deg=float(np.degrees(here)))
+    return ClockOffset(late_s=best[1], rms_deg=float(np.degrees(least)), as_stamped_deg=float(np.degrees(here)))
 
 
 def clock_finding(offset: ClockOffset | None, moving: Sequence[int], stops: int) -> Finding | None:
@@ -96,7 +106,9 @@ def clock_finding(offset: ClockOffset | None, moving: Sequence[int], stops: int)
     stops
         How many stops there are.
     """
-    advice = "Stamp camera and wheels with one clock (synchronise the computers, or stamp on arrival), and record again."
+    advice = (
+        "Stamp camera and wheels with one clock (synchronise the computers, or stamp on arrival), and record again."
+    )
     if offset is not None:
         way = "late" if offset.late_s > 0 else "early"
         return Finding(
@@ -120,6 +132,24 @@ def clock_finding(offset: ClockOffset | None, moving: Sequence[int], stops: int)
             stops=tuple(moving),
         )
     return None
+
+
+def _misfit(drive: Correspondences, camera: CameraStep, t_ns: Array) -> float:
+    """Return what places differ by if pictures were taken at times (P,), as a share of the distances moved."""
+    w = drive.wheels
+    parts, ends = [], [0]
+    for a, b in pairwise(t_ns):
+        inner = w.t_ns[(w.t_ns > a) & (w.t_ns < b)]
+        t = np.concatenate([[a], inner, [b]])
+        parts.append(np.diff(np.stack([np.interp(t, w.t_ns, w.phi_R), np.interp(t, w.t_ns, w.phi_L)], axis=1), axis=0))
+        ends.append(ends[-1] + len(parts[-1]))
+    dphi = np.concatenate(parts)
+    try:
+        steps = solve_motion(camera, Legs(dphi_R=dphi[:, 0], dphi_L=dphi[:, 1], ends=tuple(ends)))
+    except (CalibError, np.linalg.LinAlgError):
+        return float("inf")
+    u = upright_translations(camera.T_cam_box, steps.axis.a2, steps.axis.a3)
+    return float(steps.mounting.misfit / np.sqrt(np.mean(np.sum(u**2, axis=1))))
 
 
 def _rms(drive: Correspondences, t_ns: Array, turn: Array, pairs: tuple[Array, Array]) -> float:

@@ -10,7 +10,7 @@ from math import log, pi, radians
 from boxcal.calib.likelihood.finding import Finding
 
 USUAL_RATIO = 0.2
-"""Radius over the distance between the wheels of usual robots (0.15 to 0.31: Create 3, TurtleBot 3 and 4, Khepera, Husky, Pioneer)."""
+"""Radius over the distance between the wheels of usual robots (0.15 to 0.31: TurtleBots, Khepera, Pioneer, Husky)."""
 _SPREAD = 0.4
 """Standard deviation of its logarithm."""
 LEAST, MOST = 0.06, 0.75
@@ -75,9 +75,7 @@ def judge_units(rR: float, rL: float, b: float, encoder_steps: tuple[float, floa
             gear = USUAL_RATIO * b / r
             what = f"turns of the motor before a gear of about {gear:.0f}" if gear > 1 else "no angles of the wheel"
             text = f"the readings are {what}, encoder ticks, or another unit"
-            advice = (
-                f"give --joint-unit ticks --ticks-per-turn N with N = {2 * pi:.3f} times the gear's ratio (or the ticks)"
-            )
+            advice = "give --joint-unit ticks --ticks-per-turn N, N = 2 pi times the gear's ratio (or ticks in a turn)"
             if worst < 3:
                 text += f"; {unit.name} would make wheels of {_length(r / unit.rad)}"
     return Finding(

@@ -5,9 +5,10 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 
-from boxcal.calib.geometry.so3_se3 import Array, inverse
+from boxcal.calib.geometry.so3_se3 import inverse
 from boxcal.calib.likelihood.finding import Finding
 from boxcal.detect.correspondences import StopObservation
+from boxcal.target.arrays import Array
 from boxcal.target.box import CORNERS, FACES, Target
 
 LEAST_SHARE = 0.02

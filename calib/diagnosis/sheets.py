@@ -15,13 +15,14 @@ import numpy as np
 
 from boxcal.calib.errors import CalibError
 from boxcal.calib.four_steps.zhang_init import MIN_POINTS, camera_matrix_guesses, face_homographies
-from boxcal.calib.geometry.so3_se3 import Array, inverse, rigid, rot_z
+from boxcal.calib.geometry.so3_se3 import inverse, rigid, rot_z
 from boxcal.calib.likelihood.finding import Finding
 from boxcal.detect.correspondences import StopObservation
+from boxcal.target.arrays import Array
 from boxcal.target.box import CORNERS, FACES, Target
 
 FITS_DEG = 15.0
-"""Two sheets fit an order if their poses differ by no more than this from it; planar poses are good to a few degrees."""
+"""Two sheets fit an order if their poses differ no more than this from it; planar poses err by a few degrees."""
 MISFITS_DEG = 30.0
 """The order as described is doubted where it is further off than this, on average."""
 MIN_VIEWS = 2
@@ -93,8 +94,8 @@ class Gluing:
         cause = "sheets-upside-down" if not moved else "sheets-swapped"
         return Finding(
             cause=cause,
-            text=f"{' and '.join(words)}: {self.views} views of two faces at once fit that to {self.misfit_deg:.1f} deg, "
-            f"the box as described to {self.described_deg:.0f} deg; the landmarks were taken where they are",
+            text=f"{' and '.join(words)}: {self.views} views of two faces at once fit that to {self.misfit_deg:.1f} "
+            f"deg, the box as described to {self.described_deg:.0f} deg; the landmarks were taken where they are",
             advice="Glue the sheets as the assembly guide shows, or keep this box for this fleet only.",
             adopted=True,
         )
@@ -160,7 +161,7 @@ def _pose(target: Target, face: int, turned: int) -> Array:
 
 
 def _pairs(stops: Sequence[StopObservation], K: Array, target: Target) -> dict[tuple[int, int], list[list[Array]]]:
-    """Return, for each couple of sheets, what each picture says of T_sheet_sheet: all solutions of both planar poses."""
+    """Return what each picture says of T_sheet_sheet for each couple of sheets: all solutions of the planar poses."""
     pairs: dict[tuple[int, int], list[list[Array]]] = defaultdict(list)
     for stop in stops:
         rows = np.array([target.row_of(int(i) // CORNERS) for i in stop.landmark_ids])

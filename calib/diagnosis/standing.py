@@ -4,8 +4,9 @@ from enum import StrEnum
 
 import numpy as np
 
-from boxcal.calib.geometry.so3_se3 import Array, inverse
+from boxcal.calib.geometry.so3_se3 import inverse
 from boxcal.calib.likelihood.finding import Finding
+from boxcal.target.arrays import Array
 from boxcal.target.box import FACES, Target
 
 
@@ -19,6 +20,8 @@ class Standing(StrEnum):
 
 
 _CLEAR = 0.5
+_ENOUGH = 6
+"""Stops that an axis must rest on."""
 _ONE_AXIS = 0.1
 """Turns are about one axis if they leave it in place to this, root mean square (6 deg)."""
 
@@ -48,7 +51,7 @@ def how_it_stands(T_cam_box: Array) -> Standing:
     down looks the same; the wheels tell these apart (:mod:`boxcal.calib.diagnosis.wheel_signs`).
     """
     axis, moved = vertical_in_box(T_cam_box)
-    if abs(axis[2]) < np.cos(np.radians(45)) and moved < _ONE_AXIS:
+    if abs(axis[2]) < np.cos(np.radians(45)) and moved < _ONE_AXIS and len(T_cam_box) >= _ENOUGH:
         return Standing.ON_SIDE
     up = float(np.median(-inverse(T_cam_box)[:, 2, 1]))  # z in the box of the picture's upward direction
     if abs(up) < _CLEAR:
@@ -65,7 +68,7 @@ def side_finding(T_cam_box: Array, target: Target) -> Finding:
     face = int(np.argmax(normals @ down))
     return Finding(
         cause="box-on-side",
-        text=f"the robot turned about an axis that lies along the box's side: the box lies on its side (face {face} down)",
+        text=f"the box lies on its side, face {face} down: the axis that the robot turned about lies flat in its frame",
         advice="Stand the box upright on the robot's floor and drive again.",
         blocks=True,
     )
@@ -85,8 +88,8 @@ def below_floor(T_box_cam: Array) -> Finding | None:
         return None
     return Finding(
         cause="below-floor",
-        text=f"the camera is {-height * 1e3:.0f} mm below the floor that the box stands on: the box stands on something "
-        f"at least that high, or it is not this box",
+        text=f"the camera is {-height * 1e3:.0f} mm below the floor that the box stands on: the box stands on "
+        "something at least that high, or it is another box",
         advice="Stand the box on the floor that the robot drives on, or give the target.json of the box that was used.",
         blocks=True,
         size=-height * 1e3,

@@ -14,7 +14,8 @@ from boxcal.calib.four_steps.procedure import FourSteps, solve_motion
 from boxcal.calib.four_steps.step1_camera import CameraStep
 from boxcal.calib.four_steps.step4_mounting import upright_translations
 from boxcal.calib.geometry.diff_drive import Legs
-from boxcal.calib.geometry.so3_se3 import Array, inverse
+from boxcal.calib.geometry.so3_se3 import inverse
+from boxcal.target.arrays import Array
 from boxcal.target.box import Target
 
 LEAST_STOPS = 5
@@ -50,7 +51,9 @@ class Explained:
     def figures(self) -> str:
         """How well it fits, in words."""
         rms = np.degrees(self.steps.heading.rms)
-        return f"so turns seen and rolled agree to {rms:.2g} deg and places to {self.steps.mounting.misfit * 1e3:.2g} mm"
+        return (
+            f"so turns seen and rolled agree to {rms:.2g} deg and places to {self.steps.mounting.misfit * 1e3:.2g} mm"
+        )
 
 
 def explain_signs(camera: CameraStep, legs: Legs, target: Target) -> Explained | None:
