@@ -16,6 +16,7 @@ import numpy as np
 
 from boxcal.calib.assessment.verdict import judge
 from boxcal.calib.calibrate import solve
+from boxcal.calib.diagnosis.first_look import first_look
 from boxcal.calib.report.fleet import fleet_report
 from boxcal.calib.report.robot import robot_report
 from boxcal.calib.settings import Job, Settings
@@ -31,7 +32,7 @@ def main() -> None:
     robot = turtlebot("r01")
     drive = exact_correspondences(robot, target, simulate_drive(robot, target, DriveOptions(stops=20), rng), 0.15, rng)
     job = Job(robot="r01", logs=(Path("r01.mcap"),), target=target, settings=Settings(validate=True), out=None)
-    calibration = solve(job, [drive])
+    calibration = solve(job, first_look([drive], target))
     calibration = replace(calibration, verdict=judge(calibration, drive, target))
     fleet = [replace(calibration, robot=f"r{i:03d}") for i in range(100)]
     robot_report(calibration, drive, target)  # templates are compiled once

@@ -7,13 +7,15 @@ from pathlib import Path
 import numpy as np
 
 from boxcal.calib.assessment.verdict import judge
+from boxcal.calib.diagnosis.first_look import FirstLook, first_look
+from boxcal.calib.diagnosis.last_look import last_look
 from boxcal.calib.errors import CalibError
 from boxcal.calib.exports.files import exports
 from boxcal.calib.exports.foxglove.results_mcap import results_mcap
 from boxcal.calib.exports.rerun import rerun_recording
 from boxcal.calib.exports.scene import make_scene
 from boxcal.calib.exports.stop_images import draw_stops, stop_jpegs
-from boxcal.calib.four_steps.procedure import FourSteps, solve_four_steps
+from boxcal.calib.four_steps.procedure import FourSteps
 from boxcal.calib.likelihood import CameraKind, Estimate, EstimateOptions, choose_lens, estimate
 from boxcal.calib.report.robot import robot_report
 from boxcal.calib.results.build import closed_form, refined
@@ -117,7 +119,9 @@ def calibrate_robot(job: Job, progress: Progress | None = None) -> Calibration:
     """
     drives = [read(log, job, progress) for log in job.logs]
     try:
-        result = solve(job, drives)
+        look = first_look(drives, job.target, job.settings.camera_mode)
+        job, drives = replace(job, target=look.target), list(look.drives)
+        result = solve(job, look)
     except CalibError as error:
         raise error.of(listed(job.logs)) from error
     result = replace(result, verdict=judge(result, drives, job.target))
@@ -161,21 +165,22 @@ def placed(drive: Correspondences, target: Target) -> Correspondences:
     return replace(drive, stops=stops, source=replace(drive.source, target_sha256=target_sha256(target)))
 
 
-def solve(job: Job, drives: Sequence[Correspondences]) -> Calibration:
-    """Return the calibration that drives of one robot give: the four steps, then the likelihood.
+def solve(job: Job, look: FirstLook) -> Calibration:
+    """Return the calibration that drives of one robot give after the four steps: by the likelihood, unless it is off.
 
     Raises
     ------
     CalibError
         If they do not determine it.
     """
-    settings = job.settings
-    steps = [solve_four_steps(drive, settings.camera_mode) for drive in drives]
+    settings, drives, steps = job.settings, look.drives, look.steps
     _check_one_robot(job, steps)
     origin = provenance(job.command, drives, asdict(settings))
     if settings.closed_form:
-        return closed_form(job.robot, drives, steps, origin)
-    found, options = _likelihood(job, drives, steps)
+        simple = closed_form(job.robot, drives, steps, origin)
+        return replace(simple, notes=simple.notes + tuple(finding.text for finding in look.findings))
+    found, options = _likelihood(replace(job, target=look.target), drives, steps)
+    found = replace(found, findings=(*look.findings, *found.findings, *last_look(look, found)))
     held_out = validate(drives, steps, options) if settings.validate else None
     grown = grow(drives[0], steps[0], found, options) if settings.report and len(drives) == 1 else ()
     return refined(job.robot, drives, steps, found, origin, validation=held_out, growth=grown)

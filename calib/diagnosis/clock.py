@@ -33,8 +33,11 @@ GAIN = 4.0
 """And so many times better than without an offset."""
 MAX_MISFIT = 0.05
 """Places agree to this share of the distances moved where an offset fits."""
-_COARSE_S, _FINE_S = 0.2, 0.02
+_COARSE_S, _FINE_S = 0.5, 0.1
+"""A robot stands for a second and more at each stop, so that offsets need not be tried more closely."""
+_PLATEAU_S = 1.5
 _CANDIDATES = 12
+_NEAR = 3
 _ALIKE = 0.5
 _LEAST_RAD = 0.1
 """Wheel travel below which two pictures are taken to show one place."""
@@ -75,6 +78,8 @@ def find_offset(drive: Correspondences, camera: CameraStep) -> ClockOffset | Non
     except CalibError:
         return None
     i, j = np.triu_indices(len(theta), 1)
+    near = j - i <= _NEAR
+    i, j = i[near], j[near]
     turn = wrap(-theta[i, j])
     middle = np.array([(drive.stops[k].t_start_ns + drive.stops[k].t_end_ns) / 2 for k in camera.kept])
 
@@ -83,15 +88,17 @@ def find_offset(drive: Correspondences, camera: CameraStep) -> ClockOffset | Non
 
     coarse = np.arange(-LONGEST_S, LONGEST_S + _COARSE_S, _COARSE_S)
     cost = np.array([rms(late) for late in coarse])
-    best: tuple[float, float] = (MAX_MISFIT, 0.0)
-    for k in np.argsort(cost)[:_CANDIDATES]:
-        fine = coarse[k] + np.arange(-_COARSE_S, _COARSE_S + _FINE_S, _FINE_S)
-        late = float(min(fine, key=rms))
-        best = min(best, (_misfit(drive, camera, middle - late * 1e9), late))
-    least, here = rms(best[1]), rms(0.0)
-    if best[0] >= MAX_MISFIT or least > np.radians(FITS_DEG) or here < GAIN * least:
+    tried = [(_misfit(drive, camera, middle - late * 1e9), late) for late in coarse[np.argsort(cost)[:_CANDIDATES]]]
+    misfit, late = min(tried)
+    if misfit >= MAX_MISFIT:
         return None
-    return ClockOffset(late_s=best[1], rms_deg=float(np.degrees(least)), as_stamped_deg=float(np.degrees(here)))
+    fine = late + np.arange(-_PLATEAU_S, _PLATEAU_S + _FINE_S, _FINE_S)
+    cost = np.array([rms(x) for x in fine])
+    least, here = float(cost.min()), rms(0.0)
+    if least > np.radians(FITS_DEG) or here < GAIN * least:
+        return None
+    late = float(np.mean(fine[cost < 2 * least]))  # while the robot stands, stamps do not matter
+    return ClockOffset(late_s=late, rms_deg=float(np.degrees(least)), as_stamped_deg=float(np.degrees(here)))
 
 
 def clock_finding(offset: ClockOffset | None, moving: Sequence[int], stops: int) -> Finding | None:
@@ -119,7 +126,7 @@ def clock_finding(offset: ClockOffset | None, moving: Sequence[int], stops: int)
             blocks=True,
             stops=tuple(moving),
             size=offset.late_s,
-            sigma=_COARSE_S / 4,
+            sigma=_COARSE_S / 2,
             unit="s",
         )
     if len(moving) >= max(2, stops // 3):

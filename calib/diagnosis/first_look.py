@@ -6,10 +6,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from boxcal.calib.diagnosis.clock import clock_finding, find_offset, moving_pictures
-from boxcal.calib.diagnosis.joint_units import judge_units
 from boxcal.calib.diagnosis.layout import other_layout
 from boxcal.calib.diagnosis.sheets import Gluing, find_gluing
-from boxcal.calib.diagnosis.standing import Standing, below_axle, below_floor, how_it_stands, side_finding
+from boxcal.calib.diagnosis.standing import Standing, how_it_stands, side_finding
 from boxcal.calib.diagnosis.wheel_signs import LEAST_STOPS, Explained, explain_signs
 from boxcal.calib.errors import CalibError
 from boxcal.calib.four_steps.procedure import MIN_STOPS, FourSteps, solve_motion
@@ -17,8 +16,6 @@ from boxcal.calib.four_steps.step1_camera import CameraMode, CameraStep, calibra
 from boxcal.calib.geometry.diff_drive import legs_between
 from boxcal.calib.likelihood.finding import Finding
 from boxcal.detect.correspondences import Correspondences
-from boxcal.detect.log.wheel_samples import JointUnit
-from boxcal.target.arrays import Array
 from boxcal.target.box import FACES, Target
 
 LAYOUT_RMS_PX = 1.0
@@ -161,34 +158,3 @@ def _cause(
 def _error(finding: Finding) -> CalibError:
     advice = finding.advice[:1].lower() + finding.advice[1:].rstrip(".")
     return CalibError(finding.text, remedy=advice)
-
-
-def last_look(
-    drives: Sequence[Correspondences], target: Target, rms_px: float, *, wheels: Array, T_box_cam: Array
-) -> tuple[Finding, ...]:
-    """Return what is said of a solution that is too odd to be used, however well it fits.
-
-    Parameters
-    ----------
-    drives, target
-        What was seen of which box.
-    rms_px : px
-        Root mean square reprojection error.
-    wheels : (3,), m
-        rR, rL, b.
-    T_box_cam : (P, 4, 4), m
-        Where the cameras stood.
-    """
-    found: list[Finding | None] = []
-    rR, rL, b = (float(x) for x in wheels)
-    units = drives[0].units
-    if units.unit is not JointUnit.METRES:
-        steps = drives[0].wheels.encoder_steps
-        raw = (steps[0] / abs(units.factors[0]), steps[1] / abs(units.factors[1]))
-        found.append(judge_units(rR, rL, b, raw))
-    low = below_floor(T_box_cam)
-    found.append(low if low is not None else below_axle(float(np.median(T_box_cam[:, 2, 3])), min(rR, rL)))
-    if rms_px > LAYOUT_RMS_PX:
-        found += [other_layout(drive.stops, target) for drive in drives[:1]]
-    found += [clock_finding(None, moving_pictures(drive), len(drive.stops)) for drive in drives]
-    return tuple(f for f in found if f is not None)

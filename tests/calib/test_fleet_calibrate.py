@@ -212,11 +212,11 @@ BAD: dict[str, tuple[Callable[[Path, Path], Path], list[str]]] = {
     ),
     "left wheel reversed": (
         lambda good, folder: _rewrite(good, folder / "bad.mcap", _wheels(-1, 1)),
-        ["the sign of the left wheel is reversed"],
+        ["the left wheel's readings fall while it rolls forward"],
     ),
     "right wheel reversed": (
         lambda good, folder: _rewrite(good, folder / "bad.mcap", _wheels(1, -1)),
-        ["the sign of the right wheel is reversed"],
+        ["the right wheel's readings fall while it rolls forward"],
     ),
     "pure rotation": (lambda good, folder: _spin(folder), ["turned on the spot", "drive forward"]),
     "pure translation": (lambda good, folder: _straight(folder), ["largest turn", "translation"]),

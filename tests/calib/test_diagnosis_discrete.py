@@ -1,0 +1,176 @@
+"""Causes that are decided before the likelihood: how sheets are glued, how the box stands, what wheel readings mean."""
+
+from dataclasses import replace
+from math import pi
+
+import numpy as np
+import pytest
+
+from boxcal.calib.diagnosis.clock import clock_finding, find_offset
+from boxcal.calib.diagnosis.first_look import FirstLook, first_look
+from boxcal.calib.diagnosis.joint_units import judge_units
+from boxcal.calib.diagnosis.last_look import last_look
+from boxcal.calib.diagnosis.layout import other_layout
+from boxcal.calib.diagnosis.sheets import find_gluing
+from boxcal.calib.errors import CalibError
+from boxcal.calib.four_steps.step1_camera import calibrate_camera
+from boxcal.calib.geometry.so3_se3 import exp_so3, rigid
+from boxcal.calib.likelihood import estimate
+from boxcal.calib.simulate.drive import DriveOptions
+from boxcal.calib.simulate.imperfect_drive import imperfect_drive
+from boxcal.calib.simulate.imperfections import BoxFaults, Imperfections, WheelFaults
+from boxcal.calib.simulate.robot import Robot, khepera, turtlebot
+from boxcal.detect.correspondences import Correspondences
+from boxcal.target.box import Box, make_target
+
+TARGET = make_target()
+
+
+def drive(robot: Robot, faults: Imperfections, seed: int = 5) -> Correspondences:
+    options = DriveOptions(stops=12, steps_per_sample=2)
+    return imperfect_drive(robot, TARGET, options, faults, np.random.default_rng(seed)).seen
+
+
+def causes(look: FirstLook) -> list[str]:
+    found = estimate(look.drives, look.steps)
+    return [f.cause for f in (*look.findings, *last_look(look, found))]
+
+
+@pytest.mark.parametrize(
+    ("box", "said"),
+    [
+        (BoxFaults(order=(1, 0, 2, 3)), "sheets 0 and 1 are swapped"),
+        (BoxFaults(order=(2, 1, 0, 3)), "sheets 0 and 2 are swapped"),
+        (BoxFaults(order=(0, 3, 2, 1)), "in reverse order"),
+        (BoxFaults(turned=(2,)), "sheet 2 is glued upside down"),
+        (BoxFaults(order=(1, 0, 2, 3), turned=(3,)), "sheet 3 is glued upside down"),
+    ],
+)
+def test_sheets_are_found_where_they_are_and_the_result_is_right(box: BoxFaults, said: str) -> None:
+    robot = turtlebot()
+    look = first_look([drive(robot, Imperfections(box=box))], TARGET)
+    assert said in look.findings[0].text
+    assert look.findings[0].adopted
+    found = estimate(look.drives, look.steps)
+    assert abs(found.b - robot.b) < 4 * found.sigma["b"]
+    assert abs(found.camera.fu - robot.camera.fu) < 4 * found.sigma["fu"]
+
+
+def test_a_box_as_described_is_left_alone() -> None:
+    seen = drive(khepera(), Imperfections())
+    gluing = find_gluing(seen.stops, seen.image_size, TARGET)
+    assert gluing is not None
+    assert gluing.as_described
+    assert gluing.misfit_deg < 5
+    look = first_look([seen], TARGET)
+    assert look.target is TARGET
+    assert causes(look) == []
+
+
+def test_a_box_upside_down_is_found_and_the_result_is_right() -> None:
+    robot = turtlebot()
+    standing = rigid(exp_so3(np.array([pi, 0.0, 0.0])), np.array([0.0, 0.0, TARGET.box.height]))
+    look = first_look([drive(robot, Imperfections(box=BoxFaults(standing=standing)))], TARGET)
+    assert [f.cause for f in look.findings] == ["box-upside-down"]
+    found = estimate(look.drives, look.steps)
+    assert abs(found.rR - robot.rR) < 4 * found.sigma["rR"]
+    assert np.linalg.norm(found.T_body_cam[:3, 3] - robot.T_body_cam[:3, 3]) < 2e-3
+
+
+def test_a_box_on_its_side_is_refused_by_name() -> None:
+    standing = rigid(exp_so3(np.array([pi / 2, 0.0, 0.0])), np.array([0.0, 0.1, 0.125]))
+    with pytest.raises(CalibError, match="lies on its side"):
+        first_look([drive(turtlebot(), Imperfections(box=BoxFaults(standing=standing)))], TARGET)
+
+
+def test_a_camera_below_its_own_floor_is_never_used() -> None:
+    raised = rigid(np.eye(3), np.array([0.0, 0.0, 0.13]))  # the Khepera's camera is 0.112 m high
+    look = first_look([drive(khepera(), Imperfections(box=BoxFaults(standing=raised)))], TARGET)
+    (finding,) = last_look(look, estimate(look.drives, look.steps))
+    assert finding.cause == "below-floor"
+    assert finding.blocks
+    assert finding.size == pytest.approx(17.7, abs=1.5)
+
+
+@pytest.mark.parametrize(
+    ("right", "left", "said", "option"),
+    [
+        (-1.0, -1.0, "swapped", "--reverse-left --reverse-right"),
+        (1.0, -1.0, "the left wheel's readings fall", "--reverse-left"),
+        (-1.0, 1.0, "the right wheel's readings fall", "--reverse-right"),
+    ],
+)
+def test_wheels_that_roll_the_wrong_way_are_named_with_the_fit(
+    right: float, left: float, said: str, option: str
+) -> None:
+    seen = drive(turtlebot(), Imperfections(wheels=WheelFaults(counts=(right, left))))
+    with pytest.raises(CalibError, match=said) as error:
+        first_look([seen], TARGET)
+    assert "agree to" in str(error.value)
+    assert option in str(error.value)
+
+
+@pytest.mark.parametrize("size", [(0.033, 0.16), (0.0209, 0.0891), (0.036, 0.235), (0.165, 0.555), (0.1, 0.7)])
+def test_wheels_of_real_robots_are_in_rad(size: tuple[float, float]) -> None:
+    r, b = size
+    assert judge_units(r, r * 1.02, b, (0.0023, 0.0023)) is None
+    degrees = judge_units(r * pi / 180, r * pi / 180, b, (0.13, 0.13))
+    assert degrees is not None
+    assert "--joint-unit deg" in degrees.advice
+    ticks = judge_units(r / 652, r / 652, b, (1.0, 1.0))
+    assert ticks is not None
+    assert "--joint-unit ticks" in ticks.advice
+    metres = judge_units(1.002, 1.001, b, (0.0001, 0.0001))
+    assert metres is not None
+    assert "--joint-unit m" in metres.advice
+    assert all(f.blocks for f in (degrees, ticks, metres))
+
+
+def test_turns_are_named() -> None:
+    found = judge_units(0.033 * 2 * pi, 0.033 * 2 * pi, 0.16, (0.0004, 0.0004))
+    assert found is not None
+    assert "--joint-unit turns" in found.advice
+
+
+def test_a_motor_before_a_gear_is_named_with_its_ratio() -> None:
+    found = judge_units(0.033 / 30, 0.033 / 30, 0.16, (0.07, 0.07))
+    assert found is not None
+    assert "gear of about 29" in found.text
+
+
+def test_one_wheel_that_counts_double_is_named() -> None:
+    look = first_look([drive(turtlebot(), Imperfections(wheels=WheelFaults(counts=(2.0, 1.0))))], TARGET)
+    (finding,) = last_look(look, estimate(look.drives, look.steps))
+    assert finding.cause == "counts"
+    assert finding.blocks
+    assert "right wheel's readings count 2 times" in finding.text
+
+
+def test_another_box_with_equal_tags_is_told_from_one_of_another_size() -> None:
+    other = drive(turtlebot(), Imperfections(box=BoxFaults(other=Box(tag_size=0.024, pitch=0.033))))
+    finding = other_layout(other.stops, TARGET)
+    assert finding is not None
+    assert finding.size == pytest.approx(0.024 / 0.033 / (0.028 / 0.035), abs=0.01)
+    small = drive(turtlebot(), Imperfections(box=BoxFaults(scale=(0.97, 0.97))))
+    assert other_layout(small.stops, TARGET) is None
+
+
+def test_pictures_that_move_while_the_wheels_stand_speak_of_two_clocks() -> None:
+    seen = drive(turtlebot(), Imperfections())
+    stops = tuple(replace(s, cov_px2=s.cov_px2 + 25 * np.eye(2)) if j % 2 else s for j, s in enumerate(seen.stops))
+    look = first_look([replace(seen, stops=stops)], TARGET)
+    assert "clock" in causes(look)
+
+
+@pytest.mark.parametrize("late", [-7.3, 20.0])
+def test_the_offset_of_the_cameras_clock_is_found(late: float) -> None:
+    seen = drive(turtlebot(), Imperfections())
+    other = replace(seen, wheels=replace(seen.wheels, t_ns=seen.wheels.t_ns - round(late * 1e9)))
+    camera = calibrate_camera(seen.stops, seen.image_size)
+    assert find_offset(seen, camera) is None
+    offset = find_offset(other, camera)
+    assert offset is not None
+    assert offset.late_s == pytest.approx(late, abs=0.7)  # half a stop: the robot stands
+    finding = clock_finding(offset, (), len(seen.stops))
+    assert finding is not None
+    assert ("late" if late > 0 else "early") in finding.text
