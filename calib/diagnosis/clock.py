@@ -19,7 +19,7 @@ from boxcal.calib.geometry.diff_drive import Legs
 from boxcal.calib.geometry.so3_se3 import wrap
 from boxcal.calib.likelihood.finding import Finding
 from boxcal.detect.correspondences import Correspondences
-from boxcal.target.arrays import Array
+from boxcal.target.arrays import Array, Index
 
 LONGEST_S = 60.0
 """Offsets up to this are tried."""
@@ -159,7 +159,7 @@ def _misfit(drive: Correspondences, camera: CameraStep, t_ns: Array) -> float:
     return float(steps.mounting.misfit / np.sqrt(np.mean(np.sum(u**2, axis=1))))
 
 
-def _rms(drive: Correspondences, t_ns: Array, turn: Array, pairs: tuple[Array, Array]) -> float:
+def _rms(drive: Correspondences, t_ns: Array, turn: Array, pairs: tuple[Index, Index]) -> float:
     """Return what turns seen and rolled differ by if pictures were taken at times (P,), rad; inf if no wheels fit.
 
     Before and after the record the robot is taken to stand.

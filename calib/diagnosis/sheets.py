@@ -184,7 +184,10 @@ def _planar_poses(p: Array, uv_px: Array, K: Array) -> list[Array]:
     """Return both poses that fit a planar view, T_cam_sheet."""
     flat = p * (1.0, 1.0, 0.0)
     _, rotations, translations, _ = cv2.solvePnPGeneric(flat, uv_px, K, None, flags=cv2.SOLVEPNP_IPPE)
-    poses = [rigid(cv2.Rodrigues(r)[0], t.ravel()) for r, t in zip(rotations, translations, strict=True)]
+    poses = [
+        rigid(np.asarray(cv2.Rodrigues(r)[0], dtype=np.float64), np.asarray(t, dtype=np.float64).ravel())
+        for r, t in zip(rotations, translations, strict=True)
+    ]
     return [T for T in poses if np.all(np.isfinite(T)) and T[2, 3] > 0]
 
 
