@@ -67,7 +67,5 @@ def _misfit(view: tuple[Array, Array, Array], share: float) -> float:
     centre, corner, uv_px = view
     p = centre + share * corner
     H, _ = cv2.findHomography(p, uv_px)
-    if H is None:
-        return float("inf")
     q = np.column_stack([p, np.ones(len(p))]) @ H.T
     return float(np.mean(np.sum((q[:, :2] / q[:, 2:] - uv_px) ** 2, axis=1)))
