@@ -90,8 +90,9 @@ def calibrate(
         _at_box(s, box, given=target is not None) if isinstance(s, Correspondences) else read(path, job)
         for s, path in zip(sources, paths, strict=True)
     ]
-    result = solve(job, drives)
-    return replace(result, verdict=judge(result, drives, box))
+    look = first_look(drives, box, job.settings.camera_mode)
+    result = solve(job, look)
+    return replace(result, verdict=judge(result, look.drives, look.target))
 
 
 def _at_box(drive: Correspondences, target: Target, *, given: bool) -> Correspondences:
