@@ -12,6 +12,7 @@ COMMANDS = {
     "measure-target": ("boxcal.target.measure.cli", "correct the landmark table by what a ruler reads on the box"),
     "detect-tags": ("boxcal.detect.cli", "find the box's tags in pictures"),
     "fleet-calibrate": ("boxcal.calib.cli", "calibrate robots from their logs"),
+    "check-drive": ("boxcal.calib.check_drive.cli", "tell whether a calibrated robot drives as predicted"),
     "compare-calibrations": ("boxcal.calib.compare.cli", "tell whether two calibrations of a robot differ"),
     "simulate-fleet": ("boxcal.calib.simulate.cli", "drive simulated robots around the box and write their logs"),
 }
@@ -20,6 +21,7 @@ ONLY_HERE = {"schemas": ("boxcal.schemas", "write JSON Schemas of the files that
 """Commands that have no name of their own."""
 SHORT = {
     "calibrate": "fleet-calibrate",
+    "check": "check-drive",
     "compare": "compare-calibrations",
     "simulate": "simulate-fleet",
     "detect": "detect-tags",

@@ -1,0 +1,173 @@
+"""A check drive by the box: where the calibrated wheels lead the robot, against where its camera sees the box."""
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import cv2
+import numpy as np
+from scipy.stats import chi2
+
+from boxcal.calib.check_drive.odometry import detail_of, odometry, wheel_noise
+from boxcal.calib.errors import CalibError
+from boxcal.calib.four_steps.reprojection import left_pose_jacobian, move_left, transform
+from boxcal.calib.geometry.so3_se3 import exp_so3, inverse, rigid, wrap
+from boxcal.calib.results.calibration import Calibration
+from boxcal.calib.results.diagnostics import MOUNTING, WHEELS, Detail
+from boxcal.calib.results.trajectory import floor_pose
+from boxcal.detect.correspondences import Correspondences, StopObservation
+from boxcal.target.arrays import Array
+from boxcal.target.camera.camera_model import project_with_jacobians, unproject
+
+_REFINEMENTS = 10
+_STEP = 1e-6
+"""Of central differences, rad and m."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class CheckedLeg:
+    """One leg of a check drive: odometry minus what was seen at its end.
+
+    Attributes
+    ----------
+    start, end
+        Numbers of the stops, from 0.
+    rolled : m
+        Mean distance that the wheels rolled, both directions counted.
+    turned : rad
+        Heading change by the wheels, whole turns included.
+    error : (3,), m and rad
+        Odometry minus vision: forward, to the left, heading; in the robot's axes at the leg's start.
+    sigma : (3,), m and rad
+        Predicted standard deviations of these.
+    chi_square
+        Squared error over its predicted covariance; 3 on average where the prediction holds.
+    p_value
+        Probability of an error at least as large where the prediction holds.
+    """
+
+    start: int
+    end: int
+    rolled: float
+    turned: float
+    error: Array
+    sigma: Array
+    chi_square: float
+    p_value: float
+
+
+def check_drive(calibration: Calibration, drive: Correspondences) -> tuple[CheckedLeg, ...]:
+    """Return how far the odometry of a calibrated robot is off at every stop that saw the box.
+
+    The drive must be another than those that the calibration was made from: the errors of both count as independent.
+
+    Raises
+    ------
+    CalibError
+        If the calibration has no covariance (closed form), or belongs to images of another size.
+    """
+    detail = detail_of(calibration)
+    if drive.image_size != calibration.image_size:
+        raise CalibError(
+            f"images of {drive.image_size[0]} x {drive.image_size[1]} px, the calibration is for "
+            f"{calibration.image_size[0]} x {calibration.image_size[1]}; record as the calibration's log was"
+        )
+    stops = [_look(calibration, detail, stop) for stop in drive.stops]
+    model = odometry(calibration, drive)
+    shared = _shared_covariance(calibration, detail)
+    out = []
+    for i, (a, b) in enumerate(pairwise(stops)):
+        seen, by_a, by_b = _displacement(a.pose, b.pose)
+        error = model.displacement[i] - seen
+        error[2] = wrap(error[2])
+        J = np.concatenate([-(by_a @ a.by_camera + by_b @ b.by_camera), model.d_wheels[i]], axis=1)
+        cov = J @ shared @ J.T + by_a @ a.cov @ by_a.T + by_b @ b.cov @ by_b.T + wheel_noise(detail, model, i)
+        square = float(error @ np.linalg.solve(cov, error))
+        out.append(
+            CheckedLeg(
+                start=i,
+                end=i + 1,
+                rolled=float(model.rolled[i].mean()),
+                turned=float(model.displacement[i, 2]),
+                error=error,
+                sigma=np.sqrt(np.diag(cov)),
+                chi_square=square,
+                p_value=float(chi2.sf(square, 3)),
+            )
+        )
+    return tuple(out)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Look:
+    """Floor pose (3,) at one stop, its derivatives (3, n + 6) by camera and extrinsics, and its covariance by noise."""
+
+    pose: Array
+    by_camera: Array
+    cov: Array
+
+
+def _look(calibration: Calibration, detail: Detail, stop: StopObservation) -> _Look:
+    """Return where the camera says that the robot stood."""
+    camera = calibration.camera
+    T = _pose(calibration, stop)
+    p_cam = transform(T, stop.p_box)
+    _, by_camera, by_point = project_with_jacobians(camera.kind, camera.values, p_cam)
+    by_pose = by_point @ left_pose_jacobian(p_cam)
+    weight = np.linalg.inv(stop.cov_px2)
+    normal = np.einsum("lai,lab,lbj->ij", by_pose, weight, by_pose)
+    pull = np.einsum("lai,lab,lbj->ij", by_pose, weight, by_camera)
+
+    def at(xi: Array) -> Array:
+        """Return the floor pose with the camera moved by xi[:6] and the extrinsics by xi[6:]."""
+        change = rigid(exp_so3(xi[6:9]), np.zeros(3))
+        T_body_cam = calibration.T_body_cam @ change
+        T_body_cam[:3, 3] += xi[9:]
+        return floor_pose(inverse(move_left(T, xi[:6])), T_body_cam)
+
+    by_xi = np.stack([(at(e) - at(-e)) / (2 * _STEP) for e in _STEP * np.eye(12)], axis=1)
+    return _Look(
+        pose=at(np.zeros(12)),
+        by_camera=np.concatenate([-by_xi[:, :6] @ np.linalg.solve(normal, pull), by_xi[:, 6:]], axis=1),
+        cov=detail.noise.pixel_factor**2 * by_xi[:, :6] @ np.linalg.solve(normal, by_xi[:, :6].T),
+    )
+
+
+def _pose(calibration: Calibration, stop: StopObservation) -> Array:
+    """Return T_cam_box (4, 4), m: least squares over the stop's corners, from OpenCV's SQPnP."""
+    camera = calibration.camera
+    xy = unproject(camera, stop.uv_px)
+    seen = np.all(np.isfinite(xy), axis=1)
+    _, rvec, tvec = cv2.solvePnP(stop.p_box[seen], xy[seen], np.eye(3), np.zeros(4), flags=cv2.SOLVEPNP_SQPNP)
+    T = rigid(np.asarray(cv2.Rodrigues(rvec)[0], dtype=np.float64), np.ravel(tvec).astype(np.float64))
+    weight = np.linalg.inv(stop.cov_px2)
+    for _ in range(_REFINEMENTS):
+        p_cam = transform(T, stop.p_box)
+        uv, _, by_point = project_with_jacobians(camera.kind, camera.values, p_cam)
+        J = by_point @ left_pose_jacobian(p_cam)
+        normal = np.einsum("lai,lab,lbj->ij", J, weight, J)
+        T = move_left(T, np.linalg.solve(normal, np.einsum("lai,lab,lb->i", J, weight, stop.uv_px - uv)))
+    return T
+
+
+def _displacement(a: Array, b: Array) -> tuple[Array, Array, Array]:
+    """Return pose b in the axes of pose a, (3,), and its derivatives (3, 3) by a and by b."""
+    c, s = np.cos(a[2]), np.sin(a[2])
+    back = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+    out = back @ (b - a)
+    by_a = -back.copy()
+    by_a[:2, 2] += (out[1], -out[0])
+    return out, by_a, back
+
+
+def _shared_covariance(calibration: Calibration, detail: Detail) -> Array:
+    """Return the covariance of (camera, extrinsics, wheels); further distortion coefficients vary with no wheel."""
+    camera, wheels = calibration.projection_covariance, detail.covariance.block(WHEELS)
+    n = len(camera)
+    cov = np.zeros((n + len(WHEELS), n + len(WHEELS)))
+    cov[:n, :n], cov[n:, n:] = camera, wheels
+    named = [*detail.covariance.names[:5], *MOUNTING]
+    rows = [*range(5), *range(n - len(MOUNTING), n)]
+    both = detail.covariance.block([*named, *WHEELS])
+    cov[np.ix_(rows, range(n, n + len(WHEELS)))] = both[: len(named), len(named) :]
+    cov[np.ix_(range(n, n + len(WHEELS)), rows)] = both[len(named) :, : len(named)]
+    return cov
