@@ -11,7 +11,7 @@ TREE := build/tree
 EXTRAS ?= dev,docs,fast,cad,models-test
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable
 
-.PHONY: demo test lint format docs schemas printables dist docker clean
+.PHONY: demo test mutants lint format docs schemas printables dist docker clean
 
 # The main job without hardware: print files, three simulated robots and their logs, three calibrations.
 demo: $(INSTALLED)
@@ -22,6 +22,12 @@ demo: $(INSTALLED)
 # Without the CAD kernel and the readers of models (some 500 MB) their tests skip: `make test EXTRAS=dev`.
 test: lint
 	$(BIN)/python -m pytest -n 2 --dist worksteal
+
+# Seeds bugs into a copy of the project and prints those that the tests do not notice: 40 that were once written down,
+# then random changes to the four steps and the likelihood. Takes half an hour and more.
+mutants: $(ALL_INSTALLED)
+	$(BIN)/python tests/mutants/run.py
+	$(BIN)/python tests/mutants/run.py --sampled 3
 
 lint: $(ALL_INSTALLED) $(TREE)
 	$(BIN)/ruff check .

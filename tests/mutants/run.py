@@ -4,8 +4,8 @@
     python tests/mutants/run.py reml_dof start_yaw     some of them
     python tests/mutants/run.py --sampled 3            3 random changes to each file of calib/four_steps and likelihood
 
-The working tree is not touched. Exit status: 0 if every bug was noticed, 1 if some survive, 2 if a test fails already
-without any bug or a bug's text has gone.
+The working tree is not touched. Exit status: 1 if seeded bugs survive, 2 if a test fails already without any bug or a
+bug's text has gone. Random changes that survive are only printed: many of them change nothing that matters.
 """
 
 import argparse
@@ -118,7 +118,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(error, file=sys.stderr)
         return 2
     print(f"{len(chosen) - len(alive)} of {len(chosen)} bugs were noticed")
-    return 1 if alive else 0
+    return 1 if alive and not options.sampled else 0
 
 
 if __name__ == "__main__":
