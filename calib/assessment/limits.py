@@ -3,7 +3,11 @@
 from dataclasses import dataclass
 from math import isfinite
 
+from boxcal.calib.results.diagnostics import ORDER
 from boxcal.calib.results.verdict import Level, Reason
+
+SYMBOLS = frozenset((*ORDER, "a1", "a2", "a3", "aR", "aL"))
+"""Names whose case matters: rR is the right wheel's radius, R a rotation."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -70,5 +74,7 @@ def percent(share: float) -> str:
 
 
 def sentence(text: str) -> str:
-    """Return a text with a capital and a full stop."""
-    return text[:1].upper() + text[1:] + ("" if text.endswith(".") else ".") if text else ""
+    """Return a text with a capital and a full stop; a symbol at its beginning keeps its case."""
+    first = text.partition(" ")[0].rstrip(",:")
+    capital = text if first in SYMBOLS or any(c.isdigit() for c in first) else text[:1].upper() + text[1:]
+    return capital + ("" if text.endswith((".", "?", "!")) else ".") if text else ""

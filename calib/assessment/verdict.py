@@ -6,41 +6,21 @@ the worst that any rule says.
 
 from collections.abc import Sequence
 
+import numpy as np
+
+from boxcal.calib.assessment.causes import arrange
 from boxcal.calib.assessment.drive_rules import DRIVE_RULES
 from boxcal.calib.assessment.estimate_rules import DETAIL_RULES
+from boxcal.calib.assessment.findings import finding_reason
 from boxcal.calib.assessment.limits import LIMITS, graded, percent
 from boxcal.calib.assessment.print_scale import PrintScale, find_print_scale
 from boxcal.calib.results.calibration import Calibration
 from boxcal.calib.results.diagnostics import Detail
-from boxcal.calib.results.stop_residuals import stops_seen
-from boxcal.calib.results.verdict import Level, Reason, Verdict
+from boxcal.calib.results.stop_residuals import SeenStop, stops_seen
+from boxcal.calib.results.verdict import Kind, Level, Reason, Verdict
 from boxcal.detect.correspondences import Correspondences
 from boxcal.target.box import Target
 
-_CAUSES_FIRST = (
-    "print",
-    "stops",
-    "around",
-    "turned",
-    "moves",
-    "sharpness",
-    "legs",
-    "slip",
-    "floor",
-    "wheels",
-    "corners",
-    "fit",
-    "uncertainty",
-    "open",
-    "straight",
-    "heading",
-    "turn",
-    "camera-angle",
-    "camera-place",
-    "held-out",
-)
-_NOT_OF_PRINT = ("print", "stops", "around", "turned", "moves")
-_SEVERITY = (Level.REDO, Level.USABLE, Level.GOOD)
 _HEADLINES = {
     Level.GOOD: "Put it on the robot.",
     Level.USABLE: "It works, but not as well as it could. Read the reasons before you rely on it.",
@@ -67,10 +47,13 @@ def judge(calibration: Calibration, drives: Drives, target: Target) -> Verdict:
     """
     all_drives = (drives,) if isinstance(drives, Correspondences) else tuple(drives)
     seen = stops_seen(calibration, all_drives, target)
-    return verdict(calibration, find_print_scale(calibration, seen, target))
+    scale = find_print_scale(calibration, seen, target)
+    return verdict(calibration, scale, unchecked=() if scale else _print_unchecked(calibration, seen))
 
 
-def verdict(calibration: Calibration, print_scale: PrintScale | None = None) -> Verdict:
+def verdict(
+    calibration: Calibration, print_scale: PrintScale | None = None, *, unchecked: Sequence[Reason] = ()
+) -> Verdict:
     """Return whether a calibration can be used, why, and what to do next.
 
     Parameters
@@ -80,26 +63,20 @@ def verdict(calibration: Calibration, print_scale: PrintScale | None = None) -> 
     print_scale
         What the corners say about the print (:func:`boxcal.calib.assessment.print_scale.find_print_scale`), where that
         was asked.
+    unchecked
+        What could not be checked, and why.
     """
-    reasons = [reason for rule in DRIVE_RULES for reason in rule(calibration)]
+    found = [reason for rule in DRIVE_RULES for reason in rule(calibration)]
     detail = calibration.detail
     if detail is None:
-        reasons.append(_uncertainty(calibration))
+        found.append(_uncertainty(calibration))
     else:
-        reasons += [reason for rule in DETAIL_RULES for reason in rule(calibration, detail)]
-    reasons += _print(detail, print_scale)
-    reasons.sort(key=lambda reason: (_SEVERITY.index(reason.level), _CAUSES_FIRST.index(reason.rule)))
-    level = reasons[0].level
-    # A wrong print upsets all that follows: what it causes is judged again once it is measured.
-    misprinted = any(r.rule == "print" and r.advice for r in reasons)
-    pressing = [r for r in reasons if r.advice and (not misprinted or r.rule in _NOT_OF_PRINT)]
-    steps = list(dict.fromkeys(r.advice for r in pressing))
-    return Verdict(
-        level=level,
-        headline=_HEADLINES[level],
-        reasons=tuple(reasons),
-        next_steps=tuple(steps) or (_KEEP,),
-    )
+        found += [reason for rule in DETAIL_RULES for reason in rule(calibration, detail)]
+        found += [finding_reason(finding) for finding in detail.findings]
+    reasons = arrange([*found, *_print(detail, print_scale), *unchecked])
+    level = max((r.level for r in reasons), key=lambda level: level.rank)
+    steps = dict.fromkeys(r.advice for r in reasons if r.advice and not r.because)
+    return Verdict(level=level, headline=_HEADLINES[level], reasons=reasons, next_steps=tuple(steps) or (_KEEP,))
 
 
 def _uncertainty(c: Calibration) -> Reason:
@@ -110,6 +87,16 @@ def _uncertainty(c: Calibration) -> Reason:
     return Reason(
         rule="uncertainty", level=Level.USABLE, text=text, advice="Calibrate the same log with maximum likelihood."
     )
+
+
+def _print_unchecked(calibration: Calibration, seen: Sequence[SeenStop]) -> tuple[Reason, ...]:
+    """Return why the print's size cannot be told from the corners; nothing where it was solved for."""
+    if calibration.detail is not None and "scale_x" in calibration.detail.extra:
+        return ()
+    alone = not any(len(np.unique(stop.face[stop.used])) > 1 for stop in seen)
+    why = "each stop sees one face of the box only" if alone else "the corners leave it open by more than 0.3 %"
+    text = f"The print's size could not be checked: {why}; check its 100 mm bars with a ruler."
+    return (Reason(rule="print", level=Level.GOOD, text=text, kind=Kind.UNCHECKED),)
 
 
 def _print(detail: Detail | None, found: PrintScale | None) -> list[Reason]:
@@ -128,7 +115,11 @@ def _print(detail: Detail | None, found: PrintScale | None) -> list[Reason]:
         return graded("print", worst, "The print has the size that it was designed with.", "")
     text = f"The print is not of the size designed: {percent(x)} across and {percent(y)} up the sheet."
     if estimated:
-        return [Reason(rule="print", level=Level.GOOD, text=f"{text} The calibration allows for it.")]
+        return [
+            Reason(
+                rule="print", level=Level.GOOD, text=f"{text} The calibration takes it into account.", kind=Kind.NOTE
+            )
+        ]
     return graded(
         "print",
         worst,

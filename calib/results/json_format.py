@@ -13,7 +13,7 @@ from boxcal.calib.errors import CalibError
 from boxcal.calib.results.calibration import Calibration, Provenance, Quality, StopResult, Wheels
 from boxcal.calib.results.detail_json import detail_document, read_detail
 from boxcal.calib.results.diagnostics import CAMERA
-from boxcal.calib.results.verdict import Level, Reason, Verdict
+from boxcal.calib.results.verdict import Kind, Level, Reason, Verdict
 from boxcal.target.arrays import Array
 from boxcal.target.camera.camera_model import CameraKind, CameraModel
 from boxcal.target.errors import TargetError
@@ -125,6 +125,8 @@ def _verdict(document: Mapping[str, Any]) -> Verdict:
                 level=Level(reason["level"]),
                 text=str(reason["text"]),
                 advice=str(reason["advice"]),
+                kind=Kind(reason.get("kind", "check")),
+                because=str(reason.get("because", "")),
             )
             for reason in document["reasons"]
         ),

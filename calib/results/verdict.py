@@ -1,5 +1,6 @@
 """Whether a calibration can be used, and why: the judgement that it carries."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -11,6 +12,19 @@ class Level(StrEnum):
     USABLE = "usable"
     REDO = "redo"
 
+    @property
+    def rank(self) -> int:
+        """0, 1, 2: the larger, the worse."""
+        return (Level.GOOD, Level.USABLE, Level.REDO).index(self)
+
+
+class Kind(StrEnum):
+    """CHECK: something was judged. NOTE: something was solved for. UNCHECKED: something could not be judged."""
+
+    CHECK = "check"
+    NOTE = "note"
+    UNCHECKED = "unchecked"
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reason:
@@ -19,19 +33,25 @@ class Reason:
     Attributes
     ----------
     rule
-        Its name, as in docs/report.md.
+        Its name, as in docs/report.md; of a named cause its name in the catalogue of explanations.
     level
-        Its judgement.
+        Its judgement; of a note or of what could not be judged it is good.
     text
         What was found, one sentence.
     advice
         What to do about it; empty where nothing is to be done.
+    kind
+        What kind of reason it is.
+    because
+        The rule of the cause that it follows from; empty for a cause, and for what is in order.
     """
 
     rule: str
     level: Level
     text: str
     advice: str = ""
+    kind: Kind = Kind.CHECK
+    because: str = ""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -45,7 +65,8 @@ class Verdict:
     headline
         One sentence.
     reasons
-        What every rule says, the worst first.
+        Causes, the worst first and each followed by its consequences; then notes, what could not be checked, and what
+        is in order.
     next_steps
         What to do now, the most pressing first.
     """
@@ -54,3 +75,52 @@ class Verdict:
     headline: str
     reasons: tuple[Reason, ...]
     next_steps: tuple[str, ...]
+
+    @property
+    def causes(self) -> tuple[Reason, ...]:
+        """What is wrong, without what follows from it."""
+        return tuple(r for r in self.reasons if r.level is not Level.GOOD and not r.because)
+
+    @property
+    def notes(self) -> tuple[Reason, ...]:
+        """What was solved for, so that the result allows for it."""
+        return tuple(r for r in self.reasons if r.kind is Kind.NOTE)
+
+    @property
+    def unchecked(self) -> tuple[Reason, ...]:
+        """What could not be checked."""
+        return tuple(r for r in self.reasons if r.kind is Kind.UNCHECKED)
+
+    @property
+    def passed(self) -> tuple[Reason, ...]:
+        """Checks that found all well."""
+        return tuple(r for r in self.reasons if r.kind is Kind.CHECK and r.level is Level.GOOD)
+
+    @property
+    def count(self) -> str:
+        """How many checks were made and how they went, in words."""
+        follow = sum(bool(r.because) for r in self.reasons)
+        return "; ".join(
+            part
+            for part in (
+                f"{len(self.passed)} checks passed",
+                f"{len(self.causes)} did not" if self.causes else "",
+                f"{follow} more follow{'s' if follow == 1 else ''} from {'it' if len(self.causes) == 1 else 'these'}"
+                if follow
+                else "",
+                f"{len(self.unchecked)} could not be made" if self.unchecked else "",
+            )
+            if part
+        )
+
+    def lines(self) -> Iterator[tuple[str, str]]:
+        """Yield the judgement as pairs of a label and a sentence: what every text of it says, in this order."""
+        for reason in self.reasons:
+            if reason.level is not Level.GOOD:
+                yield "hence" if reason.because else "why", reason.text
+        for step in self.next_steps:
+            yield "do", step
+        for note in self.notes:
+            yield "note", note.text
+        for reason in self.unchecked:
+            yield "not checked", reason.text
