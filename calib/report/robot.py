@@ -1,5 +1,7 @@
 """The report of one robot."""
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from boxcal.calib.assessment.estimate_rules import held_out_ratio
@@ -22,7 +24,7 @@ from boxcal.calib.report.tables import (
 from boxcal.calib.results.calibration import Calibration
 from boxcal.calib.results.stop_residuals import stops_seen
 from boxcal.calib.results.trajectory import driven_legs
-from boxcal.calib.results.verdict import Level, Reason, Verdict
+from boxcal.calib.results.verdict import Reason, Verdict
 from boxcal.detect.correspondences import Correspondences
 from boxcal.target.box import FACES, Target
 
@@ -70,7 +72,7 @@ def robot_report(calibration: Calibration, drives: Drives, target: Target) -> by
         when=readable_time(calibration.provenance.created),
         detail=detail,
         verdict=judged,
-        highlights=_highlights(judged),
+        shown=_shown(judged),
         gauges=gauges(detail),
         slip=slip_on_top(calibration),
         groups=parameter_groups(calibration),
@@ -94,10 +96,16 @@ def _all(drives: Drives) -> tuple[Correspondences, ...]:
     return (drives,) if isinstance(drives, Correspondences) else tuple(drives)
 
 
-def _highlights(judged: Verdict) -> tuple[list[Reason], list[Reason]]:
-    """Return the reasons to show first, and those in order that are shown on demand."""
-    faults = [r for r in judged.reasons if r.level is not Level.GOOD]
-    fine = [r for r in judged.reasons if r.level is Level.GOOD]
-    if faults:
-        return faults, fine
-    return [r for r in fine if r.rule in _TELLING], [r for r in fine if r.rule not in _TELLING]
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Shown:
+    """What of a verdict is shown first, and what is in order and shown on demand."""
+
+    first: tuple[Reason, ...]
+    fine: tuple[Reason, ...]
+
+
+def _shown(judged: Verdict) -> Shown:
+    if judged.causes:
+        return Shown(first=judged.causes, fine=judged.passed)
+    first = tuple(r for r in judged.passed if r.rule in _TELLING)
+    return Shown(first=first, fine=tuple(r for r in judged.passed if r.rule not in _TELLING))

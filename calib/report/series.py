@@ -1,5 +1,6 @@
 """Estimates over the number of stops (the paper's figures 8 and 9), and stops predicted from the others."""
 
+from dataclasses import dataclass
 from math import isfinite, pi
 from typing import Any
 
@@ -43,33 +44,60 @@ def growth_data(detail: Detail | None) -> dict[str, Any] | None:
     }
 
 
-def growth_rows(detail: Detail | None) -> list[dict[str, Any]]:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GrowthRow:
+    """What the first stops gave: value and sigma of the first six panels, in their units; None where infinite."""
+
+    stops: int
+    cells: tuple[tuple[float | None, float | None], ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HeldOutRow:
+    """A stop predicted from the others: error and claimed sigma (mm, mm, deg), and their ratio.
+
+    ``faulty`` says that the stop stands at the end of a leg that was rejected.
+    """
+
+    stop: str
+    error: tuple[float, float, float]
+    sigma: tuple[float, float, float]
+    faulty: bool
+    ratio: float
+
+
+def growth_rows(detail: Detail | None) -> list[GrowthRow]:
     """Return the first six panels as rows of a table, one for each number of stops."""
     data = growth_data(detail)
     if data is None:
         return []
     return [
-        {"stops": n, "cells": [(p["value"][i], p["sigma"][i]) for p in data["panels"][:6]]}
+        GrowthRow(stops=n, cells=tuple((p["value"][i], p["sigma"][i]) for p in data["panels"][:6]))
         for i, n in enumerate(data["stops"])
     ]
 
 
-def held_out_rows(detail: Detail | None) -> list[dict[str, Any]]:
-    """Return error and sigma (mm, mm, deg) of each stop that was predicted, and their ratio."""
+def held_out_rows(detail: Detail | None) -> list[HeldOutRow]:
+    """Return the stops that were predicted from the others."""
     if detail is None:
         return []
-    scale = np.array([1e3, 1e3, 180 / pi])
     faulty = {(leg.drive, leg.next_stop) for leg in detail.flagged_legs}
+    several = any(leg.drive for leg in detail.legs)
     return [
-        {
-            "stop": stop_label(h.drive, h.stop, several=any(leg.drive for leg in detail.legs)),
-            "error": (np.array(h.error) * scale).tolist(),
-            "sigma": (np.array(h.sigma) * scale).tolist(),
-            "faulty": (h.drive, h.stop) in faulty,
-            "ratio": float(np.sqrt(np.mean((np.array(h.error) / np.array(h.sigma)) ** 2))),
-        }
+        HeldOutRow(
+            stop=stop_label(h.drive, h.stop, several=several),
+            error=_shown(h.error),
+            sigma=_shown(h.sigma),
+            faulty=(h.drive, h.stop) in faulty,
+            ratio=float(np.sqrt(np.mean((np.array(h.error) / np.array(h.sigma)) ** 2))),
+        )
         for h in detail.held_out
     ]
+
+
+def _shown(pose: tuple[float, float, float]) -> tuple[float, float, float]:
+    """Return forward, left and heading (m, m, rad) in mm, mm and degrees."""
+    return pose[0] * 1e3, pose[1] * 1e3, pose[2] * 180 / pi
 
 
 def held_out_data(detail: Detail | None) -> dict[str, Any] | None:
@@ -78,10 +106,10 @@ def held_out_data(detail: Detail | None) -> dict[str, Any] | None:
     if not rows:
         return None
     return {
-        "stops": [r["stop"] for r in rows],
-        "faulty": [r["faulty"] for r in rows],
-        "error": [[_number(r["error"][k]) for r in rows] for k in range(3)],
-        "sigma": [[_number(r["sigma"][k]) for r in rows] for k in range(3)],
+        "stops": [r.stop for r in rows],
+        "faulty": [r.faulty for r in rows],
+        "error": [[_number(r.error[k]) for r in rows] for k in range(3)],
+        "sigma": [[_number(r.sigma[k]) for r in rows] for k in range(3)],
     }
 
 

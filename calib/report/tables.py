@@ -1,48 +1,110 @@
 """Rows of the report's tables."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from math import isfinite, log10
-from typing import Any
 
 import numpy as np
 
+from boxcal.calib.assessment.limits import sentence
 from boxcal.calib.results.calibration import Calibration
 from boxcal.calib.results.diagnostics import Detail
 from boxcal.calib.results.stop_residuals import SeenStop
 from boxcal.calib.results.trajectory import DrivenLeg
+from boxcal.calib.results.unknowns import describe
 from boxcal.target.arrays import Array
 
 _SINGULAR_LOW = 1e-4
 
 
-def stop_row(s: SeenStop) -> dict[str, Any]:
-    """Return one stop: how long it stood, what it saw and how well that fits."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StopRow:
+    """One stop: how long it stood (s), what it saw, how well that fits (px) and how far it was from the box (m)."""
+
+    number: str
+    seconds: float
+    frames: int
+    corners: int
+    faces: str
+    wrong: int
+    rms: float
+    distance: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FaceRow:
+    """One face over all stops that saw it: root mean square and mean (u, v) of its corners' errors, px."""
+
+    number: int
+    corners: int
+    stops: int
+    rms: float
+    mean: tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LegRow:
+    """One leg: what was driven (m, deg), odometry minus vision (mm, mm, deg), and why it was rejected, if it was."""
+
+    name: str
+    rolled: float
+    turned: float
+    gap: tuple[float, float, float]
+    p: float | None
+    used: bool
+    fault: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Ratio:
+    """A ratio of singular values and its place on a logarithmic scale from 1e-4 to 1, 0 to 100."""
+
+    name: str
+    value: float
+    at: float
+    text: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ExtraRow:
+    """An unknown beyond the 14 parameters: its name in calibration.json, in words, value and sigma as texts."""
+
+    key: str
+    words: str
+    value: str
+    sigma: str
+    unit: str
+
+
+def stop_row(s: SeenStop) -> StopRow:
+    """Return one stop's row."""
     view = s.view
-    return {
-        "number": s.label,
-        "seconds": (view.t_end_ns - view.t_start_ns) / 1e9,
-        "frames": view.frames,
-        "corners": len(view.landmark_ids),
-        "faces": ", ".join(str(f) for f in np.unique(s.face)),
-        "wrong": int((~s.used).sum()),
-        "rms": rms(s.error_px[s.used]),
-        "distance": float(np.linalg.norm(s.result.T_box_cam[:2, 3])),
-    }
+    return StopRow(
+        number=s.label,
+        seconds=(view.t_end_ns - view.t_start_ns) / 1e9,
+        frames=view.frames,
+        corners=len(view.landmark_ids),
+        faces=", ".join(str(f) for f in np.unique(s.face)),
+        wrong=int((~s.used).sum()),
+        rms=rms(s.error_px[s.used]),
+        distance=float(np.linalg.norm(s.result.T_box_cam[:2, 3])),
+    )
 
 
-def face_row(face: int, seen: Sequence[SeenStop]) -> dict[str, Any] | None:
+def face_row(face: int, seen: Sequence[SeenStop]) -> FaceRow | None:
     """Return one face over all stops; None where it was not seen."""
     errors = [s.error_px[(s.face == face) & s.used] for s in seen]
     total = np.concatenate(errors) if errors else np.zeros((0, 2))
     if not len(total):
         return None
-    return {
-        "number": face,
-        "corners": len(total),
-        "stops": sum(len(e) > 0 for e in errors),
-        "rms": rms(total),
-        "mean": total.mean(axis=0).tolist(),
-    }
+    u, v = total.mean(axis=0).tolist()
+    return FaceRow(
+        number=face,
+        corners=len(total),
+        stops=sum(len(e) > 0 for e in errors),
+        rms=rms(total),
+        mean=(u, v),
+    )
 
 
 def rms(error_px: Array) -> float:
@@ -50,17 +112,17 @@ def rms(error_px: Array) -> float:
     return float(np.sqrt(np.mean(np.sum(error_px**2, axis=1)))) if len(error_px) else 0.0
 
 
-def leg_row(leg: DrivenLeg) -> dict[str, Any]:
-    """Return one leg: what was driven, and wheels less images in mm, mm and deg."""
-    return {
-        "name": leg.name,
-        "rolled": leg.rolled,
-        "turned": float(np.degrees(leg.turned)),
-        "gap": (float(leg.gap[0]) * 1e3, float(leg.gap[1]) * 1e3, float(np.degrees(leg.gap[2]))),
-        "p": leg.judged.p_value if leg.judged else None,
-        "used": leg.judged.used if leg.judged else leg.fault is None,
-        "fault": leg.fault.text if leg.fault else "",
-    }
+def leg_row(leg: DrivenLeg) -> LegRow:
+    """Return one leg's row."""
+    return LegRow(
+        name=leg.name,
+        rolled=leg.rolled,
+        turned=float(np.degrees(leg.turned)),
+        gap=(float(leg.gap[0]) * 1e3, float(leg.gap[1]) * 1e3, float(np.degrees(leg.gap[2]))),
+        p=leg.judged.p_value if leg.judged else None,
+        used=leg.judged.used if leg.judged else leg.fault is None,
+        fault=sentence(leg.fault.text) if leg.fault else "",
+    )
 
 
 def noise_rows(detail: Detail | None) -> list[tuple[str, str, str]]:
@@ -84,7 +146,7 @@ def noise_rows(detail: Detail | None) -> list[tuple[str, str, str]]:
     return rows
 
 
-def singular_ratios(c: Calibration) -> list[dict[str, Any]]:
+def singular_ratios(c: Calibration) -> list[Ratio]:
     """Return both ratios with their place, 0 to 100, on a logarithmic scale from 1e-4 to 1."""
     q = c.quality
 
@@ -92,33 +154,43 @@ def singular_ratios(c: Calibration) -> list[dict[str, Any]]:
         return round(100 * (1 - log10(min(max(value, _SINGULAR_LOW), 1.0)) / log10(_SINGULAR_LOW)), 2)
 
     return [
-        {
-            "name": "\u03c3\u2085/\u03c3\u2084",
-            "value": q.sigma5_sigma4,
-            "at": at(q.sigma5_sigma4),
-            "text": "How well one solution fits all moves: the smaller the better; 0.001 in a simulation, 0.05 on a "
+        Ratio(
+            name="\u03c3\u2085/\u03c3\u2084",
+            value=q.sigma5_sigma4,
+            at=at(q.sigma5_sigma4),
+            text="How well one solution fits all moves: the smaller the better; 0.001 in a simulation, 0.05 on a "
             "real robot in the paper.",
-        },
-        {
-            "name": "\u03c3\u2084/\u03c3\u2083",
-            "value": q.sigma4_sigma3,
-            "at": at(q.sigma4_sigma3),
-            "text": "How well the moves tell the parameters apart: the larger the better; 0.7 to 0.8 in the paper, "
+        ),
+        Ratio(
+            name="\u03c3\u2084/\u03c3\u2083",
+            value=q.sigma4_sigma3,
+            at=at(q.sigma4_sigma3),
+            text="How well the moves tell the parameters apart: the larger the better; 0.7 to 0.8 in the paper, "
             "below 0.001 a drive is refused.",
-        },
+        ),
     ]
 
 
-def extra_rows(calibration: Calibration) -> list[tuple[str, str, str]]:
-    """Return name, value and sigma of the unknowns beyond the 14."""
+def extra_rows(calibration: Calibration) -> list[ExtraRow]:
+    """Return the unknowns beyond the 14 parameters, in words and in the units that people read them in."""
     detail = calibration.detail
     if detail is None:
         return []
     rows = []
     for name, value in {**calibration.camera.further, **detail.extra}.items():
-        sigma = detail.extra_sigma.get(name)
+        unknown, sigma = describe(name), detail.extra_sigma.get(name)
         rows.append(
-            (name, f"{value:.3g}", "" if sigma is None else f"{sigma:.2g}" if isfinite(sigma) else "not determined")
+            ExtraRow(
+                key=name,
+                words=unknown.words,
+                value=f"{value * unknown.scale:.3g}".replace("-", "\N{MINUS SIGN}"),
+                sigma=""
+                if sigma is None
+                else f"± {sigma * unknown.scale:.2g}"
+                if isfinite(sigma)
+                else "not determined",
+                unit=unknown.unit,
+            )
         )
     return rows
 

@@ -94,7 +94,7 @@ def test_face_and_stop_of_a_residual_are_its_own(exact: tuple[Calibration, Corre
         towards = s.result.T_box_cam[:3, 3] - s.p_box
         assert np.all(np.sum(normals * towards, axis=1) > 0)
     rows = [face_row(f, seen) for f in range(4)]
-    assert sum(r["corners"] for r in rows if r) == sum(len(s.face) for s in seen)
+    assert sum(r.corners for r in rows if r) == sum(len(s.face) for s in seen)
 
 
 def test_wrong_corners_are_marked_and_left_out_of_the_mean(exact: tuple[Calibration, Correspondences]) -> None:

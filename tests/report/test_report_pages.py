@@ -19,7 +19,8 @@ from hypothesis import strategies as st
 from boxcal.calib.assessment.verdict import judge
 from boxcal.calib.errors import CalibError
 from boxcal.calib.likelihood import EstimateOptions
-from boxcal.calib.report.fleet import fleet_report, odd_ones, robot_link
+from boxcal.calib.report.fleet import fleet_report
+from boxcal.calib.report.fleet_tables import odd_ones, robot_link
 from boxcal.calib.report.page import embedded, page, readable_time
 from boxcal.calib.report.robot import robot_report
 from boxcal.calib.results.calibration import Calibration
@@ -281,7 +282,7 @@ def test_box_that_was_estimated_is_in_the_report() -> None:
     text = Page(robot_report(calibration, drive, faulty.TARGET)).text
     assert "Good" in text
     assert "+1.0% across" in text
-    assert "The calibration allows for it" in text
+    assert "The calibration takes it into account" in text
     assert "scale_x" in text
 
 

@@ -4,21 +4,25 @@ import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import faulty
 import numpy as np
 import pytest
 
+from boxcal.calib.assessment.causes import FOLLOWS
 from boxcal.calib.assessment.estimate_rules import held_out_ratio
-from boxcal.calib.assessment.limits import LIMITS, Limit, angle, length, percent
+from boxcal.calib.assessment.limits import LIMITS, Limit, angle, length, percent, sentence
 from boxcal.calib.assessment.print_scale import PrintScale
 from boxcal.calib.assessment.verdict import judge, verdict
+from boxcal.calib.console.judgement import judgement
 from boxcal.calib.errors import CalibError
 from boxcal.calib.geometry.so3_se3 import rigid, rot_z
 from boxcal.calib.likelihood.estimate import Direction, FlaggedCorner
+from boxcal.calib.likelihood.finding import Finding
 from boxcal.calib.results.calibration import Calibration
 from boxcal.calib.results.diagnostics import Covariance, HeldOut
-from boxcal.calib.results.verdict import Level, Verdict
+from boxcal.calib.results.verdict import Kind, Level, Verdict
 from boxcal.detect.correspondences import Correspondences
 from boxcal.target.box import make_target
 
@@ -274,15 +278,15 @@ def test_print_scale_that_was_estimated_is_no_fault(calibrations: Calibrations) 
     sigma = {**c.detail.extra_sigma, "scale_x": 1e-4, "scale_y": 1e-4}
     found = verdict(_with(c, extra=extra, extra_sigma=sigma))
     assert found.level is Level.GOOD
-    assert any("allows for it" in r.text for r in found.reasons)
+    assert any("takes it into account" in r.text and r.kind is Kind.NOTE for r in found.reasons)
 
 
 def test_reasons_stand_worst_first_and_every_fault_has_advice(calibrations: Calibrations, drives: Drives) -> None:
     for name in ("few_stops", "one_side", "slipped", "box_moved", "wrong_print", "blurred"):
         found = _judged(name, calibrations, drives)
-        order = [[Level.REDO, Level.USABLE, Level.GOOD].index(r.level) for r in found.reasons]
-        assert order == sorted(order)
-        assert found.level is found.reasons[0].level
+        told = [r.level is not Level.GOOD for r in found.reasons]
+        assert told == sorted(told, reverse=True)
+        assert found.level is max((r.level for r in found.reasons), key=lambda level: level.rank)
         for reason in found.reasons:
             assert bool(reason.advice) == (reason.level is not Level.GOOD)
             assert not reason.text[0].islower()
@@ -337,3 +341,82 @@ def test_documentation_names_every_rule_and_its_limits() -> None:
         good, usable = (float(x) for x in re.findall(r"[\d.]+", rows[rule].split("|")[0])[:2])
         scale = factor.get(rule, 1)
         assert (good, usable) == pytest.approx((abs(limit.good) * scale, abs(limit.usable) * scale)), rule
+
+
+def _finding(**changes: Any) -> Finding:
+    plain = Finding(
+        cause="eccentric-right", text="the right wheel is 1.0 ± 0.1 % out of round", advice="true the wheel"
+    )
+    return replace(plain, **changes)
+
+
+def test_a_cause_is_told_once_with_what_follows_folded_under_it(calibrations: Calibrations, drives: Drives) -> None:
+    found = _judged("wrong_print", calibrations, drives)
+    assert [r.rule for r in found.causes] == ["print"]
+    follow = [r for r in found.reasons if r.because]
+    assert len(follow) >= 4
+    assert {r.because for r in follow} == {"print"}
+    assert found.reasons[1 : 1 + len(follow)] == tuple(follow)
+    assert len(found.next_steps) == 1
+    assert "measure-target" in found.next_steps[0]
+    assert re.fullmatch(r"\d+ checks passed; 1 did not; \d+ more follow from it", found.count)
+
+
+def test_every_rule_that_can_fail_has_its_place_among_the_causes() -> None:
+    assert {*LIMITS, "uncertainty", "open"} <= set(FOLLOWS)
+    order = list(FOLLOWS)
+    for rule, follow in FOLLOWS.items():
+        assert all(order.index(f) > order.index(rule) for f in follow), rule
+
+
+def test_what_was_solved_for_is_a_note_and_no_fault(calibrations: Calibrations) -> None:
+    c = calibrations("good_drive")
+    found = verdict(_with(c, findings=(_finding(adopted=True),)))
+    assert found.level is Level.GOOD
+    assert [r.text for r in found.notes] == ["The right wheel is 1.0 ± 0.1 % out of round; taken into account."]
+
+
+@pytest.mark.parametrize(("blocks", "level"), [(False, Level.USABLE), (True, Level.REDO)])
+def test_a_named_cause_that_is_left_is_never_good(blocks: bool, level: Level, calibrations: Calibrations) -> None:
+    c = _with(calibrations("good_drive"), findings=(_finding(blocks=blocks),))
+    found = verdict(c)
+    assert found.level is level
+    assert found.reasons[0].rule == "eccentric-right"
+    assert found.next_steps[0] == "True the wheel."
+    assert c.detail is not None
+    blurred = verdict(_with(c, noise=replace(c.detail.noise, pixel_factor=3.0)))
+    assert [r.because for r in blurred.reasons if r.rule == "fit"] == ["eccentric-right"]
+
+
+def test_a_check_that_could_not_be_made_is_said_and_is_no_failure(calibrations: Calibrations, drives: Drives) -> None:
+    found = _judged("blurred", calibrations, drives)
+    assert [r.rule for r in found.unchecked] == ["print"]
+    assert "could not be checked" in found.unchecked[0].text
+    assert found.count.endswith("1 could not be made")
+
+
+def test_symbols_keep_their_case_at_the_start_of_a_sentence() -> None:
+    texts = [
+        "kr is known badly",
+        "rR, rL and b cannot be told apart",
+        "face1_tx is open",
+        "wheel b is loose",
+        "b is open",
+    ]
+    assert [sentence(t) for t in texts] == [
+        "kr is known badly.",
+        "rR, rL and b cannot be told apart.",
+        "face1_tx is open.",
+        "Wheel b is loose.",
+        "b is open.",
+    ]
+
+
+def test_the_terminal_says_causes_first_and_fits_eighty_columns(calibrations: Calibrations, drives: Drives) -> None:
+    text = judgement("r01", _judged("wrong_print", calibrations, drives))
+    lines = text.splitlines()
+    assert lines[0].startswith("r01: REDO - ")
+    assert lines[1].startswith("  why: The print is not of the size designed")
+    assert any(line.startswith("    so: ") for line in lines)
+    assert any(line.startswith("  do: Measure the print") for line in lines)
+    assert all(len(line) <= 80 for line in lines)

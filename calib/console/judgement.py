@@ -1,0 +1,40 @@
+"""A verdict as lines of text: for the terminal, and for the head of every file that is made from a result."""
+
+import textwrap
+from collections.abc import Iterator
+
+from boxcal.calib.results.verdict import Level, Verdict
+
+WIDTH = 80
+"""Columns of a terminal that nobody widened."""
+_MARK = {Level.GOOD: "GOOD", Level.USABLE: "USABLE", Level.REDO: "REDO"}
+_LABEL = {"why": "why: ", "hence": "  so: ", "do": "do: ", "note": "note: ", "not checked": "not checked: "}
+
+
+def judgement(robot: str, verdict: Verdict, *, width: int = WIDTH) -> str:
+    """Return a verdict with its reasons, causes first, and with what to do, wrapped to a width."""
+    lines = _wrapped(f"{robot}: ", f"{_MARK[verdict.level]} - {verdict.headline}", width)
+    for label, text in verdict.lines():
+        if label != "do" or verdict.level is not Level.GOOD:
+            lines += _wrapped(f"  {_LABEL[label]}", text, width)
+    return "\n".join([*lines, *_wrapped("  ", f"({verdict.count})", width)])
+
+
+def header_lines(verdict: Verdict | None) -> Iterator[str]:
+    """Yield the lines that head a file made from a result: whether it may be used, and why not."""
+    if verdict is None:
+        yield "verdict: not judged"
+        return
+    yield f"verdict: {_MARK[verdict.level]} - {verdict.headline}"
+    if verdict.level is Level.GOOD:
+        return
+    for cause in verdict.causes:
+        yield f"why: {cause.text}"
+    for step in verdict.next_steps:
+        yield f"do: {step}"
+
+
+def _wrapped(label: str, text: str, width: int) -> list[str]:
+    return textwrap.wrap(
+        text, max(width, 40), initial_indent=label, subsequent_indent=" " * min(len(label), 8), break_on_hyphens=False
+    )
