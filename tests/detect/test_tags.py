@@ -53,10 +53,10 @@ def test_opencvs_own_corner_search_is_worse() -> None:
 
 
 @pytest.mark.parametrize("srgb", [True, False])
-@pytest.mark.parametrize("blur_px", [0.5, 1.0])
-def test_the_response_curve_is_told_from_the_tags_of_one_picture(srgb: bool, blur_px: float) -> None:
+@pytest.mark.parametrize("psf_px", [0.5, 1.0])
+def test_the_response_curve_is_told_from_the_tags_of_one_picture(srgb: bool, psf_px: float) -> None:
     for angle in (10.0, 120.0):
-        found = detect_tags(view(angle, srgb=srgb, blur_px=blur_px), TARGET)
+        found = detect_tags(view(angle, srgb=srgb, psf_px=psf_px), TARGET)
         assert found.response == ("srgb" if srgb else "linear")
         assert found.camera is not None
         assert found.camera.imaging.settled

@@ -62,8 +62,8 @@ def _explained(sums: Sums, step: Array) -> Array:
 
 
 def _put(sums: Sums, at: Index, some: Sums) -> None:
-    for name in Sums.__dataclass_fields__:
-        getattr(sums, name)[at] = getattr(some, name)
+    for all_tags, these in zip(sums, some, strict=True):
+        all_tags[at] = these
 
 
 def _step(sums: Sums, theta: Array, free: NDArray[np.bool_], damping: float) -> Array:

@@ -7,6 +7,7 @@ This module is the reference in numpy; :mod:`boxcal.detect.alignment.numba.image
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,8 +29,7 @@ STATS = 6
 """n, sum r^2, sum y, sum y^2, sum p, sum p^2 have columns 0..5; y grey level, p prediction."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Sums:
+class Sums(NamedTuple):
     """Normal equations of many tags, and what the verification needs.
 
     Attributes

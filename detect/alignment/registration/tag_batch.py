@@ -1,7 +1,7 @@
 """An image, and some of its tags at their present parameters."""
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +32,22 @@ class Frame:
     def linear(self) -> bool:
         """Whether the response curve is the identity."""
         return bool(len(self.response) == 2 and self.response[0] == 0 and self.response[1] == 1)
+
+
+class BatchArrays(NamedTuple):
+    """A frame and its tags as compiled code takes them, see :class:`Frame` and :class:`Batch`."""
+
+    grey: NDArray[np.float32]
+    response: Array
+    linear: bool
+    lens: Array
+    cells: Array
+    rows: Index
+    theta: Array
+    normalisation: Array
+    bounding_boxes: NDArray[np.int64]
+    margin: Array
+    stride: NDArray[np.int64]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -77,11 +93,19 @@ class Batch:
         names = ("rows", "theta", "normalisation", "bounding_boxes", "margin", "stride")
         return replace(self, **{name: getattr(self, name)[at] for name in names})
 
-    def arrays_and(self, *more: Any) -> tuple[Any, ...]:
-        """Return all figures as compiled code takes them: the frame's, the tags' in their order, and more."""
+    def arrays(self) -> BatchArrays:
+        """Return all of it as compiled code takes it; the tags' parameters are shared, not copied."""
         frame = self.frame
-        return (
-            frame.grey, frame.response, frame.linear, frame.lens,
-            self.cells, self.rows, self.theta, self.normalisation, self.bounding_boxes, self.margin, self.stride,
-            *more,
-        )  # fmt: skip
+        return BatchArrays(
+            grey=np.ascontiguousarray(frame.grey),
+            response=frame.response,
+            linear=frame.linear,
+            lens=frame.lens,
+            cells=self.cells,
+            rows=self.rows,
+            theta=self.theta,
+            normalisation=self.normalisation,
+            bounding_boxes=self.bounding_boxes,
+            margin=self.margin,
+            stride=self.stride,
+        )
