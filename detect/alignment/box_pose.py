@@ -5,30 +5,21 @@ lens and pose, each held by a weak prior, fitted robustly to the corners of one 
 (the focal length, from one face seen head-on) the covariance says, and so does that of every predicted corner.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cache, partial
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
-from boxcal.detect.alignment.box_refinement import (
-    CAMERA,
-    FITTED,
-    ITERATIONS,
-    MORE_ITERATIONS,
-    RANGE,
-    State,
-    Tangent,
-    levenberg_marquardt,
-)
+from boxcal.detect.alignment.backend import backend
+from boxcal.detect.alignment.box_refinement import CAMERA, FITTED
 from boxcal.detect.alignment.homography import least_squares_homography
 from boxcal.detect.alignment.radial_camera import (
     depth,
     fisheye_distortion,
     local_undistortion,
     no_distortion,
-    to_pixels,
     undistort_locally,
 )
 from boxcal.detect.alignment.tag_patterns import Index
@@ -104,7 +95,7 @@ class BoxFit:
 
     def predict(self, p_box: Array) -> tuple[Array, Array]:
         """Return where points (P, 3) are seen, (P, 2) px, and how uncertain that is, (P,) px; NaN where out of view."""
-        uv, spread = _prediction()(p_box, self.focal_px, self.lens, self.T_cam_box, self.information)
+        uv, spread = backend().predict(p_box, self.focal_px, self.lens, self.T_cam_box, self.information)
         return uv, self.sigma_px * spread
 
     def camera(self, width: int) -> CameraPrior:
@@ -222,7 +213,9 @@ def _refine(  # noqa: PLR0917 - the state by position
     p_box, uv = target.tag_corners[rows].reshape(-1, 3), corners_px.reshape(-1, 2)
     _bring_forward(focal, lens, T, p_box, uv)
     weight = (sigma_px / prior.deviation) ** 2
-    focal, lens, T, information, off = _steps()(p_box, uv, (focal, lens, T), weight, prior.expected, sigma_px, fair)
+    focal, lens, T, information, off = backend().levenberg_marquardt(
+        p_box, uv, (focal, lens, T), weight, prior.expected, sigma_px, fair
+    )
     return BoxFit(
         focal_px=focal,
         lens=lens,
@@ -232,59 +225,6 @@ def _refine(  # noqa: PLR0917 - the state by position
         sigma_px=max(LEAST_SIGMA_PX, sigma_px, 1.2 * float(np.median(off))),
         off_px=off.reshape(-1, 4).max(axis=1),
     )
-
-
-def predict(p_box: Array, focal: float, lens: Array, T_cam_box: Array, information: Array) -> tuple[Array, Array]:
-    """Return where points (P, 3) are seen, (P, 2) px, and their deviations (P,) where the fit's is 1 px."""
-    p_cam = p_box @ T_cam_box[:3, :3].T + T_cam_box[:3, 3]
-    uv = to_pixels(lens, p_cam * (1, 1, 1 / focal))
-    before = np.isfinite(uv[:, 0])
-    p_cam[~before], uv[~before] = (0, 0, 1), lens[:2]
-    J = Tangent(focal, lens, p_cam, uv).jacobian()
-    half = np.linalg.solve(np.linalg.cholesky(information), J.reshape(len(J), -1))
-    spread = np.sqrt((half**2).sum(axis=0).reshape(2, -1).sum(axis=0))
-    uv[~before] = np.nan
-    return uv, np.where(before, spread, np.inf)
-
-
-@cache
-def _prediction() -> Callable[..., tuple[Array, Array]]:
-    """Return the compiled prediction where numba is installed, else that in numpy."""
-    try:
-        from boxcal.detect.alignment.numba import box_pose as compiled  # noqa: PLC0415 - optional and slow to import
-    except ImportError:
-        return predict
-
-    def run(p_box: Array, focal: float, lens: Array, T_cam_box: Array, information: Array) -> tuple[Array, Array]:
-        uv, spread = np.empty((len(p_box), 2)), np.empty(len(p_box))
-        compiled.predict(p_box, focal, lens, T_cam_box, information, uv, spread)
-        return uv, spread
-
-    return run
-
-
-@cache
-def _steps() -> Callable[..., tuple[float, Array, Array, Array, Array]]:
-    """Return the compiled iterations where numba is installed, else those in numpy."""
-    try:
-        from boxcal.detect.alignment.numba import box_pose as compiled  # noqa: PLC0415 - optional and slow to import
-    except ImportError:
-        return levenberg_marquardt
-
-    iterations, limits = np.array([ITERATIONS, MORE_ITERATIONS]), np.array(RANGE)
-
-    def run(  # noqa: PLR0917
-        p_box: Array, uv: Array, start: State, prior: Array, expected: Array, sigma_px: float, fair: float
-    ) -> tuple[float, Array, Array, Array, Array]:
-        lens, T = start[1].copy(), start[2].copy()
-        information, off = np.empty((CAMERA + 6, CAMERA + 6)), np.empty(len(uv))
-        focal = compiled.refine(
-            p_box, uv, float(start[0]), lens, T, prior, expected, float(sigma_px), float(fair), iterations, limits,
-            information, off,
-        )  # fmt: skip
-        return focal, lens, T, information, off
-
-    return run
 
 
 def _bring_forward(focal: float, lens: Array, T_cam_box: Array, p_box: Array, uv: Array) -> None:

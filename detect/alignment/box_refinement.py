@@ -1,4 +1,4 @@
-"""Levenberg and Marquardt's steps to a rigid box; :mod:`boxcal.detect.alignment.numba.box_pose` takes the same steps.
+"""Levenberg-Marquardt fit of a rigid box; :mod:`boxcal.detect.alignment.numba.box_refinement` takes the same steps.
 
 Residuals are taken on the chart about each seen corner (:mod:`boxcal.detect.alignment.radial_camera`), which is that
 pixel's tangent: exact where they vanish, and of a pinhole everywhere.
@@ -7,7 +7,7 @@ pixel's tangent: exact where they vanish, and of a pinhole everywhere.
 import cv2
 import numpy as np
 
-from boxcal.detect.alignment.radial_camera import depth
+from boxcal.detect.alignment.radial_camera import depth, to_pixels
 from boxcal.target.arrays import Array
 
 ITERATIONS, MORE_ITERATIONS = 14, 60
@@ -119,3 +119,16 @@ class Tangent:
         J[7] = p[2] * moved[0] - p[0] * moved[2]
         J[8] = p[0] * moved[1] - p[1] * moved[0]
         return J
+
+
+def predict(p_box: Array, focal: float, lens: Array, T_cam_box: Array, information: Array) -> tuple[Array, Array]:
+    """Return where points (P, 3) are seen, (P, 2) px, and their deviations (P,) where the fit's is 1 px."""
+    p_cam = p_box @ T_cam_box[:3, :3].T + T_cam_box[:3, 3]
+    uv = to_pixels(lens, p_cam * (1, 1, 1 / focal))
+    before = np.isfinite(uv[:, 0])
+    p_cam[~before], uv[~before] = (0, 0, 1), lens[:2]
+    J = Tangent(focal, lens, p_cam, uv).jacobian()
+    half = np.linalg.solve(np.linalg.cholesky(information), J.reshape(len(J), -1))
+    spread = np.sqrt((half**2).sum(axis=0).reshape(2, -1).sum(axis=0))
+    uv[~before] = np.nan
+    return uv, np.where(before, spread, np.inf)

@@ -10,7 +10,7 @@ from boxcal.detect.alignment.candidates import TagCandidates
 from boxcal.detect.alignment.homography import least_squares_homography, map_points
 from boxcal.detect.alignment.pyramid import Pyramid, align_coarsely, align_midway
 from boxcal.detect.alignment.radial_camera import fisheye_distortion, undistort_locally
-from boxcal.detect.alignment.registration.align import TagAlignments
+from boxcal.detect.alignment.registration.tag_alignments import TagAlignments
 from boxcal.detect.alignment.tag_patterns import Index, Patterns
 from boxcal.detect.alignment.verification import Limits, convex, module_px, verified
 from boxcal.target.arrays import Array

@@ -10,20 +10,15 @@ whole image, since one tag has too few squares to tell.
 It asks nothing of the camera: under JPEG it comes out below one, on path-traced pictures of another renderer at three.
 """
 
-from collections.abc import Callable
-from functools import cache
-
 import numpy as np
-from numpy.typing import NDArray
 
-from boxcal.detect.alignment.registration import image_model as model
-from boxcal.detect.alignment.registration.align import TagAlignments, footprints
-from boxcal.detect.alignment.registration.finish import KURTOSIS_PRIOR, corners_by_homography, inverse_normal
+from boxcal.detect.alignment.backend import backend
+from boxcal.detect.alignment.registration.align import footprints
 from boxcal.detect.alignment.registration.image_model import CLUSTERS
-from boxcal.detect.alignment.registration.parameters import LOG_PSF, PARAMETERS
+from boxcal.detect.alignment.registration.parameters import LOG_PSF
+from boxcal.detect.alignment.registration.tag_alignments import TagAlignments
 from boxcal.detect.alignment.registration.tag_batch import Batch, Frame
 from boxcal.detect.alignment.tag_patterns import Patterns
-from boxcal.target.arrays import Array
 
 MOST_TAGS = 6
 CLUSTER_PX = 8
@@ -62,44 +57,6 @@ def variance_inflation(frame: Frame, patterns: Patterns, tags: TagAlignments, si
         frame=frame, cells=patterns.cells, rows=some.rows, theta=some.theta, normalisation=some.normalisation,
         bounding_boxes=bounding_boxes, margin=margin, stride=stride,
     )  # fmt: skip
-    observed, expected = _sums()(batch, some, cluster_px)
+    observed, expected = backend().cluster_sums(batch, some, cluster_px)
     prior = PRIOR_TAGS * float(np.mean(expected)) + 1e-12
     return TOGETHER * float(np.clip((observed.sum() + prior) / (expected.sum() + prior), *RANGE))
-
-
-def cluster_sums(batch: Batch, tags: TagAlignments, cluster_px: NDArray[np.int64]) -> tuple[Array, Array]:
-    """Return for each tag (N,) the mean square of the squares' sums, and its expectation under white noise.
-
-    Both are in units of the variance that white noise gives to the corners' eight coordinates. The batch holds the same
-    tags; for ``cluster_px`` see :func:`boxcal.detect.alignment.registration.image_model.clusters`.
-    """
-    normals, gradients = model.clusters(batch, cluster_px)
-    normal, noise2 = normals.sum(axis=1), tags.noise**2
-    # one pixel more than parameters: their squared sum is then the variance that the prior is weighed by
-    inverse = inverse_normal(normal, np.stack([np.full(len(tags), PARAMETERS + 1.0), noise2], axis=1))
-    D = corners_by_homography(batch.frame, tags.theta, tags.normalisation, tags.corners_px).reshape(len(tags), 8, 8)
-    B = inverse[:, :, :8] @ D.transpose(0, 2, 1)
-    white = np.maximum(np.einsum("nie,nij,nje->ne", B, normal, B), 1e-300)
-    moved = gradients @ B
-    W = normals @ B[:, None]
-    fitted = np.sum(W * (inverse[:, None] @ W), axis=(1, 2))
-    observed = np.sum(moved**2, axis=1) / np.maximum(noise2, 1e-12)[:, None] / white
-    return observed.mean(axis=1), np.maximum((white - fitted) / white, 0).mean(axis=1)
-
-
-@cache
-def _sums() -> Callable[..., tuple[Array, Array]]:
-    """Return the compiled sums over squares where numba is installed, else those in numpy."""
-    try:
-        from boxcal.detect.alignment.numba import covariance as compiled  # noqa: PLC0415 - optional and slow to import
-    except ImportError:
-        return cluster_sums
-
-    def run(batch: Batch, tags: TagAlignments, cluster_px: NDArray[np.int64]) -> tuple[Array, Array]:
-        observed, expected = np.empty(len(tags)), np.empty(len(tags))
-        compiled.cluster_sums(
-            *batch.arrays_and(cluster_px, tags.corners_px, tags.noise**2, KURTOSIS_PRIOR, observed, expected)
-        )
-        return observed, expected
-
-    return run

@@ -15,8 +15,9 @@ from boxcal.detect.alignment.preview import SIGMA_PX, preview
 from boxcal.detect.alignment.pyramid import Pyramid, align_coarsely
 from boxcal.detect.alignment.pyramid_search import FEW_TAGS, find_box, search_copies
 from boxcal.detect.alignment.radial_camera import no_distortion, sagitta_difference_px
-from boxcal.detect.alignment.registration.align import TagAlignments, align
+from boxcal.detect.alignment.registration.align import align
 from boxcal.detect.alignment.registration.parameters import KURTOSIS
+from boxcal.detect.alignment.registration.tag_alignments import TagAlignments
 from boxcal.detect.alignment.registration.tag_batch import Frame
 from boxcal.detect.alignment.tag_patterns import Index, Patterns, target_patterns
 from boxcal.detect.alignment.verification import Limits, module_px, verified

@@ -5,8 +5,9 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
-from boxcal.detect.alignment.registration.align import TagAlignments, align
+from boxcal.detect.alignment.registration.align import align
 from boxcal.detect.alignment.registration.parameters import LOG_PSF
+from boxcal.detect.alignment.registration.tag_alignments import TagAlignments
 from boxcal.detect.alignment.registration.tag_batch import Frame
 from boxcal.detect.alignment.tag_patterns import Index, Patterns
 from boxcal.detect.alignment.verification import module_px

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from aligned_views import BENT, LENS, PATTERNS, pose, some_tags, truth, view
 
+from boxcal.detect.alignment.backend import numba_backend, numpy_backend
 from boxcal.detect.alignment.homography import from_square, least_squares_homography, map_points, to_square
-from boxcal.detect.alignment.registration import align as solve
 from boxcal.detect.alignment.registration import image_model as model
 from boxcal.detect.alignment.registration import psf as blur
 from boxcal.detect.alignment.registration.align import align
@@ -67,7 +67,7 @@ def test_numpy_alone_aligns_as_well_as_compiled(lens):
     uv, seen = truth(T)
     rows = seen[::10]
     frame = Frame(grey=(view(T) / np.float32(255)), response=response_table("linear"), lens=lens)
-    plain = align(frame, PATTERNS, rows, uv[rows] + 0.2, stop_px=1e-4, iterations=30, sums_of=model.accumulate)
+    plain = align(frame, PATTERNS, rows, uv[rows] + 0.2, stop_px=1e-4, iterations=30, compute=numpy_backend())
     fast = align(frame, PATTERNS, rows, uv[rows] + 0.2, stop_px=1e-4, iterations=30)
     off = np.linalg.norm(plain.corners_px - fast.corners_px, axis=2)
     assert np.median(off) < 1e-3
@@ -81,14 +81,13 @@ def test_compiled_end_of_an_alignment_is_that_of_the_reference():
     frame, theta, place = batch.frame, batch.theta, batch.normalisation
     sums = model.accumulate(batch)
     plain = finish(frame, PATTERNS, theta=theta, normalisation=place, sums=sums, covariance=True)
-    fast = solve._finishing()(frame, PATTERNS, theta=theta, normalisation=place, sums=sums, covariance=True)
-    assert solve._finishing() is not finish
+    fast = numba_backend().finish(frame, PATTERNS, theta=theta, normalisation=place, sums=sums, covariance=True)
     np.testing.assert_allclose(fast[0], plain[0], rtol=0, atol=1e-9)
     np.testing.assert_allclose(fast[1], plain[1], rtol=1e-6)
     np.testing.assert_allclose(fast[2], plain[2], rtol=1e-9)
     lost = theta.copy()
     lost[:, 3:6] = lost[:, :3]
-    for end in (finish, solve._finishing()):
+    for end in (finish, numba_backend().finish):
         corners, *_ = end(frame, PATTERNS, theta=lost, normalisation=place, sums=sums, covariance=True)
         assert np.isnan(corners).any(axis=(1, 2)).all()
 

@@ -3,38 +3,39 @@
 from typing import Any
 
 import numpy as np
-from numba import njit
+
+from boxcal.detect.alignment.numba.kernel import kernel
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def clear(a: Any) -> None:
     """Set all entries of an array (n,) to zero."""
     for k in range(len(a)):
         a[k] = 0.0
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def clear_rows(a: Any) -> None:
     """Set all entries of an array (n, m) to zero."""
     for k in range(len(a)):
         clear(a[k])
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def put(a: Any, b: Any) -> None:
     """Copy b into a, (n,) each."""
     for k in range(len(a)):
         a[k] = b[k]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def put_rows(a: Any, b: Any) -> None:
     """Copy b into a, (n, m) each."""
     for k in range(len(a)):
         put(a[k], b[k])
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def finite(a: Any) -> bool:
     """Return whether all entries of an array (n,) are finite."""
     good = True
@@ -43,7 +44,7 @@ def finite(a: Any) -> bool:
     return good
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def median(a: Any, room: Any) -> Any:
     """Return the median of a (n,), sorted in room (n,) by Shell's method."""
     n = len(a)

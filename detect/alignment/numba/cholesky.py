@@ -3,10 +3,11 @@
 from typing import Any
 
 import numpy as np
-from numba import njit
+
+from boxcal.detect.alignment.numba.kernel import kernel
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def factor(A: Any) -> None:
     """Replace the lower triangle of A (n, n) by that of its factor L, ``A = L L^T``."""
     for i in range(len(A)):
@@ -20,7 +21,7 @@ def factor(A: Any) -> None:
                 A[i, j] = total / A[j, j]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def solve_lower(L: Any, b: Any, x: Any) -> None:
     """Fill x (n,) with the solution of ``L x = b``."""
     for i in range(len(L)):
@@ -30,7 +31,7 @@ def solve_lower(L: Any, b: Any, x: Any) -> None:
         x[i] = total / L[i, i]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def solve_positive(A: Any, b: Any, x: Any) -> None:
     """Fill x (n,) with the solution of ``A x = b``; A is overwritten by its factor."""
     factor(A)

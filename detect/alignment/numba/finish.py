@@ -3,25 +3,34 @@
 from typing import Any
 
 import numpy as np
-from numba import njit
 
 from boxcal.detect.alignment.numba.arrays import put_rows
 from boxcal.detect.alignment.numba.cholesky import factor, solve_lower
+from boxcal.detect.alignment.numba.kernel import kernel
 from boxcal.detect.alignment.numba.radial_camera import depth, local_undistortion, to_pixel
+from boxcal.detect.alignment.registration.finish import KURTOSIS_PRIOR, Finished
+from boxcal.detect.alignment.registration.image_model import Sums
 from boxcal.detect.alignment.registration.parameters import KURTOSIS, PARAMETERS
+from boxcal.detect.alignment.registration.tag_batch import Frame
+from boxcal.detect.alignment.tag_patterns import Patterns
+from boxcal.target.arrays import Array
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def finish(  # noqa: PLR0917 - arrays in, arrays out
-    lens: Any, modules: Any, theta: Any, normalisation: Any, normal: Any, stats: Any, blocks: Any, prior: Any,
-    covariance: Any, corners: Any, cov: Any, figures: Any,
-) -> None:  # fmt: skip
-    """Fill the corners (N, 4, 2), covariances (N, 4, 2, 2) and figures (N, 4) of tags.
+def finish(
+    frame: Frame, patterns: Patterns, *, theta: Array, normalisation: Array, sums: Sums, covariance: bool
+) -> Finished:
+    """Return corners, covariances and qualities as :func:`boxcal.detect.alignment.registration.finish.finish` does."""
+    n = len(theta)
+    out = Finished(corners=np.empty((n, 4, 2)), cov=np.zeros((n, 4, 2, 2)), quality=np.empty((n, 4)))
+    _finish(frame.lens, patterns.modules, theta, normalisation, sums, covariance, out)
+    return out
 
-    The figures are correlation, worst block, worst module and noise, see
-    :class:`boxcal.detect.alignment.registration.align.Aligned`; what cannot be told is NaN. ``prior`` is the deviation
-    of the kurtosis. The reference is :func:`boxcal.detect.alignment.registration.finish.finish`.
-    """
+
+@kernel()
+def _finish(  # noqa: PLR0917 - arrays in, arrays out
+    lens: Any, modules: Any, theta: Any, normalisation: Any, sums: Any, covariance: Any, out: Any
+) -> None:
+    normal, stats, corners, cov, quality = sums.normal, sums.stats, out.corners, out.cov, out.quality
     A = np.empty((PARAMETERS, PARAMETERS))
     moves, half = np.zeros((2, PARAMETERS)), np.empty((2, PARAMETERS))
     for k in range(len(theta)):
@@ -31,15 +40,15 @@ def finish(  # noqa: PLR0917 - arrays in, arrays out
         cross = 0.5 * (y2 + p2 - r2) / count - (y / count) * (p / count)
         noise2 = r2 / max(n - PARAMETERS, 1.0)
         contrast = max(2 * np.sqrt(max(var_y, 0.0)), 1e-6)
-        figures[k, 0] = min(cross / np.sqrt(max(var_y * var_p, 1e-12)), 1.0)
-        figures[k, 1] = _worst(blocks[k], 2, 2.0) / contrast
-        figures[k, 2] = _worst(blocks[k], 1, 4.0) / contrast
-        figures[k, 3] = np.sqrt(noise2)
+        quality[k, 0] = min(cross / np.sqrt(max(var_y * var_p, 1e-12)), 1.0)
+        quality[k, 1] = _worst(sums.blocks[k], 2, 2.0) / contrast
+        quality[k, 2] = _worst(sums.blocks[k], 1, 4.0) / contrast
+        quality[k, 3] = np.sqrt(noise2)
         if covariance:
             put_rows(A, normal[k])
             for i in range(PARAMETERS):
                 A[i, i] += 1e-12 + 1e-9 * normal[k, i, i]
-            A[KURTOSIS, KURTOSIS] += max(r2, 1e-9) / max(n - PARAMETERS, 1.0) / prior**2
+            A[KURTOSIS, KURTOSIS] += max(r2, 1e-9) / max(n - PARAMETERS, 1.0) / KURTOSIS_PRIOR**2
             factor(A)
         for c in range(4):
             u, v = modules * (c == 1 or c == 2), modules * (c >= 2)  # noqa: PLR1714 - a set takes long to compile
@@ -56,7 +65,7 @@ def finish(  # noqa: PLR0917 - arrays in, arrays out
                         cov[k, c, i, j] = total * noise2
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def _worst(blocks: Any, side: Any, least: Any) -> float:
     """Return the largest mean residual of squares of modules that have pixels enough."""
     most = 0.0
@@ -73,7 +82,7 @@ def _worst(blocks: Any, side: Any, least: Any) -> float:
     return most
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def _corner(lens: Any, h: Any, normalisation: Any, u: Any, v: Any, out: Any) -> None:  # noqa: PLR0917
     """Fill the pixel of a place on the tag: H inverted by its adjugate, then bent as the reference does."""
     out[0], out[1] = np.nan, np.nan
@@ -88,7 +97,7 @@ def _corner(lens: Any, h: Any, normalisation: Any, u: Any, v: Any, out: Any) -> 
     out[0], out[1] = to_pixel(lens, ex, ey, D + bx * ex + by * ey)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def moves_of(lens: Any, h: Any, normalisation: Any, corner: Any, out: Any) -> None:
     """Fill how a corner, px, moves with the homography: it stays where its modules are."""
     bx, by, D = local_undistortion(lens, normalisation)

@@ -9,10 +9,10 @@ A tag's pixels are first collected (:mod:`boxcal.detect.alignment.numba.pixels`)
 from typing import Any
 
 import numpy as np
-from numba import njit
 
 from boxcal.detect.alignment.numba.arrays import clear, clear_rows, finite
 from boxcal.detect.alignment.numba.edges import OF_EDGE, across, blur_geometry, down, edge, jacobian, module_differences
+from boxcal.detect.alignment.numba.kernel import kernel
 from boxcal.detect.alignment.numba.pixels import BLOCK, add_blocks, collect, room, widths
 from boxcal.detect.alignment.registration.image_model import Sums, no_sums
 from boxcal.detect.alignment.registration.parameters import PARAMETERS
@@ -29,32 +29,28 @@ _F0, _F1 = np.float32(0), np.float32(1)
 def accumulate(batch: Batch) -> Sums:
     """Return the normal equations of tags; see :func:`boxcal.detect.alignment.registration.image_model.accumulate`."""
     sums = no_sums(len(batch), batch.cells)
-    _run(*batch.arrays_and(sums.normal, sums.gradient, sums.stats, sums.blocks))
+    _accumulate(batch.arrays(), sums)
     return sums
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _run(  # noqa: PLR0917 - arrays in, arrays out
-    grey: Any, response: Any, linear: Any, lens: Any, cells: Any, rows: Any, theta: Any, normalisation: Any,
-    bounding_boxes: Any, margin: Any, stride: Any, normal: Any, gradient: Any, stats: Any, blocks: Any,
-) -> None:  # fmt: skip
-    for k in range(len(rows)):
-        if not finite(theta[k]):
+@kernel()
+def _accumulate(batch: Any, sums: Any) -> None:
+    for k in range(len(batch.rows)):
+        if not finite(batch.theta[k]):
             continue
-        pixels = room(bounding_boxes[k])
-        n = collect(
-            grey, lens, cells[rows[k]], theta[k], normalisation[k], bounding_boxes[k], margin[k], stride[k], pixels
-        )
-        jac = differentiate(response, linear, cells[rows[k]], theta[k], normalisation[k], pixels, n, stats[k])
-        add_blocks(pixels, n, jac, blocks[k])
-        add_products(jac, normal[k], gradient[k])
+        pixels = room(batch.bounding_boxes[k])
+        n = collect(batch, k, pixels)
+        jac = differentiate(batch, k, pixels, n, sums.stats[k])
+        add_blocks(pixels, n, jac, sums.blocks[k])
+        add_products(jac, sums.normal[k], sums.gradient[k])
 
 
-@njit(cache=True, fastmath=True, nogil=True, error_model="numpy")
+@kernel(fastmath=True)
 def _residuals(  # noqa: PLR0917
-    at: Any, light: Any, response: Any, linear: Any, total: Any, used: Any, response_slope: Any, out: Any, stats: Any
+    at: Any, light: Any, batch: Any, total: Any, used: Any, response_slope: Any, out: Any, stats: Any
 ) -> None:
     """Fill the residuals of a block and the response curve's slope, both 0 behind the used pixels; add to the sums."""
+    response = batch.response
     offset, gain, slope_x, slope_y, kappa = (
         np.float32(light[0]), np.float32(light[1]), np.float32(light[2]), np.float32(light[3]), np.float32(light[4])
     )  # fmt: skip
@@ -63,7 +59,7 @@ def _residuals(  # noqa: PLR0917
         lit = offset + gain * total[0, p] + (slope_x * at[0, p] + slope_y * at[1, p]) * (total[0, p] + kappa)
         shown[p] = lit
     r2, y1, y2, p1, p2 = _F0, _F0, _F0, _F0, _F0
-    if linear:
+    if batch.linear:
         for p in range(BLOCK):
             lit, live = shown[p], _F1 if p < used else _F0
             value, predicted = at[4, p] * live, min(max(lit, _F0), _F1) * live
@@ -101,11 +97,10 @@ def _residuals(  # noqa: PLR0917
     stats[5] += p2
 
 
-@njit(cache=True, fastmath=True, nogil=True, error_model="numpy")
-def differentiate(  # noqa: PLR0915, PLR0917 - arrays in, arrays out
-    response: Any, linear: Any, cells: Any, theta: Any, normalisation: Any, pixels: Any, n: Any, stats: Any
-) -> Any:
+@kernel(fastmath=True)
+def differentiate(batch: Any, tag: Any, pixels: Any, n: Any, stats: Any) -> Any:  # noqa: PLR0915
     """Return the Jacobian of collected pixels, (B, 16, 64), residuals in row 14; add to the sums of residuals."""
+    cells, theta, normalisation = batch.cells[batch.rows[tag]], batch.theta[tag], batch.normalisation[tag]
     modules = cells.shape[0] - 2
     side = cells.shape[0]
     wide_u, wide_v = widths(theta, normalisation)
@@ -167,14 +162,14 @@ def differentiate(  # noqa: PLR0915, PLR0917 - arrays in, arrays out
                 sums[0, p] += along_v[corner[p] + f * side]
             down(sums, edge_v, geometry[3], total)
         into = jac[part]
-        _residuals(at, light, response, linear, total, used, response_slope, into[14], stats)
+        _residuals(at, light, batch, total, used, response_slope, into[14], stats)
         clear(into[15])
         jacobian(light, at, geometry, total, response_slope, into)
     stats[0] += n
     return jac
 
 
-@njit(cache=True, fastmath=True, nogil=True, error_model="numpy")
+@kernel(fastmath=True)
 def add_products(jac: Any, normal: Any, gradient: Any) -> None:
     """Fill the normal matrix and the gradient, four products of rows at a time."""
     for i in range(0, PARAMETERS, 2):

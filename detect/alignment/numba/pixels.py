@@ -3,8 +3,8 @@
 from typing import Any
 
 import numpy as np
-from numba import njit
 
+from boxcal.detect.alignment.numba.kernel import kernel
 from boxcal.detect.alignment.registration.image_model import LEAST_CONTRAST, MIDDLE, NEAR_SIGMAS
 
 BLOCK = 64
@@ -15,13 +15,13 @@ OF_PIXEL = 7
 """x, y, u, v, grey level, column and row of a collected pixel."""
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def room(box: Any) -> Any:
     """Return an array to collect the pixels of a box in."""
     return np.empty((OF_PIXEL, max(box[1] - box[0], 0) * max(box[3] - box[2], 0)), np.float32)
 
 
-@njit(cache=True, fastmath=ORDER, nogil=True, error_model="numpy")
+@kernel(fastmath=ORDER)
 def widths(theta: Any, normalisation: Any) -> Any:
     """Return the blur's deviations along u and v at the tag's centre, modules."""
     sigma = np.exp(theta[12]) * normalisation[2]
@@ -30,7 +30,7 @@ def widths(theta: Any, normalisation: Any) -> Any:
     return sigma * np.sqrt(u0 * u0 + u1 * u1), sigma * np.sqrt(v0 * v0 + v1 * v1)
 
 
-@njit(cache=True, fastmath=ORDER, nogil=True, error_model="numpy")
+@kernel(fastmath=ORDER)
 def _line(lens: Any, theta: Any, normalisation: Any, first: Any, row: Any, out: Any) -> None:  # noqa: PLR0917
     """Fill x, y, u and v of the pixels of a row, from the first column on."""
     h0, h1, h2, h3, h4, h5, h6, h7 = theta[0], theta[1], theta[2], theta[3], theta[4], theta[5], theta[6], theta[7]
@@ -56,11 +56,11 @@ def _line(lens: Any, theta: Any, normalisation: Any, first: Any, row: Any, out: 
         out[3, i] = (h3 * x + h4 * y + h5) * w
 
 
-@njit(cache=True, fastmath=ORDER, nogil=True, error_model="numpy")
-def collect(  # noqa: PLR0917
-    grey: Any, lens: Any, cells: Any, theta: Any, normalisation: Any, box: Any, margin: Any, stride: Any, into: Any
-) -> int:
-    """Write x, y, u, v, grey level, column and row of the pixels that count; return how many."""
+@kernel(fastmath=ORDER)
+def collect(batch: Any, k: Any, into: Any) -> int:
+    """Write x, y, u, v, grey level, column and row of the pixels of tag k that count; return how many."""
+    grey, cells, box, margin = batch.grey, batch.cells[batch.rows[k]], batch.bounding_boxes[k], batch.margin[k]
+    theta, normalisation, stride = batch.theta[k], batch.normalisation[k], batch.stride[k]
     wide_u, wide_v = widths(theta, normalisation)
     near_u, near_v = NEAR_SIGMAS * wide_u, NEAR_SIGMAS * wide_v
     modules = cells.shape[0] - 2
@@ -68,7 +68,7 @@ def collect(  # noqa: PLR0917
     line = np.empty((4, max(box[1] - box[0], 1)))
     n = 0
     for row in range(box[2], box[3]):
-        _line(lens, theta, normalisation, box[0], row, line)
+        _line(batch.lens, theta, normalisation, box[0], row, line)
         to_chosen = (row * shift) % every
         to_near = (every_near - (box[0] + row) % every_near) % every_near
         column = box[0]
@@ -111,7 +111,7 @@ def collect(  # noqa: PLR0917
     return n
 
 
-@njit(cache=True, fastmath=ORDER, nogil=True, error_model="numpy")
+@kernel(fastmath=ORDER)
 def replace_pixels(theta: Any, pixels: Any, n: Any) -> None:
     """Fill u and v of collected pixels anew."""
     h0, h1, h2, h3, h4, h5, h6, h7 = theta[0], theta[1], theta[2], theta[3], theta[4], theta[5], theta[6], theta[7]
@@ -122,12 +122,13 @@ def replace_pixels(theta: Any, pixels: Any, n: Any) -> None:
         pixels[3, p] = (h3 * x + h4 * y + h5) * w
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def initial_intensity(response: Any, cells: Any, pixels: Any, n: Any, theta: Any) -> None:
+@kernel()
+def initial_intensity(batch: Any, k: Any, pixels: Any, n: Any) -> None:
     """Set offset and gain of a tag from its collected pixels.
 
     The reference is :func:`boxcal.detect.alignment.registration.image_model.initial_intensity`.
     """
+    response, cells, theta = batch.response, batch.cells[batch.rows[k]], batch.theta[k]
     total, count = np.zeros(2), np.zeros(2)
     for p in range(n):
         u, v = pixels[2, p] + np.float32(1), pixels[3, p] + np.float32(1)
@@ -141,7 +142,7 @@ def initial_intensity(response: Any, cells: Any, pixels: Any, n: Any, theta: Any
         theta[8], theta[9] = black, max(white - black, LEAST_CONTRAST)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def _light_of(response: Any, grey: Any) -> Any:
     """Return the light that a response curve makes a grey level of."""
     last = len(response) - 1
@@ -159,7 +160,7 @@ def _light_of(response: Any, grey: Any) -> Any:
     return (low + (grey - response[low]) / (response[high] - response[low])) / last
 
 
-@njit(cache=True, fastmath=ORDER, nogil=True, error_model="numpy")
+@kernel(fastmath=ORDER)
 def add_blocks(pixels: Any, n: Any, jac: Any, blocks: Any) -> None:
     """Add the residuals of collected pixels to the sums over modules."""
     side = blocks.shape[0]

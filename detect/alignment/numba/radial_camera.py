@@ -3,12 +3,12 @@
 from typing import Any
 
 import numpy as np
-from numba import njit
 
+from boxcal.detect.alignment.numba.kernel import kernel
 from boxcal.detect.alignment.radial_camera import FAR, LEAST_SLOPE, STEPS, STILL
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def depth(lens: Any, q: Any) -> tuple[float, float, float]:
     """Return g at the squared radius q, its slope and ``g - d dg/dd``, as the reference of the same name does."""
     a1, a2, a3 = lens[2], lens[3], lens[5]
@@ -19,7 +19,7 @@ def depth(lens: Any, q: Any) -> tuple[float, float, float]:
     )
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def local_undistortion(lens: Any, normalisation: Any) -> tuple[float, float, float]:
     """Return b and D of the chart about a tag's centre, see :func:`boxcal.detect.alignment.radial_camera.chart`."""
     dx, dy = normalisation[0] - lens[0], normalisation[1] - lens[1]
@@ -27,7 +27,7 @@ def local_undistortion(lens: Any, normalisation: Any) -> tuple[float, float, flo
     return slope * dx, slope * dy, D
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def to_pixel(lens: Any, x: Any, y: Any, z: Any) -> tuple[float, float]:
     """Return the pixel that sees along a ray, NaN if none does; the reference is ``radial_camera.to_pixels``."""
     rho = np.hypot(x, y) * lens[4]

@@ -1,19 +1,15 @@
 """Align tags with an image: batched Gauss-Newton on homography, light and blur of every tag at once."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
-from functools import cache, partial
-
 import numpy as np
 from numpy.typing import NDArray
 
+from boxcal.detect.alignment.backend import Backend, backend
 from boxcal.detect.alignment.homography import to_square
 from boxcal.detect.alignment.radial_camera import undistort_locally
-from boxcal.detect.alignment.registration import gauss_newton as steps
 from boxcal.detect.alignment.registration import image_model as model
-from boxcal.detect.alignment.registration.finish import KURTOSIS_PRIOR, finish
-from boxcal.detect.alignment.registration.image_model import Sums
+from boxcal.detect.alignment.registration.gauss_newton import StepRules
 from boxcal.detect.alignment.registration.parameters import BLACK, CONTRAST, KURTOSIS, LOG_PSF, PARAMETERS
+from boxcal.detect.alignment.registration.tag_alignments import TagAlignments
 from boxcal.detect.alignment.registration.tag_batch import Batch, Frame
 from boxcal.detect.alignment.tag_patterns import Index, Patterns
 from boxcal.target.arrays import Array
@@ -47,63 +43,6 @@ _AGAIN = (_free(_LIGHT), *_FURTHER, *_FURTHER)
 """What each step may change."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class TagAlignments:
-    """Tags aligned with an image.
-
-    Attributes
-    ----------
-    rows : (N,)
-        Row of each tag in the patterns.
-    corners_px : (N, 4, 2), px
-        Corners in the image (distorted, as seen).
-    cov_px2 : (N, 4, 2, 2), px^2
-        Covariance of each corner from the residuals.
-    psf_sigma_px : (N,), px
-        Deviation of blur and pixel area together.
-    black_level, contrast : (N,)
-        Light of black modules, and white less black; 1 is full scale.
-    correlation : (N,)
-        Of the image with the aligned pattern.
-    worst_block : (N,)
-        Largest mean residual of a block of two by two modules, as a share of the contrast.
-    worst_module : (N,)
-        The same of a single module; 0 where modules have too few pixels to say.
-    noise : (N,)
-        Deviation of the residuals; 1 is full scale.
-    theta : (N, 14)
-        All parameters (see :mod:`boxcal.detect.alignment.registration.image_model`).
-    normalisation : (N, 3)
-        Their centres and scales.
-    """
-
-    rows: Index
-    corners_px: Array
-    cov_px2: Array
-    psf_sigma_px: Array
-    black_level: Array
-    contrast: Array
-    correlation: Array
-    worst_block: Array
-    worst_module: Array
-    noise: Array
-    theta: Array
-    normalisation: Array
-
-    def __len__(self) -> int:
-        return len(self.rows)
-
-    def take(self, at: NDArray[np.bool_] | Index) -> "TagAlignments":
-        """Return some of the tags."""
-        return TagAlignments(**{name: getattr(self, name)[at] for name in self.__dataclass_fields__})
-
-    def joined(self, more: "TagAlignments") -> "TagAlignments":
-        """Return these tags and others."""
-        return TagAlignments(
-            **{name: np.concatenate([getattr(self, name), getattr(more, name)]) for name in self.__dataclass_fields__}
-        )
-
-
 def align(
     frame: Frame,
     patterns: Patterns,
@@ -116,7 +55,7 @@ def align(
     iterations: int = ITERATIONS,
     side_px: float = np.inf,
     covariance: bool = True,
-    sums_of: Callable[[Batch], Sums] | None = None,
+    compute: Backend | None = None,
 ) -> TagAlignments:
     """Align tags whose corners are roughly known (to about a module).
 
@@ -141,8 +80,8 @@ def align(
         Use no more pixels of a tag than one with sides of this length has.
     covariance
         Without it covariances come back as zero.
-    sums_of
-        Take the steps in numpy with these sums; without it they are compiled where numba is installed.
+    compute
+        Compiled code or its reference in numpy; what :func:`boxcal.detect.alignment.backend.backend` says if None.
 
     Returns
     -------
@@ -167,13 +106,16 @@ def align(
         stride=stride,
     )
     last = model.no_sums(len(rows), patterns.cells)
-    (_iteration() if sums_of is None else partial(steps.iterate, sums_of))(
-        batch, last, normalised=normalised, module_px=module_px, free=np.stack(schedule),
-        damping=_DAMPING if start is not None else _FIRST_DAMPING, stop_px=stop_px, iterations=iterations,
+    rules = StepRules(
+        free=np.stack(schedule),
+        damping=_DAMPING if start is not None else _FIRST_DAMPING,
+        stop_px=float(stop_px),
+        iterations=iterations,
         guess=start is None,
-    )  # fmt: skip
-    finishing = finish if sums_of is not None else _finishing()
-    corners, cov, figures = finishing(
+    )
+    compute = compute or backend()
+    compute.iterate(batch, last, normalised=normalised, module_px=module_px, rules=rules)
+    corners, cov, quality = compute.finish(
         frame, patterns, theta=theta, normalisation=normalisation, sums=last, covariance=covariance
     )
     good = np.isfinite(corners).all(axis=(1, 2)) & np.isfinite(cov).all(axis=(1, 2, 3))
@@ -185,47 +127,13 @@ def align(
         psf_sigma_px=np.exp(theta[:, LOG_PSF]),
         black_level=theta[:, BLACK],
         contrast=theta[:, CONTRAST],
-        correlation=np.where(good, figures[:, 0], -1.0),
-        worst_block=figures[:, 1],
-        worst_module=figures[:, 2],
-        noise=figures[:, 3],
+        correlation=np.where(good, quality[:, 0], -1.0),
+        worst_block=quality[:, 1],
+        worst_module=quality[:, 2],
+        noise=quality[:, 3],
         theta=theta,
         normalisation=normalisation,
     )
-
-
-@cache
-def _finishing() -> Callable[..., tuple[Array, Array, Array]]:
-    """Return the compiled end of an alignment where numba is installed, else that in numpy."""
-    try:
-        from boxcal.detect.alignment.numba import finish as compiled  # noqa: PLC0415 - optional and slow to import
-    except ImportError:
-        return finish
-
-    def run(
-        frame: Frame, patterns: Patterns, *, theta: Array, normalisation: Array, sums: Sums, covariance: bool
-    ) -> tuple[Array, Array, Array]:
-        n = len(theta)
-        corners, cov, figures = np.empty((n, 4, 2)), np.zeros((n, 4, 2, 2)), np.empty((n, 4))
-        compiled.finish(
-            frame.lens, patterns.modules, theta, normalisation, sums.normal, sums.stats, sums.blocks, KURTOSIS_PRIOR,
-            covariance, corners, cov, figures,
-        )  # fmt: skip
-        return corners, cov, figures
-
-    return run
-
-
-@cache
-def _iteration() -> Callable[..., None]:
-    """Return the compiled steps where numba is installed, else those in numpy."""
-    try:
-        from boxcal.detect.alignment.numba.gauss_newton import iterate  # noqa: PLC0415 - optional and slow to import
-    except ImportError:
-        return partial(steps.iterate, model.accumulate)
-    limits = np.array([np.log([steps.MIN_SIGMA_PX, steps.MAX_SIGMA_PX]), steps.KURTOSIS_RANGE])
-    held = (steps.LONGEST_MODULES, steps.LONGEST_LOG, steps.MOST_EXPLAINED)
-    return partial(iterate, limits=limits, held=held, much=steps.MUCH, prior=KURTOSIS_PRIOR)
 
 
 def footprints(

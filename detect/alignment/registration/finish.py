@@ -1,5 +1,7 @@
 """The end of an alignment: corners, their covariances and what verification needs, from the sums of the last step."""
 
+from typing import NamedTuple
+
 import numpy as np
 
 from boxcal.detect.alignment.radial_camera import distort_locally, distortion_jacobian, undistort_locally
@@ -13,10 +15,29 @@ KURTOSIS_PRIOR = 0.5
 """Deviation of the blur's kurtosis before anything is seen."""
 
 
+class Finished(NamedTuple):
+    """Corners of aligned tags and what verification needs.
+
+    Attributes
+    ----------
+    corners : (N, 4, 2), px
+        NaN where there are none.
+    cov : (N, 4, 2, 2), px^2
+        Of each corner.
+    quality : (N, 4)
+        Correlation, worst block, worst module and deviation of the residuals, see
+        :class:`boxcal.detect.alignment.registration.align.TagAlignments`.
+    """
+
+    corners: Array
+    cov: Array
+    quality: Array
+
+
 def finish(
     frame: Frame, patterns: Patterns, *, theta: Array, normalisation: Array, sums: Sums, covariance: bool
-) -> tuple[Array, Array, Array]:
-    """Return corners (N, 4, 2), px, covariances (N, 4, 2, 2), px^2, and correlation, worst block and module, noise."""
+) -> Finished:
+    """Return the corners of aligned tags, their covariances (zero unless asked for) and qualities."""
     corners = distort_locally(frame.lens, normalisation, _normalised_corners(patterns, theta))
     n, r2, y, y2, p, p2 = sums.stats.T
     count = np.maximum(n, 1)
@@ -36,7 +57,8 @@ def finish(
     fours = even[:, ::2, ::2] + even[:, 1::2, ::2] + even[:, ::2, 1::2] + even[:, 1::2, 1::2]
     mean = fours[..., 0] / np.maximum(fours[..., 1], 1)
     worst = np.where(fours[..., 1] >= 2, np.abs(mean), 0).max(axis=(1, 2)) / contrast
-    return corners, cov, np.stack([correlation, worst, worst_module, np.sqrt(noise2)], axis=1)
+    quality = np.stack([correlation, worst, worst_module, np.sqrt(noise2)], axis=1)
+    return Finished(corners=corners, cov=cov, quality=quality)
 
 
 def _normalised_corners(patterns: Patterns, theta: Array) -> Array:

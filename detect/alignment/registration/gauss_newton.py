@@ -1,6 +1,7 @@
 """The Gauss-Newton steps of an alignment, all tags at once; :mod:`boxcal.detect.alignment.numba` takes the same."""
 
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,46 +14,85 @@ from boxcal.detect.alignment.registration.tag_batch import Batch
 from boxcal.detect.alignment.tag_patterns import Index
 from boxcal.target.arrays import Array
 
-MIN_SIGMA_PX, MAX_SIGMA_PX = 0.27, 12.0
+LOG_SIGMA_RANGE = (float(np.log(0.27)), float(np.log(12.0)))
+"""Of the PSF's deviation, log px: a pixel's own area has 0.29 px; wider than 12 px no tag is read."""
 KURTOSIS_RANGE = (-1.3, 1.5)
+"""A disc has -1, a square pixel -1.2; beyond these the Edgeworth series is no distribution."""
 MUCH = 0.6
-"""A step that explains this share of the squared residuals is not the last."""
+"""A step that explains this fraction of the squared residuals is not the last."""
 LONGEST_MODULES, LONGEST_LOG, MOST_EXPLAINED = 0.8, 0.35, 0.98
+"""Longest step of a point, modules, and of log sigma; largest fraction of the squared residuals it may explain."""
+
+
+class StepRules(NamedTuple):
+    """How Gauss-Newton steps are taken.
+
+    Attributes
+    ----------
+    free : (S, 14)
+        What each step may change; the last row holds for all further steps.
+    damping
+        Of the normal matrix's diagonal (Levenberg-Marquardt), relative.
+    stop_px
+        A tag is done once a step moves its corners less and its residuals have settled.
+    iterations
+        At most so many steps.
+    guess
+        Set black and white from the middle of the modules first.
+    """
+
+    free: NDArray[np.bool_]
+    damping: float
+    stop_px: float
+    iterations: int
+    guess: bool
 
 
 def iterate(
-    sums_of: Callable[[Batch], Sums],
     batch: Batch,
-    last: Sums,
+    sums: Sums,
     *,
     normalised: Array,
     module_px: Array,
-    free: NDArray[np.bool_],
-    damping: float,
-    stop_px: float,
-    iterations: int,
-    guess: bool,
+    rules: StepRules,
+    sums_of: Callable[[Batch], Sums] = model.accumulate,
 ) -> None:
-    """Take steps until each tag stands still; for the arguments see the compiled function of the same name."""
+    """Take Gauss-Newton steps until each tag stands still; parameters and ``sums`` (from zero) change in place.
+
+    Parameters
+    ----------
+    batch
+        The tags.
+    sums
+        Of the last step, the sum of squared residuals less what that step explains.
+    normalised : (N, 4, 2)
+        Corners in normalised places; what moves there says when to stop.
+    module_px : (N,), px
+        Width of a module.
+    rules
+        How steps are taken.
+    sums_of
+        Computes the normal equations.
+    """
     theta = batch.theta
-    if guess:
+    if rules.guess:
         model.initial_intensity(batch)
     active = np.arange(len(batch))
-    for step_no in range(iterations):
+    for step_no in range(rules.iterations):
         if len(active) == 0:
             break
-        sums = sums_of(batch.take(active))
-        step = _step(sums, theta[active], free[min(step_no, len(free) - 1)], damping)
+        now = sums_of(batch.take(active))
+        step = _step(now, theta[active], rules.free[min(step_no, len(rules.free) - 1)], rules.damping)
         stepped = _stepped(theta[active], step)
-        less = _explained(sums, stepped - theta[active])
-        converging = less > MUCH * sums.stats[:, 1]
-        sums.stats[:, 1] -= less
-        _put(last, active, sums)
+        less = _explained(now, stepped - theta[active])
+        converging = less > MUCH * now.stats[:, 1]
+        now.stats[:, 1] -= less
+        _put(sums, active, now)
         moved = model.apply_h(stepped, normalised[active]) - model.apply_h(theta[active], normalised[active])
         theta[active] = stepped
         moved_px = np.abs(moved).max(axis=(1, 2)) * module_px[active]
-        if step_no >= len(free) - 1:
-            active = active[~(moved_px < stop_px) | converging]
+        if step_no >= len(rules.free) - 1:
+            active = active[~(moved_px < rules.stop_px) | converging]
 
 
 def _explained(sums: Sums, step: Array) -> Array:
@@ -88,5 +128,5 @@ def _stepped(theta: Array, step: Array) -> Array:
     step[:, LOG_PSF] = np.clip(step[:, LOG_PSF], -LONGEST_LOG, LONGEST_LOG)
     new = theta + step
     new[:, KURTOSIS] = np.clip(new[:, KURTOSIS], *KURTOSIS_RANGE)
-    new[:, LOG_PSF] = np.clip(new[:, LOG_PSF], np.log(MIN_SIGMA_PX), np.log(MAX_SIGMA_PX))
+    new[:, LOG_PSF] = np.clip(new[:, LOG_PSF], *LOG_SIGMA_RANGE)
     return new

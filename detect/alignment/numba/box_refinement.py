@@ -6,46 +6,44 @@ The reference is :func:`boxcal.detect.alignment.box_refinement.levenberg_marquar
 from typing import Any
 
 import numpy as np
-from numba import njit
 
+from boxcal.detect.alignment.box_refinement import CAMERA, ITERATIONS, MORE_ITERATIONS, RANGE, State
 from boxcal.detect.alignment.numba.arrays import clear, clear_rows, median, put, put_rows
 from boxcal.detect.alignment.numba.cholesky import factor, solve_lower, solve_positive
+from boxcal.detect.alignment.numba.kernel import kernel
 from boxcal.detect.alignment.numba.radial_camera import to_pixel
+from boxcal.target.arrays import Array
 
-_UNKNOWNS = 12
-_CAMERA = 6
+_CAMERA, _UNKNOWNS = CAMERA, CAMERA + 6
 _LONGEST = np.array([0.4, 1e3, 1e3, 1e3, 1e3, 1e3, 0.5, 0.5, 0.5, 1e3, 1e3, 1e3])
 _LEAST_W = 1e-6
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def refine(  # noqa: PLR0917 - arrays in, arrays out
-    p_box: Any, uv: Any, focal: Any, lens: Any, T: Any, prior: Any, expected: Any, sigma_px: Any, fair: Any,
-    iterations: Any, limits: Any, information: Any, off: Any,
-) -> Any:  # fmt: skip
-    """Fit in place; return the focal length.
+def levenberg_marquardt(  # noqa: PLR0917 - as the reference
+    p_box: Array, uv: Array, start: State, prior: Array, expected: Array, sigma_px: float, fair: float
+) -> tuple[float, Array, Array, Array, Array]:
+    """Return what :func:`boxcal.detect.alignment.box_refinement.levenberg_marquardt` does."""
+    lens, T = start[1].copy(), start[2].copy()
+    information, off = np.empty((_UNKNOWNS, _UNKNOWNS)), np.empty(len(uv))
+    points, knowledge = (p_box, uv, float(sigma_px), float(fair)), (prior, expected)
+    focal = _refine(points, knowledge, float(start[0]), lens, T, information, off)
+    return focal, lens, T, information, off
 
-    Parameters
-    ----------
-    p_box : (P, 3), m
-    uv : (P, 2), px
-    focal, lens : px and (6,)
-        Where to start; the lens is changed in place.
-    T : (4, 4), m
-        T_cam_box, changed in place.
-    prior, expected : (6,)
-        Information on log f, centre, a1, a2 and a3, and their values.
-    sigma_px, fair
-        See :func:`boxcal.detect.alignment.box_pose.fit_box`.
-    iterations : (2,)
-        At most, and at most where the median deviation stays above ``fair``.
-    limits : (2,)
-        Of a1, a2 and a3.
-    information : (12, 12)
-        Filled.
-    off : (P,), px
-        Deviations, filled.
-    """
+
+def predict(p_box: Array, focal: float, lens: Array, T_cam_box: Array, information: Array) -> tuple[Array, Array]:
+    """Return what :func:`boxcal.detect.alignment.box_refinement.predict` does."""
+    uv, spread = np.empty((len(p_box), 2)), np.empty(len(p_box))
+    _predict(np.ascontiguousarray(p_box), float(focal), lens, T_cam_box, information, uv, spread)
+    return uv, spread
+
+
+@kernel()
+def _refine(  # noqa: PLR0917 - arrays in, arrays out
+    points: Any, knowledge: Any, focal: Any, lens: Any, T: Any, information: Any, off: Any
+) -> Any:
+    """Fit lens (6,), T_cam_box (4, 4), information (12, 12) and deviations (P,) in place; return the focal length."""
+    p_box, uv, sigma_px, fair = points
+    prior, expected = knowledge
     moved = (focal, lens.copy(), T.copy())
     now_off, room = np.empty(len(uv)), np.empty(len(uv))
     gradient, step = np.zeros(_UNKNOWNS), np.zeros(_UNKNOWNS)
@@ -55,8 +53,8 @@ def refine(  # noqa: PLR0917 - arrays in, arrays out
         information[i, i] = 1.0
     clear(off)
     damping, cost = 1e-4, np.inf
-    for iteration in range(iterations[1]):
-        if iteration >= iterations[0] and median(off, room) < fair:
+    for iteration in range(MORE_ITERATIONS):
+        if iteration >= ITERATIONS and median(off, room) < fair:
             break
         now_focal, now_lens, now_T = moved
         before = _deviations(p_box, uv, now_focal, now_lens, now_T, now_off)
@@ -91,18 +89,18 @@ def refine(  # noqa: PLR0917 - arrays in, arrays out
         solve_positive(A, gradient, step)
         for i in range(_UNKNOWNS):
             step[i] = min(max(step[i], -_LONGEST[i]), _LONGEST[i]) if np.isfinite(step[i]) else 0.0
-        moved = _moved(focal, lens, T, step, limits)
+        moved = _moved(focal, lens, T, step)
     return focal
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _moved(focal: Any, lens: Any, T: Any, step: Any, limits: Any) -> Any:
+@kernel()
+def _moved(focal: Any, lens: Any, T: Any, step: Any) -> Any:
     """Return the state after a step: the pose turned and moved from the left."""
     lens, new = lens.copy(), T.copy()
     lens[0] += step[1]
     lens[1] += step[2]
     for at, i in ((2, 3), (3, 4), (5, 5)):
-        lens[at] = min(max(lens[at] + step[i], limits[0]), limits[1])
+        lens[at] = min(max(lens[at] + step[i], RANGE[0]), RANGE[1])
     x, y, z = step[6], step[7], step[8]
     angle = np.sqrt(x * x + y * y + z * z)
     a = np.sin(angle) / angle if angle > 1e-8 else 1.0
@@ -118,7 +116,7 @@ def _moved(focal: Any, lens: Any, T: Any, step: Any, limits: Any) -> Any:
     return focal * np.exp(step[0]), lens, new
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def _tangent(focal: Any, lens: Any, dx: Any, dy: Any) -> Any:
     """Return q, D and the row (3,) that gives a point's depth on the chart about the pixel at (dx, dy)."""
     a1, a2, a3, per_px2 = lens[2], lens[3], lens[5], lens[4] * lens[4]
@@ -128,7 +126,7 @@ def _tangent(focal: Any, lens: Any, dx: Any, dy: Any) -> Any:
     return q, D, -slope / D * dx, -slope / D * dy, 1 / (focal * D)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def _point(T: Any, p: Any) -> Any:
     """Return the point p (3,) in the camera's frame."""
     return (
@@ -138,7 +136,7 @@ def _point(T: Any, p: Any) -> Any:
     )
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def _deviations(p_box: Any, uv: Any, focal: Any, lens: Any, T: Any, off: Any) -> bool:  # noqa: PLR0917
     """Fill how far corners are off, px; return whether all points lie before the camera."""
     before = True
@@ -154,7 +152,7 @@ def _deviations(p_box: Any, uv: Any, focal: Any, lens: Any, T: Any, off: Any) ->
     return before
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def _differentiate(focal: Any, lens: Any, dx: Any, dy: Any, x: Any, y: Any, z: Any, J: Any) -> Any:  # noqa: PLR0917
     """Return where a point (x, y, z) lies on the chart about (dx, dy); fill how that moves (2, 12)."""
     q, D, ax, ay, az = _tangent(focal, lens, dx, dy)
@@ -180,8 +178,8 @@ def _differentiate(focal: Any, lens: Any, dx: Any, dy: Any, x: Any, y: Any, z: A
     return seen_x, seen_y
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def predict(  # noqa: PLR0917
+@kernel()
+def _predict(  # noqa: PLR0917
     p_box: Any, focal: Any, lens: Any, T: Any, information: Any, uv: Any, spread: Any
 ) -> None:
     """Fill where points (P, 3) are seen, (P, 2) px, NaN where out of view, and the deviations (P,), else infinite."""
@@ -203,7 +201,7 @@ def predict(  # noqa: PLR0917
         spread[k] = np.sqrt(total)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def _equations(  # noqa: PLR0917
     p_box: Any, uv: Any, focal: Any, lens: Any, T: Any, off: Any, scale: Any, normal: Any, gradient: Any
 ) -> None:

@@ -1,44 +1,51 @@
 """Residuals summed over squares of the image, and what white noise would make of them.
 
-The reference is :func:`boxcal.detect.alignment.covariance.cluster_sums`.
+The reference is :func:`boxcal.detect.alignment.registration.cluster_sums.cluster_sums`.
 """
 
 from typing import Any
 
 import numpy as np
-from numba import njit
+from numpy.typing import NDArray
 
 from boxcal.detect.alignment.numba.arrays import put_rows
 from boxcal.detect.alignment.numba.cholesky import factor, solve_lower, solve_positive
 from boxcal.detect.alignment.numba.finish import moves_of
 from boxcal.detect.alignment.numba.image_model import ROWS, differentiate
+from boxcal.detect.alignment.numba.kernel import kernel
 from boxcal.detect.alignment.numba.pixels import BLOCK, collect, room
+from boxcal.detect.alignment.registration.finish import KURTOSIS_PRIOR
 from boxcal.detect.alignment.registration.image_model import CLUSTERS
 from boxcal.detect.alignment.registration.parameters import BLACK, KURTOSIS, PARAMETERS
+from boxcal.detect.alignment.registration.tag_batch import Batch
+from boxcal.target.arrays import Array
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def cluster_sums(  # noqa: PLR0917 - arrays in, arrays out
-    grey: Any, response: Any, linear: Any, lens: Any, cells: Any, rows: Any, theta: Any, normalisation: Any,
-    bounding_boxes: Any, margin: Any,
-    stride: Any, cluster_px: Any, corners: Any, noise2: Any, prior: Any, observed: Any, expected: Any,
-) -> None:  # fmt: skip
-    """Fill the squares' mean square (N,) and its expectation, in units of the corners' variance under white noise.
+def cluster_sums(batch: Batch, tags: Any, cluster_px: NDArray[np.int64]) -> tuple[Array, Array]:
+    """Return the mean square of the clusters' sums and its expectation under white noise, (N,) each."""
+    observed, expected = np.empty(len(tags)), np.empty(len(tags))
+    corners, noise2 = np.ascontiguousarray(tags.corners_px), tags.noise**2
+    _cluster_sums(batch.arrays(), cluster_px, corners, noise2, KURTOSIS_PRIOR, observed, expected)
+    return observed, expected
 
-    ``noise2`` (N,) is the residuals' variance, ``prior`` the kurtosis's deviation, for the others see
-    :func:`boxcal.detect.alignment.registration.image_model.clusters`; ``corners`` (N, 4, 2) in px.
+
+@kernel()
+def _cluster_sums(  # noqa: PLR0917 - arrays in, arrays out
+    batch: Any, cluster_px: Any, corners: Any, noise2: Any, prior: Any, observed: Any, expected: Any
+) -> None:
+    """Fill the clusters' mean square (N,) and its expectation, in units of the corners' variance under white noise.
+
+    ``noise2`` (N,) is the residuals' variance, ``prior`` the kurtosis's deviation, ``corners`` (N, 4, 2) in px.
     """
     stats, moves = np.zeros(6), np.zeros((2, PARAMETERS))
     A, B = np.empty((PARAMETERS, PARAMETERS)), np.empty((8, PARAMETERS))
     normal, inverse = np.empty((PARAMETERS, PARAMETERS)), np.empty((PARAMETERS, PARAMETERS))
-    for k in range(len(rows)):
+    for k in range(len(batch.rows)):
         products = np.zeros((CLUSTERS * CLUSTERS, PARAMETERS, ROWS), np.float32)
-        pixels = room(bounding_boxes[k])
-        n = collect(
-            grey, lens, cells[rows[k]], theta[k], normalisation[k], bounding_boxes[k], margin[k], stride[k], pixels
-        )
-        jac = differentiate(response, linear, cells[rows[k]], theta[k], normalisation[k], pixels, n, stats)
-        _add(pixels, n, jac, cluster_px[k], bounding_boxes[k], products)
+        pixels = room(batch.bounding_boxes[k])
+        n = collect(batch, k, pixels)
+        jac = differentiate(batch, k, pixels, n, stats)
+        _add(pixels, n, jac, cluster_px[k], batch.bounding_boxes[k], products)
         for i in range(PARAMETERS):
             for j in range(PARAMETERS):
                 normal[i, j] = 0.0
@@ -49,7 +56,7 @@ def cluster_sums(  # noqa: PLR0917 - arrays in, arrays out
             A[i, i] += 1e-12 + 1e-9 * normal[i, i]
         A[KURTOSIS, KURTOSIS] += max(noise2[k], 1e-9) / prior**2
         for c in range(4):
-            moves_of(lens, theta[k], normalisation[k], corners[k, c], moves)
+            moves_of(batch.lens, batch.theta[k], batch.normalisation[k], corners[k, c], moves)
             for row in range(2):
                 put_rows(inverse, A)
                 solve_positive(inverse, moves[row], B[2 * c + row])
@@ -57,7 +64,7 @@ def cluster_sums(  # noqa: PLR0917 - arrays in, arrays out
         observed[k], expected[k] = _mean_squares(products, normal, A, B, max(noise2[k], 1e-12))
 
 
-@njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
+@kernel(fastmath=True)
 def _add(pixels: Any, n: Any, jac: Any, side: Any, box: Any, products: Any) -> None:  # noqa: PLR0917
     """Add the products of the Jacobian's rows, of which one is the residual, to the squares where the pixels lie."""
     row = np.empty(ROWS, np.float32)
@@ -73,7 +80,7 @@ def _add(pixels: Any, n: Any, jac: Any, side: Any, box: Any, products: Any) -> N
                 square[a, b] += row[a] * row[b]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel()
 def _mean_squares(products: Any, normal: Any, L: Any, B: Any, noise2: Any) -> tuple[float, float]:
     """Return the mean over the corners' eight coordinates, observed and expected; ``L`` is the factor of the normal."""
     seen, expected = 0.0, 0.0

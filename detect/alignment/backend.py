@@ -1,0 +1,90 @@
+"""The one switch between compiled code and its reference in numpy.
+
+Every function that is compiled has a twin of the same name and arguments: modules of ``numba/`` beside those of
+``registration/`` and :mod:`boxcal.detect.alignment.box_refinement`. Tests hold the twins together.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from importlib.util import find_spec
+from typing import Any
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Backend:
+    """The functions that take most of the time, compiled or in numpy.
+
+    Attributes
+    ----------
+    name
+        ``numba`` or ``numpy``.
+    accumulate
+        Normal equations of tags, :func:`boxcal.detect.alignment.registration.image_model.accumulate`.
+    iterate
+        Gauss-Newton steps, :func:`boxcal.detect.alignment.registration.gauss_newton.iterate`.
+    finish
+        Corners and covariances, :func:`boxcal.detect.alignment.registration.finish.finish`.
+    cluster_sums
+        For the variance inflation, :func:`boxcal.detect.alignment.registration.cluster_sums.cluster_sums`.
+    levenberg_marquardt, predict
+        The rigid box, :mod:`boxcal.detect.alignment.box_refinement`.
+    """
+
+    name: str
+    accumulate: Callable[..., Any]
+    iterate: Callable[..., None]
+    finish: Callable[..., Any]
+    cluster_sums: Callable[..., Any]
+    levenberg_marquardt: Callable[..., Any]
+    predict: Callable[..., Any]
+
+
+@cache
+def backend() -> Backend:
+    """Return compiled code where numba is installed, else numpy."""
+    return numpy_backend() if find_spec("numba") is None else numba_backend()
+
+
+@cache
+def numpy_backend() -> Backend:
+    """Return the reference in numpy."""
+    from boxcal.detect.alignment import box_refinement  # noqa: PLC0415 - these modules import this one
+    from boxcal.detect.alignment.registration import (  # noqa: PLC0415
+        cluster_sums,
+        finish,
+        gauss_newton,
+        image_model,
+    )
+
+    return Backend(
+        name="numpy",
+        accumulate=image_model.accumulate,
+        iterate=gauss_newton.iterate,
+        finish=finish.finish,
+        cluster_sums=cluster_sums.cluster_sums,
+        levenberg_marquardt=box_refinement.levenberg_marquardt,
+        predict=box_refinement.predict,
+    )
+
+
+@cache
+def numba_backend() -> Backend:
+    """Return compiled code; each function is compiled, or read from the cache, when it is first called."""
+    from boxcal.detect.alignment.numba import (  # noqa: PLC0415 - slow to import
+        box_refinement,
+        cluster_sums,
+        finish,
+        gauss_newton,
+        image_model,
+    )
+
+    return Backend(
+        name="numba",
+        accumulate=image_model.accumulate,
+        iterate=gauss_newton.iterate,
+        finish=finish.finish,
+        cluster_sums=cluster_sums.cluster_sums,
+        levenberg_marquardt=box_refinement.levenberg_marquardt,
+        predict=box_refinement.predict,
+    )

@@ -1,0 +1,61 @@
+"""How functions are compiled, and where compiled code is kept from one process to the next.
+
+Compiled code lies in the user's cache (``~/.cache/boxcal``, or where ``NUMBA_CACHE_DIR``, ``XDG_CACHE_HOME`` or the
+system says), in a folder named by the hash of its sources and numba's version, so that an update never meets old code;
+numba tells processors apart. Without a place that can be written it is compiled in memory, in each process.
+"""
+
+import hashlib
+import tempfile
+from collections.abc import Callable
+from functools import cache
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from numba import __version__, njit
+
+_CONFIG: Any = import_module("numba.core.config")
+_APPDIRS: Any = import_module("numba.misc.appdirs")
+_HERE = Path(__file__).resolve().parent
+_SOURCES = (
+    *sorted(_HERE.glob("*.py")),
+    *sorted((_HERE.parent / "registration").glob("*.py")),
+    _HERE.parent / "radial_camera.py",
+)
+
+
+@cache
+def cache_folder() -> Path | None:
+    """Return the folder for compiled code, made if need be; None if no place can be written."""
+    digest = hashlib.sha256(__version__.encode())
+    for source in _SOURCES:
+        digest.update(source.read_bytes())
+    places = [Path(_CONFIG.CACHE_DIR)] if _CONFIG.CACHE_DIR else []
+    places += [Path(_APPDIRS.user_cache_dir("boxcal"))]
+    for place in places:
+        folder = place / f"compiled-{digest.hexdigest()[:16]}"
+        try:
+            folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+            with tempfile.TemporaryFile(dir=folder):
+                return folder
+        except OSError:
+            continue
+    return None
+
+
+def kernel(**options: Any) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """Compile a function of arrays and numbers at its first call; ``options`` are numba's beyond the usual ones."""
+
+    def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
+        folder, before = cache_folder(), _CONFIG.CACHE_DIR
+        _CONFIG.CACHE_DIR = str(folder or before)
+        try:
+            made: Callable[..., Any] = njit(cache=folder is not None, nogil=True, error_model="numpy", **options)(
+                function
+            )
+        finally:
+            _CONFIG.CACHE_DIR = before
+        return made
+
+    return compiled

@@ -1,0 +1,65 @@
+"""Tags aligned with an image, as every later step takes them."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from boxcal.target.arrays import Array, Index
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class TagAlignments:
+    """Tags aligned with an image.
+
+    Attributes
+    ----------
+    rows : (N,)
+        Row of each tag in the patterns.
+    corners_px : (N, 4, 2), px
+        Corners in the image (distorted, as seen).
+    cov_px2 : (N, 4, 2, 2), px^2
+        Covariance of each corner from the residuals.
+    psf_sigma_px : (N,), px
+        Deviation of blur and pixel area together.
+    black_level, contrast : (N,)
+        Light of black modules, and white less black; 1 is full scale.
+    correlation : (N,)
+        Of the image with the aligned pattern.
+    worst_block : (N,)
+        Largest mean residual of a block of two by two modules, as a share of the contrast.
+    worst_module : (N,)
+        The same of a single module; 0 where modules have too few pixels to say.
+    noise : (N,)
+        Deviation of the residuals; 1 is full scale.
+    theta : (N, 14)
+        All parameters (see :mod:`boxcal.detect.alignment.registration.image_model`).
+    normalisation : (N, 3)
+        Their centres and scales.
+    """
+
+    rows: Index
+    corners_px: Array
+    cov_px2: Array
+    psf_sigma_px: Array
+    black_level: Array
+    contrast: Array
+    correlation: Array
+    worst_block: Array
+    worst_module: Array
+    noise: Array
+    theta: Array
+    normalisation: Array
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    def take(self, at: NDArray[np.bool_] | Index) -> "TagAlignments":
+        """Return some of the tags."""
+        return TagAlignments(**{name: getattr(self, name)[at] for name in self.__dataclass_fields__})
+
+    def joined(self, more: "TagAlignments") -> "TagAlignments":
+        """Return these tags and others."""
+        return TagAlignments(
+            **{name: np.concatenate([getattr(self, name), getattr(more, name)]) for name in self.__dataclass_fields__}
+        )
