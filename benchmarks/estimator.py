@@ -17,8 +17,8 @@ import numpy as np
 from scipy import stats
 
 from boxcal.calib.errors import CalibError
+from boxcal.calib.geometry.parameters import ORDER
 from boxcal.calib.likelihood import EstimateOptions, estimate
-from boxcal.calib.likelihood.problem import REPORTED
 from boxcal.calib.simulate.drive import DriveOptions, exact_correspondences, simulate_drive
 from boxcal.calib.simulate.robot import Robot, paper
 from boxcal.calib.simulate.viewpoints import choose_stops
@@ -153,7 +153,7 @@ def report(stops: int, slip_mm: float, case: Case) -> None:
         f"\nP = {stops}, slip {slip_mm:g} mm/sqrt(m): {n} runs, {case.failed} failed, {case.flagged} with a leg named, "
         f"{case.seconds * 1e3:.0f} ms each (camera step included), slip found {np.median(case.slip) * 1e3:.2f}"
     )
-    print("        " + " ".join(f"{name:>6}" for name in REPORTED))
+    print("        " + " ".join(f"{name:>6}" for name in ORDER))
     print("  ratio " + " ".join(f"{v:6.3f}" for v in case.ratio) + f"   worst {case.ratio.max():.3f}")
     print(
         "  cover "

@@ -66,7 +66,7 @@ def _effects(robot: Robot, target: Target, seed: list[int]) -> Array:
 
     def solve(sources: Sources) -> Array:
         seen = observe(robot, target, drive, sources, np.random.default_rng([*seed, 1]))
-        options = EstimateOptions(pixel_factor=1.0, slip=3e-4, encoder_step=radians(0.1302), find_faults=False)
+        options = EstimateOptions(noise_scale=1.0, slip=3e-4, encoder_step=radians(0.1302), find_faults=False)
         values = np.full((2, 14), np.nan)
         try:
             steps = solve_four_steps(seen)

@@ -16,7 +16,7 @@ from boxcal.calib.exports.rerun import rerun_recording
 from boxcal.calib.exports.scene import make_scene
 from boxcal.calib.exports.stop_images import draw_stops, stop_jpegs
 from boxcal.calib.four_steps.procedure import FourSteps
-from boxcal.calib.likelihood import CameraKind, Estimate, EstimateOptions, choose_lens, estimate
+from boxcal.calib.likelihood import Estimate, EstimateOptions, estimate
 from boxcal.calib.report.robot import robot_report
 from boxcal.calib.results.build import closed_form, refined
 from boxcal.calib.results.calibration import Calibration
@@ -193,23 +193,20 @@ def _likelihood(
     """Return the maximum likelihood estimate, and the options that it was made with."""
     settings = job.settings
     options = EstimateOptions(
-        lens=settings.lens or CameraKind.RADIAL,
+        lens=settings.lens,
+        rigid_floor=settings.rigid_floor,
         tilt_sigma=settings.tilt_prior,
         ink_sigma=settings.ink_prior,
         scale_sigma=settings.scale_prior,
         size_sigma=settings.size_prior,
         face_sigma=settings.face_prior,
+        bow_sigma=settings.bow_prior,
         encoder_step=settings.encoder_step,
         slip=settings.slip,
         target=job.target,
     )
-    if settings.lens is None:
-        choice = choose_lens(drives, steps, options)
-        found, options = choice.best, replace(options, lens=choice.best.camera.kind)
-        scores = ", ".join(f"{score.lens} {score.bic - choice.scores[0].bic:+.1f}" for score in choice.scores)
-        found = replace(found, notes=(*found.notes, f"camera model chosen by BIC (difference to the best): {scores}"))
-    else:
-        found = estimate(drives, steps, options)
+    found = estimate(drives, steps, options)
+    options = replace(options, lens=found.camera.kind)
     return replace(found, notes=found.notes + box_notes(job.target)), options
 
 

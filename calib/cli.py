@@ -99,23 +99,40 @@ def _parser() -> argparse.ArgumentParser:
     model.add_argument(
         "--lens",
         choices=("radial", "brown", "rational", "fisheye", "auto"),
-        default="radial",
-        help="the paper's one coefficient, OpenCV's 5 or 8, or its equidistant fisheye; auto: by BIC (radial)",
+        default="auto",
+        help="the paper's one coefficient, OpenCV's 5 or 8, or its equidistant fisheye; auto: what the images ask for "
+        "(auto)",
+    )
+    model.add_argument(
+        "--floor",
+        choices=("uneven", "rigid"),
+        default="uneven",
+        help="the robot leans a little from stop to stop, by how much the data say, or stands on one plane exactly, "
+        "as in the paper (uneven)",
     )
     model.add_argument("--tilt-prior-deg", type=_size, default=1.0, metavar="DEG", help="floor against box (1)")
     model.add_argument("--ink-prior-mm", type=_size, default=0.1, metavar="MM", help="spread of the print's ink (0.1)")
     model.add_argument(
-        "--scale-prior-percent", type=_size, default=0.0, metavar="%%", help="scale of the print in x and y (0: exact)"
+        "--scale-prior-percent",
+        type=_size,
+        metavar="%%",
+        help="scale of the print in x and y; 0: exact (the data say how well the box was made)",
     )
     model.add_argument(
         "--face-prior-mm",
         type=_size,
-        default=0.0,
         metavar="MM",
-        help="places of faces 1 to 3 against face 0, and as much over a face's half width in angle (0: exact)",
+        help="places of the faces, and as much over a face's half width in angle; 0: exact (the data say)",
     )
     model.add_argument(
-        "--size-prior-mm", type=_size, default=0.0, metavar="MM", help="width and depth of the box (0: exact)"
+        "--bow-prior-mm", type=_size, metavar="MM", help="outward bow of each face; 0: flat (the data say)"
+    )
+    model.add_argument(
+        "--size-prior-mm",
+        type=_size,
+        default=0.0,
+        metavar="MM",
+        help="to what the box' width and depth were measured (not)",
     )
     model.add_argument("--encoder-step-deg", type=_size, metavar="DEG", help="found from the samples if not given")
     model.add_argument("--slip-mm", type=_size, metavar="MM", help="of a wheel per root metre; estimated if not given")
@@ -208,6 +225,7 @@ def _settings(args: argparse.Namespace, target: "Target") -> "Settings":
     from boxcal.detect.log.wheel_samples import JointUnit, WheelUnits
 
     half_face = max(target.box.width, target.box.depth) / 2
+    face = None if args.face_prior_mm is None else args.face_prior_mm * 1e-3
     return Settings(
         topics=Topics(
             camera_topic=args.camera_topic,
@@ -228,9 +246,11 @@ def _settings(args: argparse.Namespace, target: "Target") -> "Settings":
         lens=None if args.lens == "auto" else CameraKind(args.lens),
         tilt_prior=radians(args.tilt_prior_deg),
         ink_prior=args.ink_prior_mm * 1e-3,
-        scale_prior=args.scale_prior_percent * 1e-2,
+        rigid_floor=args.floor == "rigid",
+        scale_prior=None if args.scale_prior_percent is None else args.scale_prior_percent * 1e-2,
         size_prior=args.size_prior_mm * 1e-3,
-        face_prior=(args.face_prior_mm * 1e-3 / half_face, args.face_prior_mm * 1e-3),
+        face_prior=None if face is None else (face / half_face, face),
+        bow_prior=None if args.bow_prior_mm is None else args.bow_prior_mm * 1e-3,
         encoder_step=None if args.encoder_step_deg is None else radians(args.encoder_step_deg),
         slip=None if args.slip_mm is None else args.slip_mm * 1e-3,
         report=not args.no_report and _has_report(),

@@ -53,18 +53,23 @@ class Settings:
         The four steps alone, without the likelihood.
     validate
         Hold every stop out in turn and predict it.
-    lens
-        Lens model; None lets an information criterion choose, and says how all models did.
+    lens, optional
+        Camera model; None lets the images choose, and says how all models did.
+    rigid_floor
+        Every stop stands on one plane exactly, as in the paper; else it leans a little, by how much the data say.
     tilt_prior : rad
         Standard deviation of the floor's tilt against the box.
     ink_prior : m
         Of the ink's spread: how far all edges of the tags' black lie outwards. A camera's tone curve looks the same.
-    scale_prior
-        Of the print's scale in x and y, relative; 0 takes the target's figures as exact.
+    scale_prior, optional
+        Of the print's scale in x and y, relative. If None the data say how well the target was made; 0 takes it as
+        described.
     size_prior : m
-        Of the box' width and depth; 0 takes the target's figures as exact.
-    face_prior : (rad, m)
-        Of the poses of faces 1 to 3 against face 0; zeros take the target's figures as exact.
+        To what the box' width and depth were measured; 0 if they were not.
+    face_prior : (rad, m), optional
+        Of the poses of the faces, likewise.
+    bow_prior : m, optional
+        Of each face's outward sagitta, likewise.
     encoder_step : rad, optional
         Found from the samples if None.
     slip : m/sqrt(m), optional
@@ -85,12 +90,14 @@ class Settings:
     camera_mode: CameraMode = CameraMode.JOINT
     closed_form: bool = False
     validate: bool = False
-    lens: CameraKind | None = CameraKind.RADIAL
+    lens: CameraKind | None = None
+    rigid_floor: bool = False
     tilt_prior: float = radians(1.0)
     ink_prior: float = 1e-4
-    scale_prior: float = 0.0
+    scale_prior: float | None = None
     size_prior: float = 0.0
-    face_prior: tuple[float, float] = (0.0, 0.0)
+    face_prior: tuple[float, float] | None = None
+    bow_prior: float | None = None
     encoder_step: float | None = None
     slip: float | None = None
     report: bool = True

@@ -1,11 +1,28 @@
-"""The path that the wheels describe between stops, in closed form."""
+"""A differential drive: its wheels, the wheel travel of a drive, and the path that it describes, in closed form."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from boxcal.detect.correspondences import Correspondences
-from boxcal.target.arrays import Array
+from boxcal.target.arrays import Array, Ids, Mask
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Wheels:
+    """The wheels of a differential drive.
+
+    Attributes
+    ----------
+    rR, rL : m
+        Radii of the right and the left wheel.
+    b : m
+        Wheel separation: distance between the wheels' contact points.
+    """
+
+    rR: float
+    rL: float
+    b: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -18,11 +35,27 @@ class Legs:
         Angle travelled in each sample; the samples of all legs one behind the other.
     ends : (P,)
         How many samples lie before each stop; ``ends[0] = 0``, ``ends[-1] = S``.
+    known : (P - 1,) bool
+        Whether the wheels tell the whole way of each leg; all do if not given.
+    phi_start : (S, 2), rad
+        Readings at the start of each sample, right and left; those since the first stop if not given.
+    t_start_ns : (S,), ns
+        When each sample began; empty if not given.
     """
 
     dphi_R: Array
     dphi_L: Array
     ends: tuple[int, ...]
+    known: Mask = field(default_factory=lambda: np.zeros(0, dtype=np.bool_))
+    phi_start: Array = field(default_factory=lambda: np.zeros((0, 2)))
+    t_start_ns: Ids = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+
+    def __post_init__(self) -> None:
+        if not self.known.size:
+            object.__setattr__(self, "known", np.ones(max(len(self.ends) - 1, 0), dtype=np.bool_))
+        if not self.phi_start.size:
+            start = [np.concatenate([[0.0], np.cumsum(d)])[:-1] for d in (self.dphi_R, self.dphi_L)]
+            object.__setattr__(self, "phi_start", np.stack(start, axis=1))
 
     @property
     def phi_R(self) -> Array:
@@ -36,17 +69,50 @@ class Legs:
 
 
 def legs_between(drive: Correspondences, kept: tuple[int, ...] | None = None) -> Legs:
-    """Return the wheel travel between stops; stops not in ``kept`` are driven through."""
+    """Return the wheel travel between stops; stops not in ``kept`` are driven through.
+
+    A leg on which some travel is not known, or no wheel turned, tells nothing of the wheels: it is not ``known``.
+    """
     kept = tuple(range(len(drive.stops))) if kept is None else kept
-    parts_R, parts_L, ends = [], [], [0]
+    covered = drive.legs_covered
+    angles: list[Array] = [np.zeros((0, 2))]
+    starts: list[Array] = [np.zeros((0, 2))]
+    times: list[Ids] = [np.zeros(0, dtype=np.int64)]
+    known: list[bool] = []
+    ends, count, good = [0], 0, True
     for i in range(kept[0], kept[-1]):
-        phi_R, phi_L = drive.leg(i)
-        parts_R.append(np.diff(phi_R))
-        parts_L.append(np.diff(phi_L))
+        phi = np.stack(drive.leg(i), axis=1)
+        angles.append(np.diff(phi, axis=0))
+        starts.append(phi[:-1])
+        a, b = drive.stops[i], drive.stops[i + 1]
+        times.append(np.concatenate([[a.t_end_ns], drive.wheels.t_ns[a.last_sample + 1 : b.first_sample]]))
+        count += len(phi) - 1
+        good &= bool(covered[i])
         if i + 1 in kept:
-            ends.append(sum(len(p) for p in parts_R))
-    none = np.zeros(0)
-    return Legs(dphi_R=np.concatenate([none, *parts_R]), dphi_L=np.concatenate([none, *parts_L]), ends=tuple(ends))
+            turned = any(bool(np.any(part)) for part in angles[-(i + 1 - kept[len(ends) - 1]) :])
+            ends.append(count)
+            known.append(good and turned)
+            good = True
+    dphi = np.concatenate(angles)
+    return Legs(
+        dphi_R=dphi[:, 0],
+        dphi_L=dphi[:, 1],
+        ends=tuple(ends),
+        known=np.array(known, dtype=np.bool_),
+        phi_start=np.concatenate(starts),
+        t_start_ns=np.concatenate(times).astype(np.int64),
+    )
+
+
+def chord_lengths(distance: Array, turn: Array) -> Array:
+    """Return the chords of arcs, m: exact for constant wheel speeds within a sample.
+
+    Parameters
+    ----------
+    distance, turn : (...), m and rad
+        Along the arcs.
+    """
+    return np.asarray(distance * np.sinc(turn / (2 * np.pi)))
 
 
 def unit_path(legs: Legs, aR: float, aL: float) -> tuple[Array, Array]:
@@ -65,7 +131,7 @@ def unit_path(legs: Legs, aR: float, aL: float) -> tuple[Array, Array]:
     """
     dth = aR * legs.dphi_R + aL * legs.dphi_L
     th = np.concatenate([[0.0], np.cumsum(dth)])
-    m = 0.5 * (legs.dphi_L - (aR / aL) * legs.dphi_R) * np.sinc(dth / (2 * np.pi))
+    m = chord_lengths(0.5 * (legs.dphi_L - (aR / aL) * legs.dphi_R), dth)
     middle = th[:-1] + dth / 2
     xy = np.concatenate(
         [np.zeros((1, 2)), np.cumsum(m[:, None] * np.stack([np.cos(middle), np.sin(middle)], 1), axis=0)]

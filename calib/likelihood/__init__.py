@@ -1,7 +1,5 @@
 """Maximum likelihood: the answer, its uncertainty, and what the drive does not tell."""
 
-from boxcal.calib.likelihood.camera_selection import LensChoice as LensChoice
-from boxcal.calib.likelihood.camera_selection import choose_lens as choose_lens
 from boxcal.calib.likelihood.estimate import Estimate as Estimate
 from boxcal.calib.likelihood.estimator import estimate as estimate
 from boxcal.calib.likelihood.options import EstimateOptions as EstimateOptions

@@ -4,8 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from boxcal.calib.geometry.parameters import ORDER
+from boxcal.calib.likelihood.components import VarianceComponents
 from boxcal.calib.likelihood.finding import Finding
-from boxcal.calib.likelihood.problem import REPORTED
 from boxcal.target.arrays import Array, Mask
 from boxcal.target.camera.camera_model import CameraModel
 
@@ -190,6 +191,8 @@ class Estimate:
         What the drive determines badly or not at all.
     notes
         What the user should know.
+    components
+        Variance components found.
     iterations
         Steps of the solver, all rounds.
     cost
@@ -215,6 +218,7 @@ class Estimate:
     flagged_corners: tuple[FlaggedCorner, ...]
     directions: tuple[Direction, ...]
     notes: tuple[str, ...]
+    components: VarianceComponents
     iterations: int
     cost: float
     log_likelihood: float
@@ -223,7 +227,7 @@ class Estimate:
     @property
     def sigma(self) -> dict[str, float]:
         """Standard deviation of each reported parameter by name (px, m, rad)."""
-        return dict(zip(REPORTED, np.sqrt(np.diag(self.cov)).tolist(), strict=True))
+        return dict(zip(ORDER, np.sqrt(np.diag(self.cov)).tolist(), strict=True))
 
     @property
     def correlation(self) -> Array:
@@ -234,5 +238,5 @@ class Estimate:
     @property
     def extra_sigma(self) -> dict[str, float]:
         """Standard deviation of the unknowns beyond the 14 by name."""
-        s = np.sqrt(np.diag(self.cov_all))[len(REPORTED) :]
-        return dict(zip(self.names[len(REPORTED) :], s.tolist(), strict=True))
+        s = np.sqrt(np.diag(self.cov_all))[len(ORDER) :]
+        return dict(zip(self.names[len(ORDER) :], s.tolist(), strict=True))

@@ -7,29 +7,47 @@ import numpy as np
 
 from boxcal.calib.errors import CalibError
 from boxcal.calib.four_steps.procedure import FourSteps
+from boxcal.calib.likelihood.camera_selection import choose_camera, with_camera
+from boxcal.calib.likelihood.components import VarianceComponents, largest_change
 from boxcal.calib.likelihood.estimate import Estimate
+from boxcal.calib.likelihood.explanation import Explanation
 from boxcal.calib.likelihood.fit import Fit
 from boxcal.calib.likelihood.initial_guess import CameraStart, camera_start, first_states
-from boxcal.calib.likelihood.levenberg_marquardt import Levels, Weights, linearise, maximise
+from boxcal.calib.likelihood.levenberg_marquardt import (
+    Linearization,
+    Weights,
+    equations,
+    leg_information,
+    linearize,
+    maximise,
+    moved,
+    picture_equations,
+)
+from boxcal.calib.likelihood.normal_equations import solve
 from boxcal.calib.likelihood.options import EstimateOptions
 from boxcal.calib.likelihood.outliers import (
     first_leg_weights,
     flag_corners,
     flag_legs,
     leg_tests,
-    robust_factor,
+    robust_scale,
+    tail_of,
+    tail_weights,
 )
-from boxcal.calib.likelihood.problem import Problem, State, build_problem, moved
+from boxcal.calib.likelihood.problem import Problem, build_problem
+from boxcal.calib.likelihood.score_test import extended
+from boxcal.calib.likelihood.slip_profile import SlipProfile, fixed_profile, quiet_slip, slip_profile
+from boxcal.calib.likelihood.state import State
 from boxcal.calib.likelihood.summary import summarise
 from boxcal.calib.likelihood.variance_components import (
-    fixed_profile,
-    pixel_factor,
-    quiet_slip,
-    slip_profile,
-    smallest_factor,
+    first_components,
+    noise_scale,
+    smallest_scale,
+    updated,
 )
 from boxcal.detect.correspondences import Correspondences
 from boxcal.target.arrays import Ids
+from boxcal.target.camera.camera_model import CameraKind
 
 MIN_STOPS = 3
 ASSUMED_SLIP = 1e-3
@@ -37,7 +55,10 @@ ASSUMED_SLIP = 1e-3
 LEGS_FOR_SLIP = 3
 """Two legs fit any wheels and mounting exactly: nothing is left over to tell slip from."""
 _ROUNDS = 25
-_CLOSE = 0.02
+_INNER = 12
+_CLOSE, _LOOSE = 0.02, 0.1
+"""Relative changes of a component at which its fixed point, and the rounds, end."""
+_CLOSE_WEIGHT = 0.05
 _CORNER_LEFT_OUT, _LEG_LEFT_OUT = 12.0, 10.0
 """What leaving out one of them costs, in log likelihood: about where the tests draw the line."""
 
@@ -74,6 +95,10 @@ def estimate(
             f"{legs} legs do not show how much the wheels slip: {1e3 * ASSUMED_SLIP:g} mm/sqrt(m) is assumed; add stops"
         )
         result = replace(result, notes=(*result.notes, note))
+    if found.camera_scores:
+        scores = ", ".join(f"{score.kind} {score.score:+.1f}" for score in found.camera_scores)
+        note = f"camera model chosen by the images (sum of squares more than the best model's): {scores}"
+        result = replace(result, notes=(*result.notes, note))
     return result
 
 
@@ -85,8 +110,21 @@ def fit(
     """Return the solution in the solver's own terms; see :func:`estimate`."""
     options = options or EstimateOptions()
     if not drives:
-        raise CalibError("no drives were given: at least one is needed")
-    return fit_cameras(drives, camera_start(drives, start), options, step_of(drives, options))
+        raise CalibError("no drives were given", needed="at least one is needed")
+    cameras, step = camera_start(drives, start), step_of(drives, options)
+    if options.lens is not None:
+        return fit_cameras(drives, cameras, options, step)
+
+    def solve_with(kind: CameraKind, known: Fit | None) -> Fit:
+        told = replace(options, lens=kind)
+        if known is None:
+            return fit_cameras(drives, cameras, told, step)
+        problem = build_problem(drives, cameras.kept, replace(known.options, lens=kind), step)
+        state = with_camera(known.problem, known.state, kind)
+        return solve_likelihood(problem, state, replace(known.options, lens=kind), known)
+
+    found, scores = choose_camera(solve_with, drives[0].image_size)
+    return replace(found, camera_scores=scores)
 
 
 def fit_cameras(drives: Sequence[Correspondences], cameras: CameraStart, options: EstimateOptions, step: float) -> Fit:
@@ -97,7 +135,7 @@ def fit_cameras(drives: Sequence[Correspondences], cameras: CameraStart, options
     problem = build_problem(drives, cameras.kept, options, step)
     if options.slip is None and 0 < len(problem.leg_stop) < LEGS_FOR_SLIP:
         options = replace(options, slip=ASSUMED_SLIP)
-    states = first_states(problem, drives, cameras, options.lens)
+    states = first_states(problem, drives, cameras)
     try:
         fits = [solve_likelihood(problem, state, options) for state in states]
     except np.linalg.LinAlgError as error:
@@ -105,7 +143,7 @@ def fit_cameras(drives: Sequence[Correspondences], cameras: CameraStart, options
             f"the equations of {count} stops cannot be solved ({error}): a stop is held by neither images nor wheels; "
             "leave out stops that show few tags"
         ) from error
-    forward = [found for found in fits if np.all(found.at.state.wheels > 0)]
+    forward = [found for found in fits if np.all(found.state.wheels > 0)]
     if not forward:
         raise CalibError(
             f"{count} stops fit wheels of negative size best: the moves do not tell forward from backward; add stops"
@@ -117,7 +155,7 @@ def _log_evidence(fit: Fit) -> float:
     """Return how well a solution explains the data; what it had to leave out counts against it."""
     corners, legs = fit.weights.corners, fit.weights.legs
     left_out = _CORNER_LEFT_OUT * np.sum(corners == 0) + _LEG_LEFT_OUT * np.sum(legs == 0)
-    return float(fit.profile.log_evidence - 2 * np.sum(corners) * np.log(fit.levels.pixel_factor) - left_out)
+    return float(fit.profile.log_evidence - 2 * np.sum(corners) * np.log(fit.components.noise_scale) - left_out)
 
 
 def step_of(drives: Sequence[Correspondences], options: EstimateOptions) -> float:
@@ -127,70 +165,114 @@ def step_of(drives: Sequence[Correspondences], options: EstimateOptions) -> floa
     return max(step for drive in drives for step in drive.wheels.encoder_steps)
 
 
-def solve_likelihood(problem: Problem, state: State, options: EstimateOptions) -> Fit:
-    """Return the solution from a first state.
+def solve_likelihood(problem: Problem, state: State, options: EstimateOptions, known: Fit | None = None) -> Fit:
+    """Return the solution from a first state, and from components and weights of a solution near by if there is one.
 
-    Each round maximises the likelihood for fixed levels and weights, then updates the levels, then tests legs and
-    corners. Rounds end when no weight changes and the levels stay put.
+    Each round maximises the likelihood for fixed components and weights, then updates the components, then tests legs
+    and corners. Rounds end when no weight changes and the components stay put.
     """
-    N = len(problem.leg_stop)
-    everything = Weights(corners=np.ones(len(problem.uv_px)), legs=np.ones(N))
-    at = linearise(problem, state, everything)
-    smallest = smallest_factor(problem)
-    factor = options.pixel_factor or max(robust_factor(at.residual_px), smallest)
+    everything = Weights(corners=np.ones(len(problem.uv_px)), legs=problem.leg_known.astype(np.float64))
+    at = linearize(problem, state, known.weights if known else everything)
+    smallest = smallest_scale(problem)
+    scale = options.noise_scale or max(robust_scale(at.residual_px), smallest)
     legs, slip = first_leg_weights(problem, at)
     weights = replace(everything, legs=legs) if options.find_faults else everything
     slip = max(slip if options.slip is None else options.slip, quiet_slip(problem, at) * 0.05)
-    levels = Levels(pixel_factor=factor, slip=slip)
-    converged = False
-    hopeless: Ids = np.zeros(0, dtype=np.int64)
-    iterations, factor_sigma, fresh = 0, 0.0, True
+    components = known.components if known else first_components(problem, scale, slip)
+    weights = known.weights if known else weights
+    converged, fresh = False, True
+    unreliable: Ids = np.zeros(0, dtype=np.int64)
+    iterations, scale_sigma, tail = 0, 0.0, np.inf
     for round_ in range(_ROUNDS):
-        at, steps = maximise(problem, at if fresh else at.state, levels, weights)
+        at, steps = maximise(problem, at if fresh else at.state, components, weights)
         iterations += steps
         new = weights
         if options.find_faults:
-            spread = (
-                max(robust_factor(at.residual_px), smallest) if round_ == 0 and options.pixel_factor is None else factor
-            )
-            corners, hopeless = flag_corners(problem, at.residual_px, spread, options.false_alarm)
+            spread = components.noise_scale
+            if round_ == 0 and known is None and options.noise_scale is None:
+                spread = max(robust_scale(at.residual_px), smallest)
+            corners, unreliable = flag_corners(problem, at.residual_px, spread, options.false_alarm)
             new = replace(new, corners=corners)
-        if round_ == 0 and not np.array_equal(new.corners, weights.corners):
+        if round_ == 0 and known is None and not np.array_equal(new.corners, weights.corners):
             weights, fresh = new, False
             continue
-        if options.slip is None and N:
-            profile = slip_profile(problem, at, levels.pixel_factor, weights)
-        else:
-            profile = fixed_profile(problem, at, levels, weights)
-        if options.pixel_factor is None:
-            factor, factor_sigma = pixel_factor(at, levels.pixel_factor, weights, profile, smallest)
-        tests = leg_tests(problem, at, weights, profile)
+        before = components
+        components, scale_sigma, profile = _components(problem, at, components, weights, options)
+        tests = leg_tests(problem, at, weights, profile, tail)
         if options.find_faults:
-            new = replace(new, legs=flag_legs(problem, tests, weights, options.false_alarm))
+            legs = flag_legs(problem, tests, weights, options.false_alarm)
+            tail = tail_of(tests.square[legs > 0]) if options.slip is None else np.inf
+            new = replace(new, legs=tail_weights(tests, legs, tail))
         fresh = np.array_equal(new.corners, weights.corners)
-        same = fresh and np.array_equal(new.legs, weights.legs)
-        settled = abs(factor / levels.pixel_factor - 1) < max(_CLOSE * factor_sigma / factor, 1e-6) and (
-            abs(np.log(profile.typical / levels.slip)) < max(_CLOSE, 0.2 * profile.sigma / profile.typical)
-        )
-        weights, levels = new, Levels(pixel_factor=factor, slip=profile.typical)
-        converged = same and settled
+        same = fresh and np.array_equal(new.legs > 0, weights.legs > 0)
+        same = same and bool(np.all(np.abs(new.legs - weights.legs) < _CLOSE_WEIGHT))
+        weights = new
+        converged = same and _settled(before, components, scale_sigma, profile)
         if converged:
             break
-    d_shared, d_stops, cov = profile.averaged()
-    at = linearise(problem, moved(problem, at.state, d_shared, d_stops), weights)
-    cost = float(at.corner_squares.sum() / factor**2 + at.prior_squares + np.sum((tests.whitened**2).T * weights.legs))
+    d_shared, d_stops, d_local, cov = profile.averaged()
+    at = linearize(problem, moved(problem, at.state, components, (d_shared, d_stops, d_local)), weights)
+    _, squares = picture_equations(problem, at, components)
     return Fit(
         problem=problem,
         options=options,
         at=at,
         cov=cov,
-        levels=levels,
-        factor_sigma=factor_sigma,
+        components=components,
+        noise_scale_sigma=scale_sigma,
         profile=profile,
         weights=weights,
         tests=tests,
-        hopeless=hopeless,
+        unreliable_stops=unreliable,
         iterations=iterations,
         converged=converged,
-        cost=cost,
+        cost=squares + float(np.sum((tests.whitened**2).T * (weights.legs > 0))),
+    )
+
+
+def refit(fit: Fit, explanations: Sequence[Explanation]) -> Fit:
+    """Return the solution with more explanations in the model, started from a solution without them."""
+    problem, state = extended(fit.problem, fit.state, explanations)
+    options = replace(fit.options, explanations=problem.explanations)
+    return solve_likelihood(problem, state, options, fit)
+
+
+def _components(
+    problem: Problem,
+    at: Linearization,
+    components: VarianceComponents,
+    weights: Weights,
+    options: EstimateOptions,
+) -> tuple[VarianceComponents, float, SlipProfile]:
+    """Return all variance components from the likelihood about one state, and the profile of slip that belongs to them.
+
+    Nothing is linearized again: the fixed point of the variances is iterated on the same normal equations.
+    """
+    scale_sigma = 0.0
+    for _ in range(_INNER):
+        information = leg_information(problem, at.legs, weights, np.array(components.slip))
+        normal, _ = equations(problem, at, components, information)
+        solution = solve(normal)
+        new = updated(problem, at, components, solution)
+        if options.noise_scale is None:
+            scale, scale_sigma = noise_scale(problem, at, components, weights, solution)
+            new = replace(new, noise_scale=scale)
+        change = largest_change(components, new)
+        components = new
+        if change < _CLOSE:
+            break
+    if options.slip is None and np.any(weights.legs > 0):
+        profile = slip_profile(problem, at, components, weights)
+    else:
+        profile = fixed_profile(problem, at, components, weights)
+    return replace(components, slip=profile.typical), scale_sigma, profile
+
+
+def _settled(before: VarianceComponents, after: VarianceComponents, scale_sigma: float, profile: SlipProfile) -> bool:
+    scale = abs(after.noise_scale / before.noise_scale - 1)
+    slip = abs(np.log(after.slip / before.slip))
+    return (
+        scale < max(_CLOSE * scale_sigma / after.noise_scale, 1e-3)
+        and bool(slip < max(_CLOSE, 0.2 * profile.sigma / profile.typical))
+        and largest_change(replace(before, noise_scale=after.noise_scale), after) < _LOOSE
     )

@@ -2,55 +2,61 @@
 
 from dataclasses import dataclass
 
-from boxcal.calib.likelihood.levenberg_marquardt import Levels, Linearised, Weights
+from boxcal.calib.likelihood.camera_score import CameraScore
+from boxcal.calib.likelihood.components import VarianceComponents
+from boxcal.calib.likelihood.levenberg_marquardt import Linearization, Weights
 from boxcal.calib.likelihood.options import EstimateOptions
 from boxcal.calib.likelihood.outliers import LegTests
-from boxcal.calib.likelihood.problem import Problem, State
-from boxcal.calib.likelihood.variance_components import SlipProfile
+from boxcal.calib.likelihood.problem import Problem
+from boxcal.calib.likelihood.slip_profile import SlipProfile
+from boxcal.calib.likelihood.state import State
 from boxcal.target.arrays import Array, Ids
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Fit:
-    """What the estimate is made from, and what validation and benchmarks build on.
+    """What the estimate is made from, and what tests, validation and benchmarks build on.
 
     Attributes
     ----------
     problem, options
         Data and what was asked for.
     at
-        The likelihood at the mean over the levels of slip.
+        The likelihood at the mean over slip.
     cov : (n, n)
-        Of the shared unknowns (mounting: right perturbation, rotation and translation), slip's uncertainty included.
-    levels
-        Noise levels: slip is the root of its mean square.
-    factor_sigma
-        Standard deviation of the pixel factor.
+        Of the shared unknowns (extrinsics: right perturbation, rotation and translation), slip's uncertainty included.
+    components
+        Variance components: slip is the root of its mean square.
+    noise_scale_sigma
+        Standard deviation of the noise scale.
     profile
         Levels of slip and the solutions that belong to them.
     weights
         Which corners and legs counted.
     tests
         Of the legs.
-    hopeless : (H,)
+    unreliable_stops : (H,)
         Stops where more than half of the corners do not fit.
+    camera_scores
+        How other camera models did, where one was chosen.
     iterations, converged, cost
-        Of the solver: steps, whether weights and levels settled, weighted sum of squares.
+        Of the solver: steps, whether weights and components settled, weighted sum of squares.
     """
 
     problem: Problem
     options: EstimateOptions
-    at: Linearised
+    at: Linearization
     cov: Array
-    levels: Levels
-    factor_sigma: float
+    components: VarianceComponents
+    noise_scale_sigma: float
     profile: SlipProfile
     weights: Weights
     tests: LegTests
-    hopeless: Ids
+    unreliable_stops: Ids
     iterations: int
     converged: bool
     cost: float
+    camera_scores: tuple[CameraScore, ...] = ()
 
     @property
     def state(self) -> State:

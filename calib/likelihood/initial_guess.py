@@ -18,12 +18,14 @@ from boxcal.calib.four_steps.step2_heading import MAX_CONDITION, solve_heading
 from boxcal.calib.four_steps.step4_mounting import solve_mounting, upright_translations
 from boxcal.calib.geometry.diff_drive import Legs, legs_between, pair_displacements, unit_path
 from boxcal.calib.geometry.so3_se3 import inverse, rigid, rot_y, rot_z, wrap
-from boxcal.calib.likelihood.outliers import most_left_out
-from boxcal.calib.likelihood.problem import Problem, State
+from boxcal.calib.likelihood.explanation import Columns
+from boxcal.calib.likelihood.outliers import most_rejected
+from boxcal.calib.likelihood.problem import Problem
 from boxcal.calib.likelihood.residuals import leg_covariance, leg_residuals
+from boxcal.calib.likelihood.state import State, resting
 from boxcal.detect.correspondences import Correspondences
 from boxcal.target.arrays import Array, Ids
-from boxcal.target.camera.camera_model import CameraKind, CameraModel, first_values
+from boxcal.target.camera.camera_model import CameraModel, first_values
 
 _COUPLES = 300
 _ROUNDS = 10
@@ -93,9 +95,7 @@ def camera_start(drives: Sequence[Correspondences], start: Sequence[FourSteps] |
     return CameraStart(camera=cameras[0].camera, kept=tuple(kept), T_cam_box=np.concatenate(poses))
 
 
-def first_states(
-    problem: Problem, drives: Sequence[Correspondences], camera: CameraStart, lens: CameraKind
-) -> list[State]:
+def first_states(problem: Problem, drives: Sequence[Correspondences], camera: CameraStart) -> list[State]:
     """Return the states to start from, the most promising first.
 
     Few legs leave several windings of the turns open: each candidate is judged by its legs, positions included, and
@@ -140,14 +140,12 @@ def first_states(
         theta = psi - a1
         ct, st = np.cos(theta), np.sin(theta)
         xy = T_box_cam[:, :2, 3] - np.stack([ct * tx - st * ty, st * tx + ct * ty], axis=1)
-        state = State(
-            lens=first_values(lens, radial),
+        state = resting(
+            problem,
+            lens=first_values(problem.lens, radial),
             wheels=np.array([rR, rL, rR / aR]),
             T_body_cam=rigid(rot_z(a1) @ upright, np.array([tx, ty, float(T_box_cam[:, 2, 3].mean())])),
-            tilt=np.zeros((problem.drives, 2)),
-            shape=np.zeros(len(problem.box.names)),
             poses=np.concatenate([xy, theta[:, None]], axis=1),
-            readings=np.zeros((len(theta), 2)),
         )
         found.append((_misfit(problem, state), state))
     if not found:
@@ -159,10 +157,10 @@ def first_states(
 
 def _misfit(problem: Problem, state: State) -> float:
     """Return how badly the legs fit, the worst of them left aside; wheels that are not alike count as a misfit too."""
-    legs = leg_residuals(problem, state)
+    legs = leg_residuals(problem, state, Columns())
     unit = leg_covariance(problem, legs.model, np.array(1.0))
     square = np.sort(np.einsum("ni,nij,nj->n", legs.residual, np.linalg.inv(unit), legs.residual))
-    fitting = float(np.mean(square[: len(square) - most_left_out(len(square))]))
+    fitting = float(np.mean(square[: len(square) - most_rejected(len(square))]))
     size = float(np.exp(np.mean(np.linalg.slogdet(unit)[1]) / 3))  # wheels that explain all by being large do not win
     return fitting * size * (1 + (float(np.log(state.wheels[0] / state.wheels[1])) / _ALIKE) ** 2)
 

@@ -13,7 +13,8 @@ from scipy import stats
 from boxcal.calib.geometry.so3_se3 import rot2
 from boxcal.calib.likelihood.estimate import FlaggedLeg
 from boxcal.calib.likelihood.outliers import LegTests
-from boxcal.calib.likelihood.problem import Problem, State
+from boxcal.calib.likelihood.problem import Problem
+from boxcal.calib.likelihood.state import State
 from boxcal.detect.correspondences import Correspondences
 from boxcal.target.arrays import Array, Mask
 

@@ -1,21 +1,24 @@
-"""Levenberg-Marquardt on the likelihood, for given noise levels and given weights of corners and legs."""
+"""Levenberg-Marquardt on the likelihood, for given variance components and given weights of corners and legs."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from boxcal.calib.likelihood.normal_equations import Normal, solve
-from boxcal.calib.likelihood.problem import Problem, State, moved
+from boxcal.calib.likelihood.components import VarianceComponents
+from boxcal.calib.likelihood.explanation import Columns
+from boxcal.calib.likelihood.normal_equations import Local, Normal, solve
+from boxcal.calib.likelihood.problem import Problem
 from boxcal.calib.likelihood.residuals import (
     LegResiduals,
-    combined,
     corner_equations,
     corner_residuals,
+    explained_columns,
     leg_covariance,
     leg_equations,
     leg_residuals,
     prior_equations,
 )
+from boxcal.calib.likelihood.state import State, retract
 from boxcal.target.arrays import Array
 
 CONVERGED = 1e-6
@@ -26,31 +29,15 @@ _SLIGHT_DAMPING = 1e-6
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Levels:
-    """Noise levels.
-
-    Attributes
-    ----------
-    pixel_factor
-        Multiplies the corners' standard deviations.
-    slip : m/sqrt(m)
-        Of each wheel.
-    """
-
-    pixel_factor: float
-    slip: float
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Weights:
     """Which data count.
 
     Attributes
     ----------
     corners : (L,)
-        Weight of each corner, 0 leaves it out.
+        Weight of each corner, 0 rejects it.
     legs : (N,)
-        Weight of each leg.
+        Weight of each leg: 0 rejects it, less than 1 takes it as noisier than others.
     """
 
     corners: Array
@@ -58,89 +45,128 @@ class Weights:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Linearised:
+class Linearization:
     """The likelihood about one state.
 
     Attributes
     ----------
     state
         Where.
-    corner_normal, corner_squares
-        Normal equations of the corners and each stop's weighted sum of squares, both for pixel factor 1.
+    columns
+        Of the explanations that are part of the model.
+    corner_normal, corner_local, corner_squares
+        Normal equations of the corners, those of the local unknowns, and each stop's weighted sum of squares, all for
+        noise scale 1.
     residual_px : (L, 2)
         Corners' residuals, whitened by their own covariance.
     legs
         Residuals of the legs.
-    prior, prior_squares
-        Normal equations and sum of squares of the priors and the readings.
     valid
         Whether all landmarks lie in front of the camera.
     """
 
     state: State
+    columns: Columns
     corner_normal: Normal
+    corner_local: Local
     corner_squares: Array
     residual_px: Array
     legs: LegResiduals
-    prior: Normal
-    prior_squares: float
     valid: bool
 
 
-def linearise(problem: Problem, state: State, weights: Weights) -> Linearised:
+def linearize(problem: Problem, state: State, weights: Weights) -> Linearization:
     """Return the likelihood's normal equations at a state."""
-    corners = corner_residuals(problem, state)
-    normal, squares = corner_equations(corners, problem.corner_starts, weights.corners)
-    prior, prior_squares = prior_equations(problem, state)
-    return Linearised(
+    columns = explained_columns(problem, state)
+    corners = corner_residuals(problem, state, columns)
+    normal, local, squares = corner_equations(problem, corners, weights.corners)
+    return Linearization(
         state=state,
+        columns=columns,
         corner_normal=normal,
+        corner_local=local,
         corner_squares=squares,
         residual_px=corners.residual,
-        legs=leg_residuals(problem, state),
-        prior=prior,
-        prior_squares=prior_squares,
+        legs=leg_residuals(problem, state, columns),
         valid=corners.valid,
     )
 
 
 def leg_information(problem: Problem, legs: LegResiduals, weights: Weights, slip: Array) -> Array:
-    """Return the legs' information matrices, (..., N, 3, 3), for levels of slip (...)."""
+    """Return the legs' information matrices, (..., N, 3, 3), for slip (...)."""
     return np.asarray(np.linalg.inv(leg_covariance(problem, legs.model, slip)) * weights.legs[:, None, None])
 
 
-def equations(problem: Problem, at: Linearised, pixel_factor: float, information: Array) -> tuple[Normal, Array]:
+def picture_equations(problem: Problem, at: Linearization, components: VarianceComponents) -> tuple[Normal, float]:
+    """Return the normal equations of corners and priors, and their sum of squares.
+
+    The local unknowns stand in units of their standard deviations: where one is zero, nothing is left of it.
+    """
+    w = components.noise_scale**-2
+    s = components.local_sigma
+    corners, local = at.corner_normal, at.corner_local
+    values = np.concatenate([at.state.lean, at.state.growth[:, None]], axis=1)
+    unit = np.divide(values, s, out=np.zeros_like(values), where=s > 0)
+    own = Local(
+        D=w * local.D * (s[:, None] * s) + np.eye(len(s)),
+        by_shared=w * local.by_shared * s,
+        by_chain=w * local.by_chain * s,
+        c=w * local.c * s - unit,
+    )
+    prior, prior_squares = prior_equations(problem, at.state, components.prior_sigma(problem))
+    scaled = Normal(
+        A=w * corners.A, B=w * corners.B, D=w * corners.D, E=corners.E, a=w * corners.a, c=w * corners.c, local=own
+    )
+    return scaled.plus(prior), float(w * at.corner_squares.sum() + prior_squares + np.sum(unit**2))
+
+
+def equations(
+    problem: Problem, at: Linearization, components: VarianceComponents, information: Array
+) -> tuple[Normal, Array]:
     """Return all normal equations and the weighted sums of squares (...) for leg information (..., N, 3, 3)."""
-    legs, squares = leg_equations(problem, at.legs, information)
-    total = at.corner_squares.sum() / pixel_factor**2 + squares + at.prior_squares
-    return combined(at.corner_normal, pixel_factor, legs, at.prior), np.asarray(total)
+    pictures, squares = picture_equations(problem, at, components)
+    legs, leg_squares = leg_equations(problem, at.legs, information)
+    return pictures.plus(legs), np.asarray(leg_squares + squares)
+
+
+def moved(problem: Problem, state: State, components: VarianceComponents, step: tuple[Array, Array, Array]) -> State:
+    """Return the state after a step: shared unknowns, chain, and local unknowns in units of their sigma."""
+    d_shared, d_stops, d_local = step
+    return retract(problem, state, d_shared, d_stops, d_local * components.local_sigma)
 
 
 def maximise(
-    problem: Problem, start: State | Linearised, levels: Levels, weights: Weights, tolerance: float = CONVERGED
-) -> tuple[Linearised, int]:
-    """Return the likelihood linearised at its maximum, and how many steps that took.
+    problem: Problem,
+    start: State | Linearization,
+    components: VarianceComponents,
+    weights: Weights,
+    tolerance: float = CONVERGED,
+) -> tuple[Linearization, int]:
+    """Return the likelihood linearized at its maximum, and how many steps that took.
 
-    The legs' covariances are those at the start: what depends on the state in them is updated with the levels.
+    The legs' covariances are those at the start: what depends on the state in them is updated with the components.
 
     Parameters
     ----------
     problem, start
-        The data and where to start: a state, or the likelihood linearised there with the same weights of corners.
-    levels, weights
-        Noise levels and weights, held.
+        The data and where to start: a state, or the likelihood linearized there with the same weights of corners.
+    components, weights
+        Variance components and weights, held.
     tolerance
         Promised decrease of the weighted sum of squares at which to stop.
     """
-    at = start if isinstance(start, Linearised) else linearise(problem, start, weights)
-    information = leg_information(problem, at.legs, weights, np.array(levels.slip))
-    normal, cost = equations(problem, at, levels.pixel_factor, information)
+    at = start if isinstance(start, Linearization) else linearize(problem, start, weights)
+    if components.freezes(at.state):
+        at = linearize(problem, components.rigid_where_zero(at.state), weights)
+    information = leg_information(problem, at.legs, weights, np.array(components.slip))
+    normal, cost = equations(problem, at, components, information)
     lam, growth, steps = _FIRST_DAMPING, 2.0, 0
     while steps < MAX_ITERATIONS:
         steps += 1
         step = solve(normal.damped(lam))
-        trial = linearise(problem, moved(problem, at.state, step.d_shared, step.d_stops), weights)
-        trial_normal, trial_cost = equations(problem, trial, levels.pixel_factor, information)
+        state = moved(problem, at.state, components, (step.d_shared, step.d_stops, step.d_local))
+        trial = linearize(problem, state, weights)
+        trial_normal, trial_cost = equations(problem, trial, components, information)
         promised = float(step.decrease)
         if trial.valid and trial_cost <= cost * (1 + 1e-12):
             # Nielsen's damping: less where the promise was kept, more where it was not.

@@ -1,18 +1,62 @@
-"""Normal equations with a border of shared unknowns and a chain of stops, and their solution.
+"""Normal equations with a border of shared unknowns, a chain of stops and local unknowns, and their solution.
 
 Legs couple neighbouring stops only, so the stops' block is block-tridiagonal: eliminating them (Schur complement) costs
-a few products of 5 x 5 matrices a stop. All arrays may carry the same leading axes: a batch of systems.
+a few products of 5 x 5 matrices a stop. What belongs to one stop's picture alone (its lean, say) is eliminated before,
+all stops at once. All arrays may carry the same leading axes: a batch of systems.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from boxcal.calib.likelihood.problem import PER_STOP
 from boxcal.target.arrays import Array
 
 _NULL = 1e-13
 """Eigenvalues of the scaled information below this are zero: a direction that the data do not determine."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Local:
+    """Blocks of the q local unknowns of every stop.
+
+    Attributes
+    ----------
+    D : (P, q, q)
+        Among themselves.
+    by_shared, by_chain : (P, n, q), (P, 5, q)
+        By the shared unknowns and by the stop's own in the chain.
+    c : (P, q)
+        Right-hand sides.
+    """
+
+    D: Array
+    by_shared: Array
+    by_chain: Array
+    c: Array
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Eliminated:
+    """What is needed to find the local unknowns again.
+
+    Attributes
+    ----------
+    inverse : (P, q, q)
+        Of their own block.
+    by_shared, by_chain : (P, q, n), (P, q, 5)
+        That inverse times the blocks by shared unknowns and chain: the local unknowns follow by less that.
+    c : (P, q)
+        Their values where nothing else moves.
+    decrease, log_det
+        Part in the sum of squares and in the logarithm of the determinant.
+    """
+
+    inverse: Array
+    by_shared: Array
+    by_chain: Array
+    c: Array
+    decrease: float
+    log_det: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -33,6 +77,8 @@ class Normal:
         Right-hand side of the shared unknowns.
     c : (..., P, 5)
         Right-hand sides of the stops.
+    local
+        Local unknowns, where there are any.
     """
 
     A: Array
@@ -41,17 +87,70 @@ class Normal:
     E: Array
     a: Array
     c: Array
+    local: Local | None = None
 
     def damped(self, lam: float) -> "Normal":
         """Return the equations with Marquardt's damping."""
-        return Normal(
+        local = self.local
+        if local is not None:
+            local = replace(local, D=local.D * (1 + lam * np.eye(local.D.shape[-1])))
+        return replace(
+            self,
             A=self.A * (1 + lam * np.eye(self.A.shape[-1])),
-            B=self.B,
-            D=self.D * (1 + lam * np.eye(PER_STOP)),
-            E=self.E,
-            a=self.a,
-            c=self.c,
+            D=self.D * (1 + lam * np.eye(self.D.shape[-1])),
+            local=local,
         )
+
+    def plus(self, other: "Normal") -> "Normal":
+        """Return the sum with equations that have no local unknowns; those may be a batch."""
+        return Normal(
+            A=self.A + other.A,
+            B=self.B + other.B,
+            D=self.D + other.D,
+            E=self.E + other.E,
+            a=self.a + other.a,
+            c=self.c + other.c,
+            local=self.local,
+        )
+
+
+def eliminate(normal: Normal) -> tuple[Normal, Eliminated]:
+    """Return the equations without their local unknowns, and how to find those again."""
+    local = normal.local
+    if local is None:
+        P, n, k = len(normal.D), normal.A.shape[-1], normal.D.shape[-1]
+        nothing = np.zeros((P, 0, 0))
+        return normal, Eliminated(
+            inverse=nothing,
+            by_shared=np.zeros((P, 0, n)),
+            by_chain=np.zeros((P, 0, k)),
+            c=np.zeros((P, 0)),
+            decrease=0.0,
+            log_det=0.0,
+        )
+    inverse = np.asarray(np.linalg.inv(local.D), dtype=np.float64)
+    by_shared = inverse @ np.swapaxes(local.by_shared, -1, -2)
+    by_chain = inverse @ np.swapaxes(local.by_chain, -1, -2)
+    c = (inverse @ local.c[..., None])[..., 0]
+    n = normal.A.shape[-1]
+    reduced = replace(
+        normal,
+        A=normal.A - np.swapaxes(local.by_shared, -1, -2).reshape(-1, n).T @ by_shared.reshape(-1, n),
+        B=normal.B - local.by_shared @ by_chain,
+        D=normal.D - local.by_chain @ by_chain,
+        a=normal.a - np.einsum("pnq,pq->n", local.by_shared, c),
+        c=normal.c - np.einsum("pkq,pq->pk", local.by_chain, c),
+        local=None,
+    )
+    eliminated = Eliminated(
+        inverse=inverse,
+        by_shared=by_shared,
+        by_chain=by_chain,
+        c=c,
+        decrease=float(np.sum(c * local.c)),
+        log_det=-float(np.sum(np.linalg.slogdet(inverse)[1])),
+    )
+    return reduced, eliminated
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -72,6 +171,10 @@ class Solution:
         Its inverse (pseudo-inverse where directions are not determined).
     Y : (..., P, 5, n)
         Stops' part of ``H_ss^-1 H_sg``: the stops' change by the shared unknowns is ``-Y``.
+    pivots, gains : (..., P, 5, 5)
+        The chain's factors.
+    eliminated
+        Of the local unknowns.
     """
 
     d_shared: Array
@@ -83,6 +186,21 @@ class Solution:
     Y: Array
     pivots: Array
     gains: Array
+    eliminated: Eliminated
+
+    @property
+    def d_local(self) -> Array:
+        """Steps of the local unknowns, (..., P, q)."""
+        return self.local_step(self.d_shared, self.d_stops)
+
+    def local_step(self, d_shared: Array, d_stops: Array) -> Array:
+        """Return the local unknowns' steps, (..., P, q), that go with steps of all others."""
+        e = self.eliminated
+        return np.asarray(
+            e.c
+            - np.einsum("pqn,...n->...pq", e.by_shared, d_shared)
+            - np.einsum("pqk,...pk->...pq", e.by_chain, d_stops)
+        )
 
     def stop_blocks(self) -> tuple[Array, Array]:
         """Return the stops' covariances (..., P, 5, 5), and those of each stop with the next (the last zero)."""
@@ -99,9 +217,47 @@ class Solution:
         cross[..., :-1, :, :] += YC[..., :-1, :, :] @ np.swapaxes(self.Y[..., 1:, :, :], -1, -2)
         return own, cross
 
+    def at(self, k: int) -> "Solution":
+        """Return one solution of a batch."""
+        return Solution(
+            d_shared=self.d_shared[k],
+            d_stops=self.d_stops[k],
+            decrease=self.decrease[k],
+            log_det=self.log_det[k],
+            information=self.information[k],
+            cov=self.cov[k],
+            Y=self.Y[k],
+            pivots=self.pivots[k],
+            gains=self.gains[k],
+            eliminated=self.eliminated,
+        )
+
+    def joint_covariances(self) -> Array:
+        """Return the covariance of the shared unknowns and of each stop's own in the chain, (P, n + 5, n + 5)."""
+        own, _ = self.stop_blocks()
+        n, P = self.cov.shape[-1], len(own)
+        out = np.empty((P, n + own.shape[-1], n + own.shape[-1]))
+        out[:, :n, :n] = self.cov
+        out[:, n:, :n] = -self.Y @ self.cov
+        out[:, :n, n:] = np.swapaxes(out[:, n:, :n], 1, 2)
+        out[:, n:, n:] = own
+        return out
+
+    def local_variances(self, joint: Array) -> Array:
+        """Return the local unknowns' variances, (P, q), from the covariances of all others (P, n + 5, n + 5)."""
+        e = self.eliminated
+        K = np.concatenate([e.by_shared, e.by_chain], axis=2)
+        return np.asarray(np.einsum("pqq->pq", e.inverse) + np.einsum("pqi,pij,pqj->pq", K, joint, K))
+
 
 def solve(normal: Normal) -> Solution:
     """Return the solution of the normal equations, with what their covariances need."""
+    reduced, eliminated = eliminate(normal)
+    return solve_chain(reduced, eliminated)
+
+
+def solve_chain(normal: Normal, eliminated: Eliminated) -> Solution:
+    """Return the solution of equations whose local unknowns are eliminated."""
     n, P = normal.A.shape[-1], normal.D.shape[-3]
     right = np.concatenate([np.swapaxes(normal.B, -1, -2), normal.c[..., None]], axis=-1)  # (..., P, 5, n + 1)
     pivots, gains = np.empty_like(normal.D), np.zeros_like(normal.D)
@@ -115,7 +271,9 @@ def solve(normal: Normal) -> Solution:
             D = normal.D[..., i + 1, :, :] - Gt @ E
             right[..., i + 1, :, :] -= Gt @ right[..., i, :, :]
     back = pivots @ right
-    reduced = np.sum(np.swapaxes(right[..., :n], -1, -2) @ back, axis=-3)
+    batch = right.shape[:-3]
+    flat = right[..., :n].reshape(*batch, -1, n)
+    reduced = np.swapaxes(flat, -1, -2) @ back.reshape(*batch, -1, n + 1)
     S = normal.A - reduced[..., :n]
     s = normal.a - reduced[..., n]
     stops_decrease = np.einsum("...pk,...pk->...", right[..., n], back[..., n])
@@ -126,13 +284,14 @@ def solve(normal: Normal) -> Solution:
     return Solution(
         d_shared=d_shared,
         d_stops=back[..., n] - np.einsum("...pij,...j->...pi", back[..., :n], d_shared),
-        decrease=stops_decrease + np.einsum("...i,...i->...", s, d_shared),
-        log_det=log_det - np.sum(np.linalg.slogdet(pivots)[1], axis=-1),
+        decrease=stops_decrease + np.einsum("...i,...i->...", s, d_shared) + eliminated.decrease,
+        log_det=log_det - np.sum(np.linalg.slogdet(pivots)[1], axis=-1) + eliminated.log_det,
         information=S,
         cov=cov,
         Y=back[..., :n],
         pivots=pivots,
         gains=gains,
+        eliminated=eliminated,
     )
 
 

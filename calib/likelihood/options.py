@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 from math import isfinite, radians
 
 from boxcal.calib.errors import CalibError
+from boxcal.calib.likelihood.explanation import Explanation
 from boxcal.target.box import Target
 from boxcal.target.camera.camera_model import CameraKind
 
@@ -14,28 +15,36 @@ class EstimateOptions:
 
     Attributes
     ----------
-    lens
-        Lens model.
+    lens, optional
+        Camera model; None lets the images choose.
     tilt_sigma : rad
         Tilt of the floor against the box' base, two angles a drive.
-    scale_sigma
-        Print scale in x and y, relative: how much the sheets may be off their description (needs ``target``).
+    rigid_floor
+        Every stop stands on one plane exactly; else it leans and sinks a little, by how much the data say.
+    scale_sigma, optional
+        Print scale in x and y, relative: how much the sheets may be off their description. None lets the data say how
+        well the target was made; 0 takes it as described. (This and the next ones count where ``target`` is given.)
     size_sigma : m
-        The box' width and depth likewise (needs ``target``). With the print scale this is what bounds the size of
-        everything: no calibration is better than the box is known.
+        The box' width and depth were measured to this; 0 if they were not.
     measured_sizes
         Whether the covariance of measured sizes counts, where ``target`` carries one.
     ink_sigma : m
-        Ink spread: how far all edges of the tags' black lie outwards (needs ``target``).
-    face_sigma : (rad, m)
-        Poses of faces 1 to 3 against face 0, rotation and translation (needs ``target``).
+        Dot gain: how far all edges of the tags' black lie outwards.
+    growth_sigma : px
+        Growth of the tags' black that is the same in all pictures: what the camera's response and sharpness do.
+    face_sigma : (rad, m), optional
+        Poses of the faces, rotation and translation. None lets the data say; zeros take them as described.
+    bow_sigma : m, optional
+        Outward sagitta of each face. None lets the data say; 0 takes them as flat.
     target
-        The box, where an option needs to know which face carries a landmark.
+        The box as described; without it the landmarks are taken as exact.
+    explanations
+        What else is part of the model.
     encoder_step : rad, optional
         Found from the samples if None; 0 for readings without steps.
     slip : m/sqrt(m), optional
         Estimated if None.
-    pixel_factor : optional
+    noise_scale : optional
         What the corners' standard deviations are multiplied by; estimated if None.
     false_alarm
         Chance that a faultless drive has any leg, and again any corner, flagged.
@@ -43,17 +52,21 @@ class EstimateOptions:
         Whether legs and corners are tested and left out.
     """
 
-    lens: CameraKind = CameraKind.RADIAL
+    lens: CameraKind | None = CameraKind.RADIAL
     tilt_sigma: float = field(default=radians(1.0))
-    scale_sigma: float = 0.0
+    rigid_floor: bool = False
+    scale_sigma: float | None = None
     size_sigma: float = 0.0
     measured_sizes: bool = True
-    ink_sigma: float = 0.0
-    face_sigma: tuple[float, float] = (0.0, 0.0)
+    ink_sigma: float = 1e-4
+    growth_sigma: float = 0.02
+    face_sigma: tuple[float, float] | None = None
+    bow_sigma: float | None = None
     target: Target | None = None
+    explanations: tuple[Explanation, ...] = ()
     encoder_step: float | None = None
     slip: float | None = None
-    pixel_factor: float | None = None
+    noise_scale: float | None = None
     false_alarm: float = 0.01
     find_faults: bool = True
 
@@ -63,25 +76,18 @@ class EstimateOptions:
             "scale_sigma": self.scale_sigma,
             "size_sigma": self.size_sigma,
             "ink_sigma": self.ink_sigma,
-            "face_sigma (rotation)": self.face_sigma[0],
-            "face_sigma (translation)": self.face_sigma[1],
+            "growth_sigma": self.growth_sigma,
+            "face_sigma (rotation)": self.face_sigma[0] if self.face_sigma else None,
+            "face_sigma (translation)": self.face_sigma[1] if self.face_sigma else None,
+            "bow_sigma": self.bow_sigma,
             "encoder_step": self.encoder_step,
             "slip": self.slip,
-            "pixel_factor": self.pixel_factor,
+            "noise_scale": self.noise_scale,
         }
         for name, value in numbers.items():
             if value is not None and not (isfinite(value) and value >= 0):
                 raise CalibError(f"{name} is {value}: a finite number that is not negative is needed")
-        if self.pixel_factor == 0:
-            raise CalibError("pixel_factor is 0: a positive number is needed, or None to estimate it")
+        if self.noise_scale == 0:
+            raise CalibError("noise_scale is 0: a positive number is needed, or None to estimate it")
         if not 0 < self.false_alarm < 1:
             raise CalibError(f"false_alarm is {self.false_alarm}: a probability between 0 and 1 is needed")
-        if (self.face_sigma[0] > 0) != (self.face_sigma[1] > 0):
-            raise CalibError(f"face_sigma is {self.face_sigma}: both of its numbers positive, or both 0, are needed")
-        if self.target is None and self.needs_target:
-            raise CalibError("sizes of the box, ink spread and poses of faces need the box' description; give target")
-
-    @property
-    def needs_target(self) -> bool:
-        """Whether an unknown of the box itself is asked for."""
-        return self.scale_sigma > 0 or self.size_sigma > 0 or self.ink_sigma > 0 or self.face_sigma[1] > 0

@@ -7,16 +7,22 @@ of stops that is the residual over its own (smaller) covariance, so nothing is s
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
+from scipy import special, stats
 
-from boxcal.calib.likelihood.levenberg_marquardt import Linearised, Weights
+from boxcal.calib.geometry.parameters import WHEELS
+from boxcal.calib.likelihood.levenberg_marquardt import Linearization, Weights
+from boxcal.calib.likelihood.normal_equations import Solution
 from boxcal.calib.likelihood.problem import Problem
-from boxcal.calib.likelihood.residuals import LEG_UNKNOWNS, leg_covariance
-from boxcal.calib.likelihood.variance_components import SlipProfile
+from boxcal.calib.likelihood.residuals import FIRST_STOP, LEG_UNKNOWNS, SECOND_STOP, leg_covariance
+from boxcal.calib.likelihood.slip_profile import SlipProfile
 from boxcal.target.arrays import Array, Ids
 
 ENOUGH = 6
 """With fewer legs than this none is left out: 6 unknowns are fitted to 3 numbers a leg."""
+TAIL = 4.0
+"""Degrees of freedom of the legs' noise where legs slip unlike: variances that spread by a factor of about five."""
+_CLEARLY = 2.0
+"""How much larger the logarithm of the likelihood with a heavy tail must be."""
 _TESTABLE = 1e-6
 """A direction in which the other data say less than this about a leg cannot be tested."""
 
@@ -35,89 +41,155 @@ class LegTests:
         Of that difference.
     whitened : (N, 3)
         The leg's residual at the solution, whitened by its own covariance.
+    square : (N,)
+        Squared Mahalanobis distance of the difference, slip's level averaged.
+    expected_square : (N,)
+        Expected square of the leg's own error in standard deviations, the solution's uncertainty included.
     """
 
     p_value: Array
     difference: Array
     covariance: Array
     whitened: Array
+    square: Array
+    expected_square: Array
 
 
-def leg_tests(problem: Problem, at: Linearised, weights: Weights, profile: SlipProfile) -> LegTests:
-    """Return the tests of all legs, those left out included."""
+def leg_tests(
+    problem: Problem, at: Linearization, weights: Weights, profile: SlipProfile, tail: float = np.inf
+) -> LegTests:
+    """Return the tests of all legs, those rejected included.
+
+    A leg of weight w has the covariance C / w. With V what the solution does not know of it (in those units,
+    eigenvalues v), the other data predict it with the covariance ``v / (1 - v)``, and its residual without itself is
+    ``z / (1 - v)``.
+
+    Parameters
+    ----------
+    problem, at, weights, profile
+        The solution.
+    tail
+        Degrees of freedom of the legs' noise: infinite for normal noise.
+    """
     i, s = problem.leg_stop, profile.solution
     K, N = len(profile.slip), len(i)
-    own, cross = s.stop_blocks()
-    with_stops = -s.Y @ s.cov[:, None]  # (K, P, 5, n): covariance of stop and shared unknowns
-    cov = np.empty((K, N, LEG_UNKNOWNS, LEG_UNKNOWNS))
-    first, second = slice(3, 8), slice(8, 13)
-    cov[:, :, :3, :3] = s.cov[:, None, 5:8, 5:8]
-    cov[:, :, first, first], cov[:, :, second, second] = own[:, i], own[:, i + 1]
-    cov[:, :, first, second] = cross[:, i]
-    cov[:, :, second, first] = np.swapaxes(cross[:, i], -1, -2)
-    for part, stop in ((first, i), (second, i + 1)):
-        cov[:, :, part, :3] = with_stops[:, stop, :, 5:8]
-        cov[:, :, :3, part] = np.swapaxes(cov[:, :, part, :3], -1, -2)
+    cov = _leg_unknowns(problem, s)
     d = np.concatenate(
         [np.broadcast_to(s.d_shared[:, None, 5:8], (K, N, 3)), s.d_stops[:, i], s.d_stops[:, i + 1]], axis=2
     )
     J = at.legs.jacobian
     C = leg_covariance(problem, at.legs.model, profile.slip)
-    L = np.linalg.cholesky(C)
-    r = np.linalg.solve(L, (at.legs.residual - np.einsum("nij,knj->kni", J, d))[..., None])[..., 0]
+    used = weights.legs > 0
+    w = np.where(used, weights.legs, 1.0)
+    L = np.linalg.cholesky(C / w[:, None, None])
+    residual = at.legs.residual - np.einsum("nij,knj->kni", J, d)
+    if at.legs.J_explained.shape[2]:
+        residual = residual - np.einsum("nij,kj->kni", at.legs.J_explained, s.d_shared[:, problem.explained])
+    r = np.linalg.solve(L, residual[..., None])[..., 0]
     half = np.linalg.solve(L, J @ cov @ np.swapaxes(J, 1, 2))
     V = np.linalg.solve(L, np.swapaxes(half, -1, -2))
-    used = weights.legs > 0
-    values, vectors = np.linalg.eigh(np.eye(3) + np.where(used, -1.0, 1.0)[:, None, None] * V)
-    testable = values > _TESTABLE
-    values = np.where(testable, values, 1.0)
-    z = np.einsum("knij,kni->knj", vectors, r)
-    square = np.sum(np.where(testable, z**2 / values, 0.0), axis=2)
+    v, vectors = np.linalg.eigh((V + np.swapaxes(V, -1, -2)) / 2)
+    rest = np.where(used[:, None], 1 - v, 1.0)
+    testable = rest > _TESTABLE
+    rest = np.where(testable, rest, 1.0)
+    z = np.einsum("knij,kni->knj", vectors, r) / rest  # the residual that the other data leave
+    unsure = v / rest
+    square = np.sum(np.where(testable, z**2 / (w[:, None] + unsure), 0.0), axis=2)
     freedom = testable.sum(axis=2)
     # Weight of each level without the leg itself: divide by the density that the level gave the leg.
+    own = np.sum(np.where(testable, z**2 * rest, 0.0), axis=2)
     log_weight = profile.log_weight[:, None] + np.where(
-        used,
-        0.5 * square + 0.5 * np.linalg.slogdet(C)[1] - 0.5 * np.sum(np.log(values), axis=2),
-        0.0,
+        used, 0.5 * own + 0.5 * np.linalg.slogdet(C)[1] - 0.5 * np.sum(np.log(rest), axis=2), 0.0
     )
     weight = np.exp(log_weight - log_weight.max(axis=0))
     weight /= weight.sum(axis=0)
-    p_value = np.sum(weight * np.where(freedom > 0, stats.chi2.sf(square, np.maximum(freedom, 1)), 1.0), axis=0)
-    best = np.argmax(profile.weight)
-    # Difference from the prediction: an included leg has pulled the solution towards itself.
-    pull = np.where(used[:, None] & testable[best], z[best] / values[best], z[best])
-    spread = np.where(used[:, None], np.where(testable[best], 1 / values[best], np.inf), values[best])
+    p = _survival(square, np.maximum(freedom, 1), tail)
+    best = profile.best
+    spread = np.where(testable[best], w[:, None] + unsure[best], 0.0)
     back = L[best] @ vectors[best]
-    finite = np.where(np.isfinite(spread), spread, 0.0)
+    expected = np.sum(np.where(used[:, None], r[best] ** 2, 0.0), axis=1) + np.trace(V[best], axis1=1, axis2=2)
     return LegTests(
-        p_value=p_value,
-        difference=np.einsum("nij,nj->ni", back, pull),
-        covariance=(back * finite[:, None, :]) @ np.swapaxes(back, 1, 2),
+        p_value=np.sum(weight * np.where(freedom > 0, p, 1.0), axis=0),
+        difference=np.einsum("nij,nj->ni", back, z[best]),
+        covariance=(back * spread[:, None, :]) @ np.swapaxes(back, 1, 2),
         whitened=r[best],
+        square=np.sum(weight * square, axis=0),
+        expected_square=expected / w,
     )
 
 
-def flag_legs(problem: Problem, tests: LegTests, weights: Weights, chance: float) -> Array:
+def _survival(square: Array, freedom: Array, tail: float) -> Array:
+    """Return the chance of a larger squared distance: chi-square, or F where the noise has a heavy tail."""
+    if np.isinf(tail):
+        return np.asarray(stats.chi2.sf(square, freedom))
+    return np.asarray(stats.f.sf(square / freedom, freedom, tail))
+
+
+def _leg_unknowns(problem: Problem, s: Solution) -> Array:
+    """Return the covariance of what each leg depends on, (K, N, 13, 13): wheels and the unknowns of its two stops."""
+    i = problem.leg_stop
+    own, cross = s.stop_blocks()
+    with_stops = -s.Y @ s.cov[:, None]  # (K, P, 5, n): covariance of stop and shared unknowns
+    cov = np.empty((len(s.cov), len(i), LEG_UNKNOWNS, LEG_UNKNOWNS))
+    cov[:, :, :3, :3] = s.cov[:, None, WHEELS, WHEELS]
+    cov[:, :, FIRST_STOP, FIRST_STOP], cov[:, :, SECOND_STOP, SECOND_STOP] = own[:, i], own[:, i + 1]
+    cov[:, :, FIRST_STOP, SECOND_STOP] = cross[:, i]
+    cov[:, :, SECOND_STOP, FIRST_STOP] = np.swapaxes(cross[:, i], -1, -2)
+    for part, stop in ((FIRST_STOP, i), (SECOND_STOP, i + 1)):
+        cov[:, :, part, :3] = with_stops[:, stop, :, WHEELS]
+        cov[:, :, :3, part] = np.swapaxes(cov[:, :, part, :3], -1, -2)
+    return cov
+
+
+def tail_of(square: Array) -> float:
+    """Return the degrees of freedom of the legs' noise, from squared distances to what other data predict.
+
+    Normal noise (infinite) unless a multivariate t of few degrees of freedom explains them clearly better, each at the
+    scale that suits it best. Legs of one robot may slip unlike: a doormat, a sill, a start too fast.
+
+    Parameters
+    ----------
+    square : (N,)
+        Squared Mahalanobis distances of legs that count, in 3 dimensions.
+    """
+    if len(square) < ENOUGH:
+        return np.inf
+    scale = np.exp(np.linspace(-3, 3, 61))[:, None]
+    x = square / scale
+    normal = np.max(np.sum(-0.5 * x - 1.5 * np.log(scale), axis=1) - 1.5 * len(square) * np.log(2 * np.pi))
+    t = special.gammaln((TAIL + 3) / 2) - special.gammaln(TAIL / 2) - 1.5 * np.log(TAIL * np.pi)
+    heavy = np.max(np.sum(t - 0.5 * (TAIL + 3) * np.log1p(x / TAIL) - 1.5 * np.log(scale), axis=1))
+    return TAIL if heavy - normal > _CLEARLY else np.inf
+
+
+def tail_weights(tests: LegTests, legs: Array, tail: float) -> Array:
+    """Return the legs' weights under noise of a heavy tail (Lange, Little, Taylor 1989, DOI 10.2307/2290063), (N,)."""
+    if np.isinf(tail):
+        return np.where(legs > 0, 1.0, 0.0)
+    return np.where(legs > 0, (tail + 3) / (tail + tests.expected_square), 0.0)
+
+
+def flag_legs(problem: Problem, tests: LegTests, weights: Weights, significance: float) -> Array:
     """Return the legs' new weights: at most one more is left out at a time, and those that fit come back.
 
     Parameters
     ----------
     problem, tests, weights
         The legs, their tests, and which of them count now.
-    chance
-        Of a false alarm in a drive: each of its N legs is tested at ``chance / N``.
+    significance
+        Chance of a false alarm in a drive: each of its N legs is tested at ``significance / N``.
     """
-    limit = chance / leg_counts(problem)
+    limit = significance / leg_counts(problem)
     out = weights.legs == 0
-    new = np.where(out & (tests.p_value >= limit), 1.0, weights.legs)
+    new = np.where(out & (tests.p_value >= limit) & problem.leg_known, 1.0, weights.legs)
     suspicious = ~out & (tests.p_value < limit)
-    if np.any(suspicious) and np.sum(out) < most_left_out(len(out)):
+    if np.any(suspicious) and np.sum(out) < most_rejected(len(out)):
         worst = np.argmin(np.where(suspicious, tests.p_value, np.inf))
         new[worst] = 0.0
     return np.asarray(new)
 
 
-def most_left_out(legs: int) -> int:
+def most_rejected(legs: int) -> int:
     """Return how many legs may be left out at most: none where the others are too few to say what slip is usual."""
     return (legs - 2) // 2 if legs >= ENOUGH else 0
 
@@ -128,7 +200,7 @@ def leg_counts(problem: Problem) -> Array:
     return np.bincount(drive, minlength=problem.drives).astype(np.float64)[drive]
 
 
-def flag_corners(problem: Problem, residual: Array, factor: float, chance: float) -> tuple[Array, Ids]:
+def flag_corners(problem: Problem, residual: Array, noise_scale: float, significance: float) -> tuple[Array, Ids]:
     """Return the corners' weights (0 or 1), and the stops where more than half do not fit (and so none is left out).
 
     Parameters
@@ -136,36 +208,36 @@ def flag_corners(problem: Problem, residual: Array, factor: float, chance: float
     problem
         The corners.
     residual : (L, 2)
-        Whitened residuals for pixel factor 1.
-    factor
-        Pixel factor.
-    chance
-        Of a false alarm in a drive: each of its L corners is tested at ``chance / L``.
+        Whitened residuals for noise scale 1.
+    noise_scale
+        Noise scale.
+    significance
+        Chance of a false alarm in a drive: each of its L corners is tested at ``significance / L``.
     """
     stop = problem.corner_stop
     drive = problem.drive[stop]
     count = np.bincount(drive, minlength=problem.drives)[drive]
-    bad = np.sum(residual**2, axis=1) > factor**2 * stats.chi2.isf(chance / count, 2)
+    bad = np.sum(residual**2, axis=1) > noise_scale**2 * stats.chi2.isf(significance / count, 2)
     P = len(problem.drive)
     share = np.bincount(stop, weights=bad, minlength=P) / np.maximum(np.bincount(stop, minlength=P), 1)
-    hopeless = np.flatnonzero(share > 0.5)
-    bad &= ~np.isin(stop, hopeless)
-    return np.where(bad, 0.0, 1.0), hopeless
+    unreliable = np.flatnonzero(share > 0.5)
+    bad &= ~np.isin(stop, unreliable)
+    return np.where(bad, 0.0, 1.0), unreliable
 
 
-def robust_factor(residual: Array) -> float:
-    """Return a pixel factor that a few wrong corners do not change: by the median of the squared distances."""
+def robust_scale(residual: Array) -> float:
+    """Return a noise scale that a few wrong corners do not change: by the median of the squared distances."""
     return float(np.sqrt(np.median(np.sum(residual**2, axis=1)) / (2 * np.log(2.0))))
 
 
-def first_leg_weights(problem: Problem, at: Linearised) -> tuple[Array, float]:
+def first_leg_weights(problem: Problem, at: Linearization) -> tuple[Array, float]:
     """Return which legs to begin with (0 or 1), and a level of slip, from medians at the first state."""
     unit = leg_covariance(problem, at.legs.model, np.array(1.0)) if len(problem.leg_stop) else np.zeros((0, 3, 3))
     if not len(unit):
         return np.ones(0), 0.0
     square = np.einsum("ni,nij,nj->n", at.legs.residual, np.linalg.inv(unit), at.legs.residual)
-    middle = float(np.median(square))
-    keep = np.ones(len(square))
-    far = np.argsort(-square)[: most_left_out(len(square))]
-    keep[far] = np.where(square[far] > 25 * middle, 0.0, 1.0)
+    middle = float(np.median(square[problem.leg_known])) if np.any(problem.leg_known) else 0.0
+    keep = problem.leg_known.astype(np.float64)
+    far = np.argsort(-square)[: most_rejected(len(square))]
+    keep[far] *= np.where(square[far] > 25 * middle, 0.0, 1.0)
     return keep, float(np.sqrt(middle / stats.chi2.median(3)))

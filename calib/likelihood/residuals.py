@@ -5,79 +5,207 @@ from itertools import pairwise
 
 import numpy as np
 
-from boxcal.calib.geometry.so3_se3 import wrap
+from boxcal.calib.geometry.parameters import MOUNTING, WHEELS
+from boxcal.calib.geometry.so3_se3 import exp_so3, right_jacobian, wrap
+from boxcal.calib.likelihood.explanation import Columns, stacked
 from boxcal.calib.likelihood.leg_model import LegModel, leg_model
-from boxcal.calib.likelihood.normal_equations import Normal
-from boxcal.calib.likelihood.problem import MOUNTING, PER_STOP, WHEELS, Problem, State, camera_motions
+from boxcal.calib.likelihood.normal_equations import Local, Normal
+from boxcal.calib.likelihood.problem import LOCAL, PER_STOP, Problem
+from boxcal.calib.likelihood.state import READINGS, CameraMotions, State, camera_motions
 from boxcal.target.arrays import Array, Ids
+from boxcal.target.box import FACES
 from boxcal.target.camera.camera_model import project_with_jacobians
 
 LEG_UNKNOWNS = 3 + 2 * PER_STOP
 """A leg depends on rR, rL, b and on the unknowns of its two stops."""
+FIRST_STOP, SECOND_STOP = slice(3, 3 + PER_STOP), slice(3 + PER_STOP, 3 + 2 * PER_STOP)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Corners:
-    """Corners at one state.
+    """Corners at one state. Corners of one stop on one face are a group; groups stand in order of their stops.
 
     Attributes
     ----------
     residual : (L, 2)
-        Seen less predicted, whitened by the corners' own covariance (pixel factor 1).
+        Seen less predicted, whitened by the corners' own covariance (noise scale 1).
     jacobian : (L, 2, m)
-        Of the whitened prediction by (lens, motion of the camera, box).
-    maps : (P, m, n), (P, m, 3)
-        From the shared unknowns and from the stop's pose to those m.
+        Of the whitened prediction by (camera model, motion of the camera, growth, direct unknowns of the target).
+    group : (L,)
+        Group of each corner.
+    group_stop : (G,)
+        Stop of each group.
+    J_shared, J_pose, J_local : (G, m, n), (G, m, 3), (G, m, 4)
+        From the shared unknowns, from the stop's pose and from its local unknowns to those m.
     valid
         Whether all points lie in front of the camera.
     """
 
     residual: Array
     jacobian: Array
-    maps: tuple[Array, Array]
+    group: Ids
+    group_stop: Ids
+    J_shared: Array
+    J_pose: Array
+    J_local: Array
     valid: bool
 
 
-def corner_residuals(problem: Problem, state: State) -> Corners:
-    """Return the corners' residuals and derivatives."""
-    p_box, by_shape = problem.box.landmarks(state.shape)
-    R, t, by_pose, by_tilt = camera_motions(problem, state)
-    stop = problem.corner_stop
+def corner_residuals(problem: Problem, state: State, columns: Columns) -> Corners:
+    """Return the corners' residuals and derivatives.
+
+    Parameters
+    ----------
+    problem, state
+        Data, and where.
+    columns
+        Of the explanations that are part of the model, there.
+    """
+    target, stop = problem.target, problem.corner_stop
+    p_box, by_direct = target.landmarks(state.shape)
+    motions = camera_motions(problem, state)
+    R, t = motions.R_box_cam, motions.p_box_cam
+    lens = np.broadcast_to(state.lens, (len(R), len(state.lens)))
+    if columns.corners is not None and np.any(state.explained):
+        moved = columns.corners @ state.explained
+        lens = lens + moved[:, : len(state.lens)]
+        t = t + np.einsum("pij,pj->pi", R, moved[:, -3:])
+        R = R @ np.array([exp_so3(w) for w in moved[:, -6:-3]])
     R_l = R[stop]
-    p_cam = np.einsum("lji,lj->li", R_l, p_box - t[stop])
+    R_t = np.swapaxes(R_l, 1, 2)
+    p_cam = (R_t @ (p_box - t[stop])[:, :, None])[:, :, 0]
     valid = bool(np.all(p_cam[:, 2] > 1e-6))
     if not valid:
         p_cam = p_cam.copy()
         p_cam[:, 2] = np.maximum(p_cam[:, 2], 1e-6)
-    uv, by_lens, by_point = project_with_jacobians(problem.lens, state.lens, p_cam)
-    by_point = problem.whiten @ by_point
-    n_lens, n_shape = by_lens.shape[2], by_shape.shape[2]
-    J = np.empty((len(uv), 2, n_lens + 6 + n_shape))
+    uv, by_lens, by_point = _projected(problem, lens, p_cam)
+    whitened = problem.whiten @ by_point
+    n_lens, extra = by_lens.shape[2], target.direct
+    uv = uv + problem.outward_px * (state.common_growth + state.growth)[stop, None]
+    J = np.empty((len(uv), 2, n_lens + 7 + extra))
     J[:, :, :n_lens] = problem.whiten @ by_lens
     x, y, z = p_cam[:, None, 0], p_cam[:, None, 1], p_cam[:, None, 2]
-    bx, by, bz = by_point[:, :, 0], by_point[:, :, 1], by_point[:, :, 2]
+    bx, by, bz = whitened[:, :, 0], whitened[:, :, 1], whitened[:, :, 2]
     # Motion (w, t) of the camera: the point moves by p x w - t.
     J[:, :, n_lens] = by * z - bz * y
     J[:, :, n_lens + 1] = bz * x - bx * z
     J[:, :, n_lens + 2] = bx * y - by * x
-    J[:, :, n_lens + 3 : n_lens + 6] = -by_point
-    if n_shape:
-        J[:, :, n_lens + 6 :] = by_point @ (np.swapaxes(R_l, 1, 2) @ by_shape)
-    m, n, P = J.shape[2], len(problem.names), len(R)
-    shared, own = np.zeros((P, m, n)), np.zeros((P, m, 3))
+    J[:, :, n_lens + 3 : n_lens + 6] = -whitened
+    J[:, :, n_lens + 6] = (problem.whiten @ problem.outward_px[:, :, None])[:, :, 0]
+    if extra:
+        J[:, :, n_lens + 7 :] = whitened @ (R_t @ by_direct)
+    group, group_stop, group_face = _groups(stop, target.face)
+    J_shared, J_pose, J_local = _maps(problem, state, (motions, R, t), columns, (group_stop, group_face))
+    return Corners(
+        residual=(problem.whiten @ (problem.uv_px - uv)[:, :, None])[:, :, 0],
+        jacobian=J,
+        group=group,
+        group_stop=group_stop,
+        J_shared=J_shared,
+        J_pose=J_pose,
+        J_local=J_local,
+        valid=valid,
+    )
+
+
+def _projected(problem: Problem, lens: Array, p_cam: Array) -> tuple[Array, Array, Array]:
+    """Return pixels and derivatives for coefficients (P, n) that may differ from stop to stop."""
+    if np.all(lens == lens[0]):
+        return project_with_jacobians(problem.lens, lens[0], p_cam)
+    parts = [
+        project_with_jacobians(problem.lens, k, p_cam[i:j])
+        for k, (i, j) in zip(lens, pairwise(problem.corner_starts), strict=True)
+    ]
+    uv, by_lens, by_point = (np.concatenate(column) for column in zip(*parts, strict=True))
+    return uv, by_lens, by_point
+
+
+def _groups(stop: Ids, face: Ids) -> tuple[Ids, Ids, Ids]:
+    """Return the group of each corner, and the stop and the face of each group."""
+    keys, group = np.unique(FACES * stop + face, return_inverse=True)
+    return group, keys // FACES, keys % FACES
+
+
+def _maps(
+    problem: Problem,
+    state: State,
+    camera: tuple[CameraMotions, Array, Array],
+    columns: Columns,
+    groups: tuple[Ids, Ids],
+) -> tuple[Array, Array, Array]:
+    """Return what the shared unknowns, the poses and the local unknowns do in each group: see :class:`Corners`."""
+    target, n_lens = problem.target, len(state.lens)
+    motions, R_box_cam, p_box_cam = camera
+    stop, face = groups
+    G, m, n = len(stop), n_lens + 7 + target.direct, len(problem.names)
+    motion, growth, direct = slice(n_lens, n_lens + 6), n_lens + 6, n_lens + 7
+    shared, own, local = np.zeros((G, m, n)), np.zeros((G, m, 3)), np.zeros((G, m, LOCAL))
     shared[:, np.arange(5), np.arange(5)] = 1.0
     extras = np.arange(problem.extras.start, problem.extras.stop)
     shared[:, 5 + np.arange(len(extras)), extras] = 1.0
-    shared[:, n_lens + np.arange(6), np.arange(MOUNTING.start, MOUNTING.stop)] = 1.0
+    # What acts before an explanation moved the camera reaches it through that motion.
+    through = np.eye(6)[None]
+    if columns.corners is not None:
+        moved = columns.corners @ state.explained
+        through = _through(moved[:, -6:])[stop]
+        by_motion = columns.corners[stop][:, n_lens:]
+        for g, w in enumerate(moved[stop, -6:-3]):
+            J_r = right_jacobian(w)
+            by_motion[g] = np.concatenate([J_r @ by_motion[g, :3], exp_so3(w).T @ by_motion[g, 3:]])
+        shared[:, :n_lens, problem.explained] = columns.corners[stop][:, :n_lens]
+        shared[:, motion, problem.explained] = by_motion
+    shared[:, motion, MOUNTING] = through
+    own[:, motion] = through @ motions.J_pose[stop]
+    local[:, motion, :3] = through @ motions.J_lean[stop]
+    shared[:, growth, problem.growth] = 1.0
+    local[:, growth, 3] = 1.0
     if problem.tilt_count:
-        columns = problem.tilts.start + 2 * problem.drive
+        J_tilt = through @ motions.J_tilt[stop]
+        at = problem.tilts.start + 2 * problem.drive[stop]
         for k in (0, 1):
-            shared[np.arange(P)[:, None], n_lens + np.arange(6), (columns + k)[:, None]] = by_tilt[:, :, k]
-    shapes = np.arange(problem.shapes.start, problem.shapes.stop)
-    shared[:, n_lens + 6 + np.arange(n_shape), shapes] = 1.0
-    own[:, n_lens : n_lens + 6] = by_pose
-    residual = (problem.whiten @ (problem.uv_px - uv)[:, :, None])[:, :, 0]
-    return Corners(residual=residual, jacobian=J, maps=(shared, own), valid=valid)
+            shared[np.arange(G)[:, None], n_lens + np.arange(6), (at + k)[:, None]] = J_tilt[:, :, k]
+    if target.names:
+        first = problem.shapes.start
+        for k, name in enumerate(("scale_x", "scale_y", "ink")):
+            column = target.column(name)
+            if column is not None:
+                shared[:, direct + k, first + column] = 1.0
+        if target.column("bow0") is not None:
+            shared[np.arange(G), direct + 3, first + target.names.index("bow0") + face] = 1.0
+        J_face = _face_motions(problem, state, (R_box_cam[stop], p_box_cam[stop]), face)
+        seat = target.column("seat")
+        if seat is not None:
+            shared[:, motion, first + seat] = J_face[:, :, 1]
+        if target.column("face0_tx") is not None:
+            at = first + target.names.index("face0_tx") + 6 * face
+            shared[
+                np.arange(G)[:, None, None], (n_lens + np.arange(6))[:, None], (at[:, None] + np.arange(6))[:, None]
+            ] = J_face
+    return shared, own, local
+
+
+def _through(moved: Array) -> Array:
+    """Return how motions before a small motion (P, 6) of the camera look after it, (P, 6, 6): its inverse adjoint."""
+    out = np.zeros((len(moved), 6, 6))
+    for p, (w, t) in enumerate(zip(moved[:, :3], moved[:, 3:], strict=True)):
+        R_t = exp_so3(w).T
+        out[p, :3, :3] = out[p, 3:, 3:] = R_t
+        out[p, 3:, :3] = -R_t @ np.cross(np.eye(3), t, axisa=0, axisc=0).T
+    return out
+
+
+def _face_motions(problem: Problem, state: State, camera: tuple[Array, Array], face: Ids) -> Array:
+    """Return the motions of the camera that equal those of the faces, (G, 6, 6), by a face's six unknowns."""
+    target = problem.target
+    _, _, twist = target.motions(state.shape)
+    T_face = target.T_box_face[face]
+    R_box_cam, p = camera
+    R_t = np.swapaxes(R_box_cam, 1, 2)
+    R = R_t @ T_face[:, :3, :3]  # R_cam_face
+    t = (R_t @ (T_face[:, :3, 3] - p)[:, :, None])[:, :, 0]
+    w, v = R @ twist[face, :3], R @ twist[face, 3:]
+    # The points move by w x (p_cam - t) + v; a camera's motion (w', t') moves them by p_cam x w' - t'.
+    return np.concatenate([-w, np.cross(w, t[:, :, None], axis=1) - v], axis=1)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -92,23 +220,30 @@ class LegResiduals:
         Wheels less poses: ``(dx, dy, dtheta)`` in the body frame of the leg's first stop.
     jacobian : (N, 3, 13)
         Of poses less wheels, by (rR, rL, b), the first and the second stop.
+    J_explained : (N, 3, k)
+        The same by the explanations' unknowns.
     """
 
     model: LegModel
     residual: Array
     jacobian: Array
+    J_explained: Array
 
 
-def leg_residuals(problem: Problem, state: State) -> LegResiduals:
+def leg_residuals(problem: Problem, state: State, columns: Columns) -> LegResiduals:
     """Return the legs' residuals and derivatives."""
     i = problem.leg_stop
     unit = problem.step / np.sqrt(12)
-    model = leg_model(problem.path, state.wheels, unit * state.readings[i], unit * state.readings[i + 1])
+    errors = unit * state.encoder_errors
+    added = None if columns.travel is None else columns.travel @ state.explained
+    model = leg_model(problem.path, state.wheels, errors[i], errors[i + 1], added)
     theta = state.poses[i, 2]
     c, s = np.cos(theta), np.sin(theta)
     d = state.poses[i + 1] - state.poses[i]
     qx, qy = c * d[:, 0] + s * d[:, 1], -s * d[:, 0] + c * d[:, 1]
     r = model.displacement - np.stack([qx, qy, d[:, 2]], axis=1)
+    if columns.legs is not None:
+        r = r + columns.legs @ state.explained
     r[:, 2] = wrap(r[:, 2])
     J = np.zeros((len(i), 3, LEG_UNKNOWNS))
     J[:, :, :3] = -model.d_wheels
@@ -116,89 +251,136 @@ def leg_residuals(problem: Problem, state: State) -> LegResiduals:
     J[:, :2, 3:5] = -J[:, :2, 8:10]
     J[:, 0, 5], J[:, 1, 5], J[:, 2, 5], J[:, 2, 10] = qy, -qx, -1.0, 1.0
     J[:, :, 6:8], J[:, :, 11:13] = -unit * model.d_start, -unit * model.d_end
-    return LegResiduals(model=model, residual=r, jacobian=J)
+    return LegResiduals(model=model, residual=r, jacobian=J, J_explained=-leg_columns(problem, model, columns))
+
+
+def leg_columns(problem: Problem, model: LegModel, columns: Columns) -> Array:
+    """Return what explanations change of the wheels' displacement on each leg, (N, 3, k)."""
+    k = next((part.shape[2] for part in (columns.travel, columns.legs, columns.corners) if part is not None), 0)
+    out = np.zeros((len(problem.leg_stop), 3, k))
+    if columns.travel is not None and len(out):
+        by_sample = np.einsum("wds,swk->dsk", model.by_travel, columns.travel)
+        out += np.swapaxes(np.add.reduceat(by_sample, problem.path.starts, axis=1), 0, 1)
+    if columns.legs is not None:
+        out += columns.legs
+    return out
 
 
 def leg_covariance(problem: Problem, model: LegModel, slip: Array) -> Array:
-    """Return the legs' covariances, (..., N, 3, 3), for levels of slip (...), m/sqrt(m).
+    """Return the legs' covariances, (..., N, 3, 3), for slip (...), m/sqrt(m).
 
-    Readings at the legs' ends are not in it: they are unknowns.
+    Readings at the legs' ends are not in it: they are unknowns. What is never known better than ``_NEGLIGIBLE`` (a leg
+    on which nothing turned, say) keeps it invertible.
     """
-    return np.asarray(np.square(slip)[..., None, None, None] * model.slip + problem.step**2 * model.shape)
+    cov = np.square(slip)[..., None, None, None] * model.slip + problem.step**2 * model.quantisation
+    return np.asarray(cov + _NEGLIGIBLE * np.eye(3))
 
 
-def corner_equations(corners: Corners, starts: Ids, weight: Array) -> tuple[Normal, Array]:
-    """Return the corners' normal equations (pixel factor 1), and each stop's weighted sum of squares (P,).
+_NEGLIGIBLE = 1e-20
+"""m^2 and rad^2: below what any exact data resolve."""
+
+
+def corner_equations(problem: Problem, corners: Corners, weight: Array) -> tuple[Normal, Local, Array]:
+    """Return the corners' normal equations, the local unknowns' and each stop's sum of squares (P,), noise scale 1.
 
     Parameters
     ----------
-    corners
+    problem, corners
         Residuals and derivatives.
-    starts : (P + 1,)
-        First corner of each stop.
     weight : (L,)
         Weight of each corner; 0 leaves it out.
     """
     m = corners.jacobian.shape[2]
     rows = np.concatenate([corners.jacobian, corners.residual[:, :, None]], axis=2)
-    rows *= np.sqrt(weight)[:, None, None]
+    if not np.all(weight == 1):
+        rows *= np.sqrt(weight)[:, None, None]
+    G = len(corners.group_stop)
+    order = corners.group
+    if np.any(np.diff(order) < 0):
+        by_group = np.argsort(order, kind="stable")
+        rows, order = rows[by_group], order[by_group]
+    starts = np.searchsorted(order, np.arange(G + 1))
     rows = rows.reshape(-1, m + 1)
     N = np.array([rows[2 * i : 2 * j].T @ rows[2 * i : 2 * j] for i, j in pairwise(starts)])
-    shared, own = corners.maps
-    NK = N[:, :m, :m] @ shared
-    P, n = len(N), shared.shape[2]
+    H, g = N[:, :m, :m], N[:, :m, m]
+    shared = corners.J_shared
+    stop_maps = np.concatenate([corners.J_pose, corners.J_local], axis=2)  # (G, m, 7)
+    HS = H @ shared
+    HM = H @ stop_maps
+    first = np.searchsorted(corners.group_stop, np.arange(len(problem.drive)))
+    n = shared.shape[2]
+    A = shared.reshape(-1, n).T @ HS.reshape(-1, n)
+    a = np.einsum("gmi,gm->i", shared, g)
+    BG = np.add.reduceat(np.swapaxes(HS, 1, 2) @ stop_maps, first, axis=0)  # (P, n, 7)
+    DF = np.add.reduceat(np.swapaxes(stop_maps, 1, 2) @ HM, first, axis=0)
+    cf = np.add.reduceat(np.einsum("gmi,gm->gi", stop_maps, g), first, axis=0)
+    P = len(first)
     B, D, c = np.zeros((P, n, PER_STOP)), np.zeros((P, PER_STOP, PER_STOP)), np.zeros((P, PER_STOP))
-    B[:, :, :3] = np.swapaxes(NK, 1, 2) @ own
-    own_t = np.swapaxes(own, 1, 2)
-    D[:, :3, :3] = own_t @ N[:, :m, :m] @ own
-    c[:, :3] = (own_t @ N[:, :m, m:])[:, :, 0]
-    A = np.tensordot(shared, NK, axes=([0, 1], [0, 1]))
-    a = np.einsum("pmi,pm->i", shared, N[:, :m, m])
-    return Normal(A=A, B=B, D=D, E=np.zeros_like(D), a=a, c=c), N[:, m, m]
+    B[:, :, :3], D[:, :3, :3], c[:, :3] = BG[:, :, :3], DF[:, :3, :3], cf[:, :3]
+    by_chain = np.zeros((P, PER_STOP, LOCAL))
+    by_chain[:, :3] = DF[:, :3, 3:]
+    local = Local(D=DF[:, 3:, 3:], by_shared=BG[:, :, 3:], by_chain=by_chain, c=cf[:, 3:])
+    return Normal(A=A, B=B, D=D, E=np.zeros_like(D), a=a, c=c), local, np.add.reduceat(N[:, m, m], first)
 
 
 def leg_equations(problem: Problem, legs: LegResiduals, information: Array) -> tuple[Normal, Array]:
     """Return the legs' normal equations and sums of squares, (...), for information matrices (..., N, 3, 3)."""
     J, r = legs.jacobian, legs.residual
+    K = legs.J_explained.shape[2]
+    if K:
+        J = np.concatenate([J, legs.J_explained], axis=2)
     JtN = np.swapaxes(J, 1, 2) @ information
     H, g = JtN @ J, (JtN @ r[:, :, None])[..., 0]
     batch, n, P = information.shape[:-3], len(problem.names), len(problem.drive)
     A, a = np.zeros((*batch, n, n)), np.zeros((*batch, n))
     B, D = np.zeros((*batch, P, n, PER_STOP)), np.zeros((*batch, P, PER_STOP, PER_STOP))
     E, c = np.zeros_like(D), np.zeros((*batch, P, PER_STOP))
-    first, second = slice(3, 8), slice(8, 13)
-    A[..., WHEELS, WHEELS] = H[..., :3, :3].sum(axis=-3)
-    a[..., WHEELS] = g[..., :3].sum(axis=-2)
-    for stops, part in ((problem.leg_stop, first), (problem.leg_stop + 1, second)):
-        B[..., stops, WHEELS, :] += H[..., :3, part]
+    blocks = [(WHEELS, slice(0, 3))]
+    if K:
+        blocks.append((problem.explained, slice(LEG_UNKNOWNS, LEG_UNKNOWNS + K)))
+    for at, part in blocks:
+        a[..., at] = g[..., part].sum(axis=-2)
+        for other, part_2 in blocks:
+            A[..., at, other] = H[..., part, part_2].sum(axis=-3)
+    for stops, part in ((problem.leg_stop, FIRST_STOP), (problem.leg_stop + 1, SECOND_STOP)):
+        for at, shared in blocks:
+            B[..., stops, at, :] += H[..., shared, part]
         D[..., stops, :, :] += H[..., part, part]
         c[..., stops, :] += g[..., part]
-    E[..., problem.leg_stop, :, :] = H[..., first, second]
+    E[..., problem.leg_stop, :, :] = H[..., FIRST_STOP, SECOND_STOP]
     return Normal(A=A, B=B, D=D, E=E, a=a, c=c), np.einsum("...ni,...nij,...nj->...", r, information, r)
 
 
-def prior_equations(problem: Problem, state: State) -> tuple[Normal, float]:
-    """Return the priors' normal equations and sum of squares."""
-    n, P = len(problem.names), len(problem.drive)
-    value = np.zeros(n)
+def shared_values(problem: Problem, state: State) -> Array:
+    """Return the values of the shared unknowns that have priors, (n,); 0 for the others."""
+    value = np.zeros(len(problem.names))
     value[problem.tilts] = state.tilt.ravel() if problem.tilt_count else 0.0
     value[problem.shapes] = state.shape
-    weight = problem.prior_information
+    value[problem.growth] = state.common_growth
+    value[problem.explained] = state.explained
+    return value
+
+
+def prior_equations(problem: Problem, state: State, sigma: Array) -> tuple[Normal, float]:
+    """Return the normal equations and the sum of squares of the shared unknowns' priors and the encoder errors.
+
+    Parameters
+    ----------
+    problem, state
+        Unknowns and their values.
+    sigma : (n,)
+        Standard deviations of the shared unknowns' priors.
+    """
+    n, P = len(problem.names), len(problem.drive)
+    value = shared_values(problem, state)
+    weight = problem.information + np.diag(1 / np.square(sigma))
     D, c = np.zeros((P, PER_STOP, PER_STOP)), np.zeros((P, PER_STOP))
     D[:, 3, 3] = D[:, 4, 4] = 1.0
-    c[:, 3:] = -state.readings
+    c[:, READINGS] = -state.encoder_errors
     normal = Normal(A=weight, B=np.zeros((P, n, PER_STOP)), D=D, E=np.zeros_like(D), a=-weight @ value, c=c)
-    return normal, float(value @ weight @ value + np.sum(state.readings**2))
+    return normal, float(value @ weight @ value + np.sum(state.encoder_errors**2))
 
 
-def combined(corners: Normal, pixel_factor: float, legs: Normal, prior: Normal) -> Normal:
-    """Return the sum of all normal equations; the legs' may be a batch."""
-    w = pixel_factor**-2
-    return Normal(
-        A=w * corners.A + prior.A + legs.A,
-        B=w * corners.B + prior.B + legs.B,
-        D=w * corners.D + prior.D + legs.D,
-        E=legs.E,
-        a=w * corners.a + prior.a + legs.a,
-        c=w * corners.c + prior.c + legs.c,
-    )
+def explained_columns(problem: Problem, state: State) -> Columns:
+    """Return the columns of the explanations that are part of the model."""
+    return stacked(problem.explanations, problem, state) if problem.explanations else Columns()

@@ -4,13 +4,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from boxcal.calib.geometry.parameters import CAMERA, COUNT, TRANSLATION, WHEELS
 from boxcal.calib.geometry.so3_se3 import exp_so3, planar, rigid
 from boxcal.calib.likelihood.estimate import DriveEstimate, Estimate, FlaggedCorner, FlaggedLeg, NoiseLevels
 from boxcal.calib.likelihood.fit import Fit
 from boxcal.calib.likelihood.leg_outliers import flagged_legs
-from boxcal.calib.likelihood.problem import MOUNTING, Problem, State
-from boxcal.calib.likelihood.residuals import leg_covariance
-from boxcal.calib.likelihood.target_deformation import SIZE_NAMES
+from boxcal.calib.likelihood.problem import Problem
+from boxcal.calib.likelihood.residuals import leg_covariance, shared_values
+from boxcal.calib.likelihood.state import State
 from boxcal.calib.uncertainty.observability import open_directions
 from boxcal.detect.correspondences import Correspondences
 from boxcal.target.arrays import Array, Mask
@@ -22,7 +23,7 @@ _PRIOR_ONLY = 0.9
 def summarise(fit: Fit, drives: Sequence[Correspondences]) -> Estimate:
     """Return the estimate that a solution amounts to."""
     problem, state = fit.problem, fit.state
-    best = int(np.argmax(fit.profile.weight))
+    best = int(np.argmax(fit.profile.log_weight))
     directions, unknown = open_directions(problem, state, fit.profile.solution.information[best])
     cov = reported_cov(fit.cov, state, unknown)
     used = fit.weights.legs > 0
@@ -35,14 +36,14 @@ def summarise(fit: Fit, drives: Sequence[Correspondences]) -> Estimate:
         T_body_cam=state.T_body_cam,
         drives=tuple(_drive(fit, d, drive.robot, cov) for d, drive in enumerate(drives)),
         noise=NoiseLevels(
-            pixel_factor=fit.levels.pixel_factor,
-            pixel_factor_sigma=fit.factor_sigma,
-            pixel_px=fit.levels.pixel_factor * _mean_sigma_px(problem),
+            pixel_factor=fit.components.noise_scale,
+            pixel_factor_sigma=fit.noise_scale_sigma,
+            pixel_px=fit.components.noise_scale * _mean_sigma_px(problem),
             slip=fit.profile.mean,
             slip_sigma=fit.profile.sigma,
             encoder_step=problem.step,
         ),
-        cov=cov[:14, :14],
+        cov=cov[:COUNT, :COUNT],
         names=problem.names,
         values=_values(problem, state),
         cov_all=cov,
@@ -50,6 +51,7 @@ def summarise(fit: Fit, drives: Sequence[Correspondences]) -> Estimate:
         flagged_corners=_flagged_corners(fit, drives),
         directions=directions,
         notes=_notes(fit, legs, cov),
+        components=fit.components,
         iterations=fit.iterations,
         cost=fit.cost,
         log_likelihood=_log_likelihood(fit),
@@ -59,7 +61,7 @@ def summarise(fit: Fit, drives: Sequence[Correspondences]) -> Estimate:
 def reported_cov(cov: Array, state: State, unknown: Mask) -> Array:
     """Return the covariance with the mounting's translation along the body's axes; the unknown is infinite."""
     M = np.eye(len(cov))
-    t = slice(MOUNTING.start + 3, MOUNTING.stop)
+    t = TRANSLATION
     M[t, t] = state.T_body_cam[:3, :3]
     out = M @ cov @ M.T
     if np.any(unknown):
@@ -72,8 +74,10 @@ def reported_cov(cov: Array, state: State, unknown: Mask) -> Array:
 
 
 def _values(problem: Problem, state: State) -> Array:
-    tilt = state.tilt.ravel() if problem.tilt_count else np.zeros(0)
-    return np.concatenate([state.lens[:5], state.wheels, np.zeros(6), tilt, state.lens[5:], state.shape])
+    """Return the values of all shared unknowns; 0 for the extrinsics' perturbation."""
+    values = shared_values(problem, state)
+    values[CAMERA], values[WHEELS], values[problem.extras] = state.lens[CAMERA], state.wheels, state.lens[5:]
+    return values
 
 
 def _mean_sigma_px(problem: Problem) -> float:
@@ -140,11 +144,11 @@ def _notes(fit: Fit, legs: tuple[FlaggedLeg, ...], cov: Array) -> tuple[str, ...
     notes.extend(
         f"stop {int(problem.stop[j]) + 1}: more than half of its corners do not fit the rest of the drive; none was "
         "left out, look at its picture"
-        for j in fit.hopeless
+        for j in fit.unreliable_stops
     )
-    for k in range(14, len(problem.names)):
+    for k in range(COUNT, len(problem.names)):
         sigma = float(np.sqrt(cov[k, k]))
-        if sigma > _PRIOR_ONLY * problem.prior[k] and problem.names[k] not in SIZE_NAMES:
+        if not problem.component[k] and sigma > _PRIOR_ONLY * problem.prior[k]:
             notes.append(f"{problem.names[k]} is hardly determined by the drive: its prior decides")
     if not fit.converged:
         notes.append("the noise levels had not settled when the rounds ended; take the sigmas with care")
@@ -152,9 +156,9 @@ def _notes(fit: Fit, legs: tuple[FlaggedLeg, ...], cov: Array) -> tuple[str, ...
 
 
 def _log_likelihood(fit: Fit) -> float:
-    """Return the log likelihood of corners and legs, their noise levels in it, without constants of the data."""
+    """Return the log likelihood of corners and legs, their noise in it, without constants of the data."""
     problem, used = fit.problem, fit.weights.legs > 0
-    corners = 2 * float(np.count_nonzero(fit.weights.corners)) * np.log(fit.levels.pixel_factor)
-    C = leg_covariance(problem, fit.at.legs.model, np.array(fit.levels.slip))
+    corners = 2 * float(np.count_nonzero(fit.weights.corners)) * np.log(fit.components.noise_scale)
+    C = leg_covariance(problem, fit.at.legs.model, np.array(fit.components.slip))
     legs = 0.5 * float(np.sum(np.linalg.slogdet(C)[1][used])) if np.any(used) else 0.0
     return float(-0.5 * fit.cost - corners - legs)

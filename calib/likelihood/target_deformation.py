@@ -1,146 +1,260 @@
-"""How the box that was made may differ from the box that is described: its sizes, ink spread, poses of its faces."""
+"""How the target as built differs from its description: print, dot gain, where each face lies, how it bows.
 
+Every sheet is a rigid face that lies where the description has it, moved by a small rigid motion (glued a little
+aside, low or turned; a box that is not square), printed a little too large or small, and bowed. All landmarks of one
+face in one picture move with the camera's six degrees of freedom, so a face's pose costs no derivatives of its own.
+"""
+
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 
 from boxcal.calib.errors import CalibError
-from boxcal.calib.geometry.so3_se3 import exp_so3, hat, right_jacobian
+from boxcal.calib.geometry.so3_se3 import exp_so3, right_jacobian
 from boxcal.calib.likelihood.options import EstimateOptions
 from boxcal.target.arrays import Array, Ids
 from boxcal.target.box import CORNERS, FACES
-from boxcal.target.measure.size_influence import size_jacobian
 
 _OUTWARD = np.array([[-1.0, 1.0], [1.0, 1.0], [1.0, -1.0], [-1.0, -1.0]])
 """Where a tag's corners lie from its centre, x right and y up as seen from outside."""
-SIZE_NAMES = ("scale_x", "scale_y", "width", "depth")
-"""The sizes that corners depend on, in the order of :data:`target.measured.SIZES`."""
+FACE_AXES = ("tx", "ty", "tz", "rx", "ry", "rz")
+"""A face's motion in its own frame: right, up, outward (m), then turns about these axes (rad)."""
+DIRECT = 4
+"""Unknowns with derivatives of their own in a corner's Jacobian: print scale x and y, dot gain, bow."""
+HAND_MADE = {"print": 1.5e-3, "place": 3e-4, "turn": float(np.radians(0.15)), "bow": 3e-4}
+"""Standard deviations of a box made by hand (relative, m, rad, m): printer 0.15 %, glued to 0.3 mm and 0.15 deg."""
+
+DEFORMATIONS = frozenset(
+    {"scale_x", "scale_y", "seat", "ink", *(f"bow{f}" for f in range(FACES))}
+    | {f"face{f}_{axis}" for f in range(FACES) for axis in FACE_AXES}
+)
+"""Names of all unknowns of the target."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class BoxShape:
-    """The unknowns of the box, all zero for the box as described, and the landmarks that they move.
+class TargetDeformation:
+    """The unknowns of the target as built, all zero for the target as described, and the landmarks that they move.
 
     Attributes
     ----------
     names : n
-        ``scale_x, scale_y`` (relative), ``width, depth`` (m): how much larger the prints and the box are than
-        described; ``ink`` (m); ``face1_rx`` ... ``face3_tz`` (rad, m).
-    prior : (n, n)
-        Covariance of their prior.
-    p_box : (L, 3), m
-        Landmarks as described.
-    by_size : (L, 3, 4)
-        Their derivatives by the sizes (see :func:`boxcal.target.measure.size_influence.size_jacobian`).
+        ``scale_x, scale_y`` (relative), ``seat`` (m), ``ink`` (m), ``bow0`` ... ``bow3`` (m), ``face0_tx`` ...
+        ``face3_rz`` (m, rad). The seat is how much higher all sheets stand: nobody knows whether a sheet that came out
+        too small was glued by its middle or by its lower edge.
+    sigma : (n,)
+        Standard deviations of their priors where the data do not tell.
+    component : (n,)
+        The variance component that each belongs to; empty where its prior is fixed.
+    unit : (n,)
+        Standard deviation of each over that of its component.
+    information : (n, n)
+        What was measured of the target besides.
+    p_face : (L, 3), m
+        Landmarks as described, in the frame of their face.
     face : (L,)
         Face of each landmark.
     outward : (L, 2)
         Signs of the corner's direction from its tag's centre, in its face.
+    sagitta : (L,)
+        Share of the bow at each landmark: 1 on the face's vertical midline, 0 at its edges.
     T_box_face : (FACES, 4, 4), m
         Poses of the faces as described.
     """
 
     names: tuple[str, ...]
-    prior: Array
-    p_box: Array
-    by_size: Array
+    sigma: Array
+    component: tuple[str, ...]
+    unit: Array
+    information: Array
+    p_face: Array
     face: Ids
     outward: Array
+    sagitta: Array
     T_box_face: Array
 
-    def landmarks(self, values: Array) -> tuple[Array, Array]:
-        """Return the landmarks (L, 3), m, and their derivatives (L, 3, n) by the n unknowns.
+    @property
+    def direct(self) -> int:
+        """How many columns of its own the target has in a corner's Jacobian."""
+        return DIRECT if self.names else 0
 
-        A landmark p of its face's frame becomes ``T_box_face exp(w, t) (p + sizes + ink * outward)``.
+    def column(self, name: str) -> int | None:
+        """Return where an unknown stands, None if it is not one."""
+        return self.names.index(name) if name in self.names else None
+
+    def value(self, values: Array, name: str) -> float:
+        """Return the value of an unknown, 0 if it is none."""
+        at = self.column(name)
+        return 0.0 if at is None else float(values[at])
+
+    def motions(self, values: Array) -> tuple[Array, Array, Array]:
+        """Return the faces' motions in their own frames: R (FACES, 3, 3), t (FACES, 3), and J (FACES, 6, 6).
+
+        J gives the twist (rotation, translation at the frame's origin) of the moved face by its six unknowns.
         """
-        d = np.zeros((len(self.p_box), 3, len(self.names)))
-        if not self.names:
-            return self.p_box, d
-        at = {name: k for k, name in enumerate(self.names)}
-        R, t = self.T_box_face[self.face, :3, :3], self.T_box_face[self.face, :3, 3]
-        R_t = np.swapaxes(R, 1, 2)
-        p = np.einsum("lij,lj->li", R_t, self.p_box - t)
-        for k, name in enumerate(SIZE_NAMES):
-            if name in at:
-                d[:, :, at[name]] = np.einsum("lij,lj->li", R_t, self.by_size[:, :, k])
-                p = p + values[at[name]] * d[:, :, at[name]]
-        if "ink" in at:
-            p[:, :2] += values[at["ink"]] * self.outward
-            d[:, :2, at["ink"]] = self.outward
-        for f in range(1, FACES):
-            first = at.get(f"face{f}_rx")
+        R, t, J = np.tile(np.eye(3), (FACES, 1, 1)), np.zeros((FACES, 3)), np.zeros((FACES, 6, 6))
+        t[:, 1] = self.value(values, "seat")
+        J[:, 3:, :3] = np.eye(3)
+        for f in range(FACES):
+            first = self.column(f"face{f}_tx")
             if first is None:
                 continue
-            rows = self.face == f
-            w, shift = values[first : first + 3], values[first + 3 : first + 6]
-            Rw = exp_so3(w)
-            d[rows] = Rw @ d[rows]
-            d[rows, :, first : first + 3] = -Rw @ hat(p[rows]) @ right_jacobian(w)
-            d[rows, :, first + 3 : first + 6] = np.eye(3)
-            p[rows] = p[rows] @ Rw.T + shift
-        return np.einsum("lij,lj->li", R, p) + t, R @ d
+            t[f] += values[first : first + 3]
+            w = values[first + 3 : first + 6]
+            R[f] = exp_so3(w)
+            left = R[f] @ right_jacobian(w)
+            J[f, :3, 3:] = left
+            J[f, 3:, 3:] = -np.cross(left, t[f], axisa=0, axisb=0, axisc=0)
+        return R, t, J
+
+    def landmarks(self, values: Array) -> tuple[Array, Array]:
+        """Return the landmarks (L, 3), m, in frame ``box``, and their derivatives (L, 3, 4) by the direct unknowns.
+
+        A landmark p of its face becomes ``T_box_face exp(w, t) (p + scale * p + ink * outward + bow * sagitta)``.
+        """
+        p = self.p_face.copy()
+        T = self.T_box_face
+        if not self.names:
+            return _moved(T[:, :3, :3], T[:, :3, 3], self.face, p), np.zeros((len(p), 3, 0))
+        d = np.zeros((len(p), 3, DIRECT))
+        d[:, 0, 0] = self.p_face[:, 0]
+        d[:, 1, 1] = self.p_face[:, 1]
+        d[:, :2, 2] = self.outward
+        d[:, 2, 3] = self.sagitta
+        p[:, 0] *= 1 + self.value(values, "scale_x")
+        p[:, 1] *= 1 + self.value(values, "scale_y")
+        p[:, :2] += self.value(values, "ink") * self.outward
+        bow = np.array([self.value(values, f"bow{f}") for f in range(FACES)])
+        p[:, 2] += bow[self.face] * self.sagitta
+        R_m, t_m, _ = self.motions(values)
+        R = T[:, :3, :3] @ R_m
+        t = np.einsum("fij,fj->fi", T[:, :3, :3], t_m) + T[:, :3, 3]
+        return _moved(R, t, self.face, p), R[self.face] @ d
 
 
-def box_shape(options: EstimateOptions, landmark_ids: Ids, p_box: Array) -> BoxShape:
-    """Return the unknowns of the box that the options ask for.
+def _moved(R: Array, t: Array, face: Ids, p: Array) -> Array:
+    return np.asarray(np.einsum("lij,lj->li", R[face], p) + t[face])
+
+
+def target_deformation(
+    options: EstimateOptions, landmark_ids: Ids, p_box: Array, faces: Ids | None = None
+) -> TargetDeformation:
+    """Return the unknowns of the target that the options ask for.
+
+    Parameters
+    ----------
+    options
+        Priors, and the target's description.
+    landmark_ids : (L,)
+    p_box : (L, 3), m
+    faces : (L,)
+        Face of each landmark; needed only where there is no description.
 
     Raises
     ------
     CalibError
-        If a landmark is not of the box that the options describe.
+        If a landmark is not of the target that the options describe.
     """
-    names, prior = _unknowns(options)
-    face = np.zeros(len(landmark_ids), dtype=np.int64)
-    poses, by_size = np.tile(np.eye(4), (FACES, 1, 1)), np.zeros((len(landmark_ids), 3, len(SIZE_NAMES)))
-    if options.target is not None and names:
-        target = options.target
-        unknown = sorted({int(i) // CORNERS for i in np.unique(landmark_ids) if int(i) // CORNERS not in target})
-        if unknown:
-            raise CalibError(
-                f"landmarks of tag {unknown[0]}, which the box' description does not carry; give the target.json that "
-                "the landmarks were found with"
-            )
-        tags, back = np.unique(landmark_ids // CORNERS, return_inverse=True)
-        rows = np.array([target.row_of(int(t)) for t in tags])[back]
-        face, by_size = target.tag_faces[rows], size_jacobian(target)[rows, landmark_ids % CORNERS, :, :4]
-        poses = np.array([target.T_box_face(f) for f in range(FACES)])
-        off = np.linalg.norm(target.tag_corners[rows, landmark_ids % CORNERS] - p_box, axis=1)
-        if off.size and off.max() > 1e-6:
-            raise CalibError(
-                f"a landmark lies {off.max() * 1e3:.3g} mm from where the box' description has it; give the "
-                "target.json that the landmarks were found with"
-            )
-    return BoxShape(
+    L = len(landmark_ids)
+    target = options.target
+    if target is None:
+        flat = np.zeros(L, dtype=np.int64) if faces is None else faces
+        return TargetDeformation(
+            names=(),
+            sigma=np.zeros(0),
+            component=(),
+            unit=np.zeros(0),
+            information=np.zeros((0, 0)),
+            p_face=p_box,
+            face=flat,
+            outward=_OUTWARD[landmark_ids % CORNERS],
+            sagitta=np.zeros(L),
+            T_box_face=np.tile(np.eye(4), (FACES, 1, 1)),
+        )
+    unknown = sorted({int(i) // CORNERS for i in np.unique(landmark_ids) if int(i) // CORNERS not in target})
+    if unknown:
+        raise CalibError(
+            f"landmarks of tag {unknown[0]}, which the box' description does not carry",
+            remedy="give the target.json that the landmarks were found with",
+        )
+    tags, back = np.unique(landmark_ids // CORNERS, return_inverse=True)
+    rows = np.array([target.row_of(int(t)) for t in tags], dtype=np.int64)[back]
+    face = target.tag_faces[rows]
+    off = np.linalg.norm(target.tag_corners[rows, landmark_ids % CORNERS] - p_box, axis=1)
+    if off.size and off.max() > 1e-6:
+        raise CalibError(
+            f"a landmark lies {off.max() * 1e3:.3g} mm from where the box' description has it",
+            remedy="give the target.json that the landmarks were found with",
+        )
+    T = np.array([target.T_box_face(f) for f in range(FACES)])
+    p_face = np.einsum("lji,lj->li", T[face, :3, :3], p_box - T[face, :3, 3])
+    half = np.array([target.box.face_width(f) / 2 for f in range(FACES)])
+    names, sigma, component, unit = _unknowns(options)
+    return TargetDeformation(
         names=names,
-        prior=prior,
-        p_box=p_box,
-        by_size=by_size,
+        sigma=sigma,
+        component=component,
+        unit=unit,
+        information=_measured(options, names),
+        p_face=p_face,
         face=face,
         outward=_OUTWARD[landmark_ids % CORNERS],
-        T_box_face=poses,
+        sagitta=1 - (p_face[:, 0] / half[face]) ** 2,
+        T_box_face=T,
     )
 
 
-def _unknowns(options: EstimateOptions) -> tuple[tuple[str, ...], Array]:
-    """Return the names of the box' unknowns and the covariance of their prior."""
-    names: list[str] = []
-    sizes = np.zeros((4, 4))
+def _unknowns(options: EstimateOptions) -> tuple[tuple[str, ...], Array, tuple[str, ...], Array]:
+    """Return names, prior standard deviations, variance components and units in these of the target's unknowns."""
+    found: list[tuple[str, float, str, float]] = []
+
+    def add(names: Iterable[str], given: float | None, component: str, unit: float = 1.0) -> None:
+        sigma = HAND_MADE[component] if given is None else given
+        if sigma > 0:
+            found.extend((name, unit * sigma, component if given is None else "", unit) for name in names)
+
+    target = options.target
+    half = 0.0 if target is None else target.box.height / 2
+    measured = target.measured if target is not None and options.measured_sizes else None
+    if measured is not None and options.scale_sigma is None:  # the ruler says all that is known of the print
+        found += [("scale_x", np.inf, "", 1.0), ("scale_y", np.inf, "", 1.0)]
+        add(("seat",), float(np.sqrt(measured.cov[1, 1])), "print", half)
+    else:
+        add(("scale_x", "scale_y"), options.scale_sigma, "print")
+        add(("seat",), options.scale_sigma, "print", half)
+    if options.ink_sigma > 0:
+        found.append(("ink", options.ink_sigma, "", 1.0))
+    add((f"bow{f}" for f in range(FACES)), options.bow_sigma, "bow")
+    turn, place = (None, None) if options.face_sigma is None else options.face_sigma
+    for f in range(FACES):
+        add((f"face{f}_{axis}" for axis in FACE_AXES[:3]), place, "place")
+        add((f"face{f}_{axis}" for axis in FACE_AXES[3:]), turn, "turn")
+    if not found:
+        return (), np.zeros(0), (), np.zeros(0)
+    names, sigma, component, unit = zip(*found, strict=True)
+    return tuple(names), np.array(sigma), tuple(component), np.array(unit)
+
+
+def _measured(options: EstimateOptions, names: tuple[str, ...]) -> Array:
+    """Return the information on the unknowns that a ruler gave: print scales, width and depth."""
+    out = np.zeros((len(names), len(names)))
+    at = {name: k for k, name in enumerate(names)}
+    cov = np.diag(np.square([np.inf, np.inf, options.size_sigma or np.inf, options.size_sigma or np.inf]))
     measured = options.target.measured if options.target is not None and options.measured_sizes else None
     if measured is not None:
-        sizes += measured.cov[:4, :4]
-    sizes += np.diag([options.scale_sigma**2] * 2 + [options.size_sigma**2] * 2)
-    known = np.flatnonzero(np.diag(sizes) > 0)
-    names += [SIZE_NAMES[k] for k in known]
-    other: list[float] = []
-    if options.ink_sigma > 0:
-        names.append("ink")
-        other.append(options.ink_sigma)
-    if options.face_sigma[1] > 0:
-        for f in range(1, FACES):
-            names += [f"face{f}_{axis}" for axis in ("rx", "ry", "rz", "tx", "ty", "tz")]
-            other += [options.face_sigma[0]] * 3 + [options.face_sigma[1]] * 3
-    prior = np.zeros((len(names), len(names)))
-    prior[: len(known), : len(known)] = sizes[np.ix_(known, known)]
-    rest = np.arange(len(known), len(names))
-    prior[rest, rest] = np.square(other)
-    return tuple(names), prior
+        cov = measured.cov[:4, :4] + np.where(np.isfinite(cov), cov, 0.0)
+    J = np.zeros((4, len(names)))
+    for row, unknowns in enumerate((("scale_x",), ("scale_y",), ("face0_tz", "face2_tz"), ("face1_tz", "face3_tz"))):
+        for name in unknowns:
+            if name in at:
+                J[row, at[name]] = 1.0
+    known = np.isfinite(np.diag(cov)) & np.any(J != 0, axis=1)
+    if np.any(known):
+        C = cov[np.ix_(known, known)]
+        C = C + _JITTER * np.diag(np.diag(C))
+        out = J[known].T @ np.linalg.solve(C, J[known])
+    return out
+
+
+_JITTER = 1e-9
+"""Relative; sizes measured with one ruler may have a covariance that cannot be inverted."""

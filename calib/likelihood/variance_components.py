@@ -1,190 +1,136 @@
-"""Noise levels from the data: the corners' pixel factor and the wheels' slip, each with its own uncertainty.
+"""Variance components from the data, by restricted maximum likelihood (REML), at one linearization.
 
-Both are variance components, estimated by restricted likelihood: what the parameters and the poses have adapted to the
-noise is taken off. A drive of 5 stops leaves only about 6 degrees of freedom for slip, so a single value would claim
-too much: the restricted likelihood is evaluated over all levels that the data allow, with a prior flat in the logarithm
-of the legs' variance (the quantisation's part included; Jeffreys' prior for a variance) and a little weight on no slip
-at all. What is reported is the mean over them.
+A random effect of standard deviation s that the data tell to a posterior variance V in units of s^2 has used up
+``1 - V`` of a degree of freedom: ``s^2 <- sum of squares / sum of (1 - V)`` is the fixed point (Schall 1991, Biometrika
+78:719, DOI 10.1093/biomet/78.4.719). The weight of a weak prior stands in for data that do not tell.
 """
 
-from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
 
-from boxcal.calib.likelihood.levenberg_marquardt import Levels, Linearised, Weights, equations
-from boxcal.calib.likelihood.normal_equations import Solution, solve
+from boxcal.calib.likelihood.components import VarianceComponents
+from boxcal.calib.likelihood.levenberg_marquardt import Linearization, Weights
+from boxcal.calib.likelihood.normal_equations import Solution
 from boxcal.calib.likelihood.problem import Problem
-from boxcal.calib.likelihood.residuals import leg_covariance
-from boxcal.target.arrays import Array
+from boxcal.calib.likelihood.residuals import shared_values
+from boxcal.calib.likelihood.target_deformation import HAND_MADE
 
-LARGEST_SLIP = 0.3
-"""Levels of slip beyond this (m/sqrt(m)) are not considered: a wheel that slips by a third of a metre in one."""
-SMALLEST_SLIP = 1e-8
-"""What counts as no slip at all where the encoder has no step (m/sqrt(m)); exact data end here."""
 SMALLEST_PX = 1e-5
 """No corner is taken as better than this (px, standard deviation): exact data end here."""
-_QUIET = 0.02
-"""Slip of nought is taken as this share of what equals the quantisation, so that covariances stay invertible."""
-_NO_SLIP = 3.0
-"""Prior weight of no slip at all, in units of one in the logarithm of the variance.
-
-A compromise from simulations with 5 stops: less makes the sigmas of wheels that never slip too large (by 5 % at 1),
-more makes those of a slip too small to be told from the cameras' noise (0.1 mm/sqrt(m)) too small in rare runs.
-"""
-_POINTS = 17
-_ZOOMS = 4
+USUAL = {"lean": float(np.radians(0.03)), "height": 1e-4, "growth": 0.003, **HAND_MADE}
+"""Where the estimate starts, and where it stays if the data tell nothing: rad, m, px; see ``HAND_MADE``."""
+_LEAST = 1e-4
+"""Smallest standard deviation, as a share of the usual one: so small that it moves nothing, yet can grow again."""
+_PRIOR_WEIGHT = 1e-4
+"""Weight of the usual variance, in degrees of freedom."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class SlipProfile:
-    """The restricted likelihood over levels of slip.
-
-    Attributes
-    ----------
-    slip : (K,), m/sqrt(m)
-        Levels, ascending.
-    log_weight : (K,)
-        Logarithm of their probability.
-    log_evidence
-        Logarithm of the restricted likelihood's mean over the levels, up to a constant of the data and the pixel
-        factor: compares solutions of the same data.
-    solution
-        Solutions of the normal equations at those levels, about the same state.
-    information : (K, N, 3, 3)
-        Of the legs.
-    """
-
-    slip: Array
-    log_weight: Array
-    log_evidence: float
-    solution: Solution
-    information: Array
-
-    @property
-    def weight(self) -> Array:
-        """Probability of each level, (K,); sums to 1."""
-        return np.asarray(np.exp(self.log_weight))
-
-    @property
-    def mean(self) -> float:
-        """Mean level, m/sqrt(m)."""
-        return float(self.weight @ self.slip)
-
-    @property
-    def typical(self) -> float:
-        """Root of the mean variance, m/sqrt(m)."""
-        return float(np.sqrt(self.weight @ self.slip**2))
-
-    @property
-    def sigma(self) -> float:
-        """Standard deviation of the level, m/sqrt(m)."""
-        return float(np.sqrt(self.weight @ (self.slip - self.mean) ** 2))
-
-    @property
-    def mode(self) -> float:
-        """Most probable level, m/sqrt(m)."""
-        return float(self.slip[int(np.argmax(self.weight))])
-
-    def averaged(self) -> tuple[Array, Array, Array]:
-        """Return the steps of shared unknowns (n,) and stops (P, 5), and the covariance (n, n), mean over the levels.
-
-        The covariance holds what the solutions at different levels differ by.
-        """
-        w, s = self.weight, self.solution
-        d_shared = w @ s.d_shared
-        off = s.d_shared - d_shared
-        cov = np.tensordot(w, s.cov, 1) + np.einsum("k,ki,kj->ij", w, off, off)
-        return d_shared, np.tensordot(w, s.d_stops, 1), cov
-
-
-def quiet_slip(problem: Problem, at: Linearised) -> float:
-    """Return the slip that disturbs a leg as much as the quantisation of the readings at its ends does, m/sqrt(m)."""
-    rolled = at.legs.model.rolled
-    if not rolled.size or not np.any(rolled > 0):
-        return 10 * SMALLEST_SLIP
-    distance = float(np.median(rolled[rolled > 0]))
-    step = problem.step * float(np.mean(np.abs(at.state.wheels[:2])))
-    return max(float(np.sqrt(step**2 / 6 / distance)), 10 * SMALLEST_SLIP)
-
-
-def least_slip(problem: Problem, at: Linearised) -> float:
-    """Return what stands for no slip at all, m/sqrt(m): so little that it changes nothing, yet can be inverted."""
-    return max(_QUIET * quiet_slip(problem, at), SMALLEST_SLIP)
-
-
-def slip_profile(problem: Problem, at: Linearised, pixel_factor: float, weights: Weights) -> SlipProfile:
-    """Return the restricted likelihood over the levels of slip that the data allow.
-
-    Starts with all levels and closes in on those that are probable.
-    """
-    quiet = quiet_slip(problem, at)
-    low, high = 2 * np.log(quiet), np.log(LARGEST_SLIP**2 + quiet**2)
-    u = np.linspace(low, high, _POINTS + 4)
-    for zoom in range(_ZOOMS + 1):
-        step = u[1] - u[0]
-        prior = np.append(_NO_SLIP / step, np.ones(len(u)))
-        profile = _profile(problem, at, (pixel_factor, _slip(np.append(low, u), quiet)), weights, prior)
-        slipping = profile.weight[1:] / profile.weight[1:].sum()
-        spread = float(np.sqrt(slipping @ (u - slipping @ u) ** 2))
-        if zoom == _ZOOMS or step < 0.6 * spread:
-            break
-        likely = np.flatnonzero(slipping > 1e-5 * slipping.max())
-        u = np.linspace(max(low, u[likely[0]] - step), min(high, u[likely[-1]] + step), _POINTS)
-    return profile
-
-
-def fixed_profile(problem: Problem, at: Linearised, levels: Levels, weights: Weights) -> SlipProfile:
-    """Return a profile of one given level."""
-    quiet = least_slip(problem, at)
-    return _profile(problem, at, (levels.pixel_factor, np.array([max(levels.slip, quiet)])), weights, np.ones(1))
-
-
-def _slip(u: Array, quiet: float) -> Array:
-    return np.sqrt(np.maximum(np.exp(u) - quiet**2, max(_QUIET * quiet, SMALLEST_SLIP) ** 2))
-
-
-def _profile(
-    problem: Problem, at: Linearised, levels: tuple[float, Array], weights: Weights, prior: Array
-) -> SlipProfile:
-    factor, slip = levels
-    cov = leg_covariance(problem, at.legs.model, slip)
-    information = np.linalg.inv(cov) * weights.legs[:, None, None]
-    normal, squares = equations(problem, at, factor, information)
-    solution = solve(normal)
-    log_noise = np.sum(np.linalg.slogdet(cov)[1] * (weights.legs > 0), axis=-1)
-    log_weight = np.log(prior) - 0.5 * (log_noise + solution.log_det + squares - solution.decrease)
-    largest = float(log_weight.max())
-    log_evidence = largest + float(np.log(np.sum(np.exp(log_weight - largest))))
-    return SlipProfile(
+def first_components(problem: Problem, noise_scale: float, slip: float) -> VarianceComponents:
+    """Return variance components to start from."""
+    floor = 0.0 if problem.rigid_floor else 1.0
+    return VarianceComponents(
+        noise_scale=noise_scale,
         slip=slip,
-        log_weight=log_weight - log_evidence,
-        log_evidence=log_evidence - float(np.log(prior.sum())),
-        solution=solution,
-        information=information,
+        lean=floor * USUAL["lean"],
+        height=floor * USUAL["height"],
+        growth=USUAL["growth"] if problem.target.names else 0.0,
+        target={name: HAND_MADE[name] for name in sorted(set(problem.component) - {""})},
     )
 
 
-def smallest_factor(problem: Problem) -> float:
-    """Return the pixel factor below which corners would be better than ``SMALLEST_PX``."""
+def updated(
+    problem: Problem, at: Linearization, components: VarianceComponents, solution: Solution
+) -> VarianceComponents:
+    """Return the variance components of stops and target after one step of the fixed point.
+
+    Parameters
+    ----------
+    problem, at
+        The likelihood about a state.
+    components, solution
+        Components so far, and the solution of the equations that they make there.
+    """
+    joint = solution.joint_covariances()
+    s = components.local_sigma
+    values = np.concatenate([at.state.lean, at.state.growth[:, None]], axis=1)
+    unit = np.divide(values, s, out=np.zeros_like(values), where=s > 0) + solution.d_local
+    left = 1 - solution.local_variances(joint)
+    found: dict[str, float] = {}
+    for name, columns in (("lean", [0, 1]), ("height", [2]), ("growth", [3])):
+        sigma = float(s[columns[0]])
+        if sigma > 0:
+            found[name] = _fixed_point(
+                name, sigma, float(np.sum(unit[:, columns] ** 2)), float(np.sum(left[:, columns]))
+            )
+    value = shared_values(problem, at.state) + solution.d_shared
+    variance = np.diag(solution.cov)
+    target = dict(components.target)
+    for name, sigma in components.target.items():
+        rows = [k for k, component in enumerate(problem.component) if component == name]
+        own = np.square(sigma * problem.unit[rows])
+        square, freedom = float(np.sum(value[rows] ** 2 / own)), float(np.sum(1 - variance[rows] / own))
+        target[name] = _fixed_point(name, sigma, square, freedom)
+    return replace(components, **found, target=target)
+
+
+def _fixed_point(name: str, sigma: float, square: float, freedom: float) -> float:
+    usual = USUAL[name]
+    variance = (sigma**2 * square + _PRIOR_WEIGHT * usual**2) / (max(freedom, 0.0) + _PRIOR_WEIGHT)
+    return max(float(np.sqrt(variance)), _LEAST * usual)
+
+
+def smallest_scale(problem: Problem) -> float:
+    """Return the noise scale below which corners would be better than ``SMALLEST_PX``."""
     return SMALLEST_PX * float(np.sqrt(np.mean(np.linalg.det(problem.whiten))))
 
 
-def pixel_factor(
-    at: Linearised, current: float, weights: Weights, profile: SlipProfile, smallest: float
+def noise_scale(
+    problem: Problem, at: Linearization, components: VarianceComponents, weights: Weights, solution: Solution
 ) -> tuple[float, float]:
-    """Return the pixel factor, at least the smallest, and its standard deviation.
+    """Return the noise scale, at least the smallest, and its standard deviation.
 
     The corners' sum of squares over their number less the degrees of freedom that the solution takes from them.
     """
-    best = int(np.argmax(profile.weight))
-    s, normal = profile.solution, at.corner_normal
-    own, _ = s.stop_blocks()
-    with_stops = -s.cov[best] @ np.swapaxes(s.Y[best], -1, -2)
-    taken = (
-        np.sum(s.cov[best] * normal.A) + 2 * np.sum(with_stops * normal.B) + np.sum(own[best] * normal.D)
-    ) / current**2
-    freedom = 2 * float(np.count_nonzero(weights.corners)) - float(taken)
+    freedom = 2 * float(np.count_nonzero(weights.corners)) - taken(at, components, solution)
+    squares = squares_left(at, components, solution)
     if freedom <= 0:
-        return current, np.inf
-    factor = max(float(np.sqrt(at.corner_squares.sum() / freedom)), smallest)
-    return factor, factor / float(np.sqrt(2 * freedom))
+        return components.noise_scale, np.inf
+    scale = max(float(np.sqrt(squares / freedom)), smallest_scale(problem))
+    return scale, scale / float(np.sqrt(2 * freedom))
+
+
+def squares_left(at: Linearization, components: VarianceComponents, solution: Solution) -> float:
+    """Return the corners' sum of squares (noise scale 1) after the solution's step, to second order."""
+    normal, local, s = at.corner_normal, at.corner_local, components.local_sigma
+    x, y, z = solution.d_shared, solution.d_stops, solution.d_local * s
+    linear = normal.a @ x + np.sum(normal.c * y) + np.sum(local.c * z)
+    square = (
+        x @ normal.A @ x
+        + 2 * np.einsum("i,pik,pk->", x, normal.B, y)
+        + np.einsum("pi,pij,pj->", y, normal.D, y)
+        + np.einsum("pi,pij,pj->", z, local.D, z)
+        + 2 * np.einsum("i,pik,pk->", x, local.by_shared, z)
+        + 2 * np.einsum("pi,pik,pk->", y, local.by_chain, z)
+    )
+    return max(float(at.corner_squares.sum() - 2 * linear + square), 0.0)
+
+
+def taken(at: Linearization, components: VarianceComponents, solution: Solution) -> float:
+    """Return the degrees of freedom that the solution takes from the corners."""
+    normal, local, s = at.corner_normal, at.corner_local, components.local_sigma
+    e = solution.eliminated
+    n = solution.cov.shape[-1]
+    joint = solution.joint_covariances()
+    K = np.concatenate([e.by_shared, e.by_chain], axis=2)
+    with_local = -K @ joint  # (P, q, n + 5)
+    own_local = e.inverse - with_local @ np.swapaxes(K, 1, 2)
+    across = np.concatenate([local.by_shared, local.by_chain], axis=1) * s  # (P, n + 5, q)
+    total = (
+        np.sum(solution.cov * normal.A)
+        + 2 * np.sum(joint[:, :n, n:] * normal.B)
+        + np.sum(joint[:, n:, n:] * normal.D)
+        + np.sum(own_local * local.D * (s[:, None] * s))
+        + 2 * np.sum(np.swapaxes(with_local, 1, 2) * across)
+    )
+    return float(total) / components.noise_scale**2

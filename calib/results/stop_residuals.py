@@ -8,7 +8,7 @@ import numpy as np
 from boxcal.calib.four_steps.reprojection import transform
 from boxcal.calib.geometry.so3_se3 import inverse
 from boxcal.calib.likelihood.options import EstimateOptions
-from boxcal.calib.likelihood.target_deformation import box_shape
+from boxcal.calib.likelihood.target_deformation import DEFORMATIONS, target_deformation
 from boxcal.calib.results.calibration import Calibration, StopResult
 from boxcal.detect.correspondences import Correspondences, StopObservation
 from boxcal.target.arrays import Array, Ids
@@ -93,13 +93,7 @@ def stops_seen(calibration: Calibration, drives: Sequence[Correspondences], targ
 def _landmarks(calibration: Calibration, target: Target, view: StopObservation) -> Array:
     """Return a stop's landmarks (L, 3), m, moved by what was estimated of the box' shape."""
     extra = calibration.detail.extra if calibration.detail else {}
-    options = EstimateOptions(
-        scale_sigma=float("scale_x" in extra),
-        size_sigma=float("width" in extra),
-        measured_sizes=False,
-        ink_sigma=float("ink" in extra),
-        face_sigma=(1.0, 1.0) if "face1_tx" in extra else (0.0, 0.0),
-        target=target,
-    )
-    shape = box_shape(options, view.landmark_ids, view.p_box)
-    return shape.landmarks(np.array([extra.get(name, 0.0) for name in shape.names]))[0]
+    if not extra.keys() & DEFORMATIONS:
+        return np.asarray(view.p_box)
+    target_as_built = target_deformation(EstimateOptions(target=target), view.landmark_ids, view.p_box)
+    return target_as_built.landmarks(np.array([extra.get(name, 0.0) for name in target_as_built.names]))[0]

@@ -1,18 +1,21 @@
 """How well a drive can be calibrated at best: the Cramer-Rao bound at the truth, and errors against the truth."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
+from boxcal.calib.geometry.parameters import COUNT
 from boxcal.calib.geometry.so3_se3 import log_so3
+from boxcal.calib.likelihood.components import VarianceComponents
 from boxcal.calib.likelihood.estimate import Estimate
-from boxcal.calib.likelihood.levenberg_marquardt import Weights, equations, leg_information, linearise
+from boxcal.calib.likelihood.levenberg_marquardt import Weights, equations, leg_information, linearize
 from boxcal.calib.likelihood.normal_equations import solve
 from boxcal.calib.likelihood.options import EstimateOptions
-from boxcal.calib.likelihood.problem import Problem, State, build_problem
+from boxcal.calib.likelihood.problem import Problem, build_problem
+from boxcal.calib.likelihood.slip_profile import quiet_slip
+from boxcal.calib.likelihood.state import State, resting
 from boxcal.calib.likelihood.summary import reported_cov
-from boxcal.calib.likelihood.variance_components import least_slip
 from boxcal.detect.correspondences import Correspondences
 from boxcal.target.arrays import Array
 from boxcal.target.camera.camera_model import CameraModel, first_values
@@ -36,7 +39,11 @@ class Truth:
         Of each wheel.
     encoder_step : rad
         0 for encoders without steps.
-    pixel_factor
+    lean, height : rad, m
+        How much roll and pitch, and height, truly vary from stop to stop.
+    target
+        How much the target as built truly deviates, by variance component; where it is missing, as usual.
+    noise_scale
         What the corners' true standard deviations are of those in their covariances.
     """
 
@@ -48,7 +55,14 @@ class Truth:
     stop_poses: tuple[Array, ...]
     slip: float
     encoder_step: float
-    pixel_factor: float = 1.0
+    noise_scale: float = 1.0
+    lean: float = 0.0
+    height: float = 0.0
+    target: Mapping[str, float] = field(default_factory=dict)
+
+
+_NO_SLIP = 0.02
+"""No slip at all is taken as this share of what equals the encoders' quantisation, so that nothing is exact."""
 
 
 def cramer_rao(drives: Sequence[Correspondences], truth: Truth, options: EstimateOptions | None = None) -> Array:
@@ -59,12 +73,15 @@ def cramer_rao(drives: Sequence[Correspondences], truth: Truth, options: Estimat
     options = options or EstimateOptions()
     kept = [tuple(range(len(d.stops))) for d in drives]
     problem = build_problem(drives, kept, options, truth.encoder_step)
-    weights = Weights(corners=np.ones(len(problem.uv_px)), legs=np.ones(len(problem.leg_stop)))
-    at = linearise(problem, _state(problem, truth), weights)
-    information = leg_information(problem, at.legs, weights, np.array(max(truth.slip, least_slip(problem, at))))
-    normal, _ = equations(problem, at, truth.pixel_factor, information)
+    weights = Weights(corners=np.ones(len(problem.uv_px)), legs=problem.leg_known.astype(np.float64))
+    at = linearize(problem, _state(problem, truth), weights)
+    slip = max(truth.slip, _NO_SLIP * quiet_slip(problem, at))
+    components = VarianceComponents(
+        noise_scale=truth.noise_scale, slip=slip, lean=truth.lean, height=truth.height, target=dict(truth.target)
+    )
+    normal, _ = equations(problem, at, components, leg_information(problem, at.legs, weights, np.array(slip)))
     nothing = np.zeros(len(problem.names), dtype=np.bool_)
-    return reported_cov(solve(normal).cov, at.state, nothing)[:14, :14]
+    return reported_cov(solve(normal).cov, at.state, nothing)[:COUNT, :COUNT]
 
 
 def errors(estimate: Estimate, truth: Truth) -> Array:
@@ -84,12 +101,10 @@ def errors(estimate: Estimate, truth: Truth) -> Array:
 def _state(problem: Problem, truth: Truth) -> State:
     k = truth.camera
     poses = np.concatenate(truth.stop_poses)
-    return State(
+    return resting(
+        problem,
         lens=first_values(problem.lens, np.array([k.fu, k.fv, k.cu, k.cv, k.kr])),
         wheels=np.array([truth.rR, truth.rL, truth.b]),
         T_body_cam=truth.T_body_cam,
-        tilt=np.zeros((problem.drives, 2)),
-        shape=np.zeros(len(problem.box.names)),
         poses=poses,
-        readings=np.zeros((len(poses), 2)),
     )

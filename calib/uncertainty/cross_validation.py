@@ -7,17 +7,22 @@ from itertools import pairwise
 import numpy as np
 
 from boxcal.calib.four_steps.procedure import FourSteps
+from boxcal.calib.geometry.parameters import WHEELS
 from boxcal.calib.likelihood.estimator import fit_cameras, step_of
 from boxcal.calib.likelihood.fit import Fit
 from boxcal.calib.likelihood.initial_guess import camera_start
-from boxcal.calib.likelihood.levenberg_marquardt import Weights, linearise
+from boxcal.calib.likelihood.levenberg_marquardt import Weights, linearize, picture_equations
+from boxcal.calib.likelihood.normal_equations import eliminate
 from boxcal.calib.likelihood.options import EstimateOptions
 from boxcal.calib.likelihood.problem import build_problem
-from boxcal.calib.likelihood.residuals import leg_covariance
+from boxcal.calib.likelihood.residuals import FIRST_STOP, leg_covariance
+from boxcal.calib.likelihood.state import POSE
 from boxcal.detect.correspondences import Correspondences
 from boxcal.target.arrays import Array
 
 _STEPS = 30
+_CLOSE = 1e-10
+"""m and rad: a step that changes the pose by less is the last."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -107,48 +112,52 @@ def validate(
 
 
 def _predict(fit: Fit, drives: Sequence[Correspondences], d: int, before: int, j: int) -> HeldOut:
-    problem, weights = fit.problem, fit.profile.weight
+    problem = fit.problem
     row = int(np.flatnonzero((problem.drive == d) & (problem.stop == before))[0])
     pair = build_problem(drives, [(before, j) if e == d else () for e in range(len(drives))], fit.options, problem.step)
     first = fit.state
     state = replace(
         first,
         poses=np.repeat(first.poses[row : row + 1], 2, axis=0),
-        readings=np.concatenate([first.readings[row : row + 1], np.zeros((1, 2))]),
+        lean=np.concatenate([first.lean[row : row + 1], np.zeros((1, 3))]),
+        growth=np.zeros(2),
+        encoder_errors=np.concatenate([first.encoder_errors[row : row + 1], np.zeros((1, 2))]),
     )
     corners = int(pair.corner_starts[-1])
     only_new = (np.arange(corners) >= pair.corner_starts[1]).astype(np.float64)
     use = Weights(corners=only_new, legs=np.ones(1))
     # First where the wheels lead, then where the camera sees it.
     theta = state.poses[0, 2]
-    at = linearise(pair, state, use)
-    lead = at.legs.residual[0]
+    lead = linearize(pair, state, use).legs.residual[0]
     c, s = np.cos(theta), np.sin(theta)
-    poses = state.poses.copy()
-    poses[1] += (c * lead[0] - s * lead[1], s * lead[0] + c * lead[1], lead[2])
+    state.poses[1] += (c * lead[0] - s * lead[1], s * lead[0] + c * lead[1], lead[2])
     for _ in range(_STEPS):
-        at = linearise(pair, replace(state, poses=poses), use)
-        change = np.linalg.solve(at.corner_normal.D[1, :3, :3], at.corner_normal.c[1, :3])
-        poses = poses.copy()
-        poses[1] += change
-        if np.max(np.abs(change)) < 1e-10:
+        at = linearize(pair, state, use)
+        seen, local = eliminate(picture_equations(pair, at, fit.components)[0])
+        D, B = seen.D[1, POSE, POSE], seen.B[1, :, POSE]
+        change = np.linalg.solve(D, seen.c[1, POSE])
+        if np.max(np.abs(change)) < _CLOSE:
             break
-    at = linearise(pair, replace(state, poses=poses), use)
-    D, B = at.corner_normal.D[1, :3, :3], at.corner_normal.B[1, :, :3]
+        d_local = (local.c[1] - local.by_chain[1, :, POSE] @ change) * fit.components.local_sigma
+        poses, lean, growth = state.poses.copy(), state.lean.copy(), state.growth.copy()
+        poses[1] += change
+        lean[1] += d_local[:3]
+        growth[1] += d_local[3]
+        state = replace(state, poses=poses, lean=lean, growth=growth)
     J = at.legs.jacobian[0]
-    by_shared = -J[:, 8:11] @ np.linalg.solve(D, B.T)
-    by_shared[:, 5:8] += J[:, :3]
-    solution = fit.profile.solution
-    own, _ = solution.stop_blocks()
-    best = int(np.argmax(weights))
-    cross = -solution.Y[best, row] @ solution.cov[best]
-    joint = np.block([[fit.cov, cross.T], [cross, own[best, row]]])
-    G = np.concatenate([by_shared, J[:, 3:8]], axis=1)
+    pose, readings = J[:, 8:11], J[:, 11:13]  # of the stop that was held out
+    by_shared = -pose @ np.linalg.solve(D, B.T)
+    by_shared[:, WHEELS] += J[:, :3]
+    solution = fit.profile.solution.at(fit.profile.best)
+    joint = solution.joint_covariances()[row]
+    n = len(fit.cov)
+    joint[:n, :n] = fit.cov
+    G = np.concatenate([by_shared, J[:, FIRST_STOP]], axis=1)
     cov = (
         G @ joint @ G.T
-        + fit.levels.pixel_factor**2 * J[:, 8:11] @ np.linalg.solve(D, J[:, 8:11].T)
-        + J[:, 11:13] @ J[:, 11:13].T
-        + leg_covariance(pair, at.legs.model, np.array(fit.levels.slip))[0]
+        + pose @ np.linalg.solve(D, pose.T)
+        + readings @ readings.T
+        + leg_covariance(pair, at.legs.model, np.array(fit.components.slip))[0]
     )
     error = at.legs.residual[0]
     off = np.linalg.solve(pair.whiten, at.residual_px[:, :, None])[only_new > 0, :, 0]

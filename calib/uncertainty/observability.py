@@ -7,8 +7,10 @@ that the drive leaves open.
 
 import numpy as np
 
+from boxcal.calib.geometry.parameters import MOUNTING
 from boxcal.calib.likelihood.estimate import Direction
-from boxcal.calib.likelihood.problem import MOUNTING, Problem, State
+from boxcal.calib.likelihood.problem import Problem
+from boxcal.calib.likelihood.state import State
 from boxcal.target.arrays import Array, Mask
 
 WEAK_SIGMA = 1.0
@@ -45,7 +47,7 @@ def natural_units(problem: Problem, state: State) -> Array:
             unit = 5e-3
         elif name.startswith("tilt") or name.endswith(("rx", "ry", "rz")):
             unit = 1e-2
-        elif name in {"ink", "width", "depth"} or name.endswith(("_tx", "_ty", "_tz")):
+        elif name == "ink" or name.startswith("bow") or name.endswith(("_tx", "_ty", "_tz")):
             unit = 1e-3
         elif name.startswith("scale"):
             unit = 1e-2

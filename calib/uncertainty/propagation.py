@@ -4,9 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from boxcal.calib.geometry.parameters import CAMERA, MOUNTING, ORDER
 from boxcal.calib.likelihood.estimate import Estimate
 from boxcal.calib.likelihood.leg_model import LegModel, WheelPath, leg_model
-from boxcal.calib.likelihood.problem import REPORTED
 from boxcal.calib.uncertainty.projection import projection_sigma
 from boxcal.target.arrays import Array
 
@@ -124,6 +124,8 @@ def _model(wheels: Array, phi: Array) -> LegModel:
         starts=np.zeros(1, dtype=np.int64),
         leg=np.zeros(_SAMPLES, dtype=np.int64),
         moving=(n, n),
+        phi_start=n[:, None] * phi / _SAMPLES,
+        t_start_ns=np.zeros(0, dtype=np.int64),
     )
     none = np.zeros((1, 2))
     return leg_model(path, wheels, none, none)
@@ -146,6 +148,6 @@ def _projection(estimate: Estimate, image_size: tuple[int, int], distance_m: flo
 
 def camera_covariance(estimate: Estimate) -> tuple[tuple[str, ...], Array]:
     """Return the names of the camera model's coefficients and of the mounting, and their covariance."""
-    names = (*REPORTED[:5], *estimate.camera.further, *REPORTED[8:])
+    names = (*ORDER[CAMERA], *estimate.camera.further, *ORDER[MOUNTING])
     columns = [estimate.names.index(name) for name in names]
     return names, estimate.cov_all[np.ix_(columns, columns)]

@@ -52,7 +52,9 @@ def test_a_measured_box_with_free_faces_gives_wheels_within_3_sigma(seed: int) -
     found = estimate([drive], None, EstimateOptions(target=known, face_sigma=free))
     for name in ("rR", "rL", "b"):
         assert abs(getattr(found, name) - getattr(robot, name)) < 3 * found.sigma[name]
-    sure = estimate([drive], None, EstimateOptions(target=replace(known, measured=None), face_sigma=free))
+    sure = estimate(
+        [drive], None, EstimateOptions(target=replace(known, measured=None), scale_sigma=0.0, face_sigma=free)
+    )
     # All lengths scale with the box, so the ruler's 0.1 % is part of every sigma.
     assert found.sigma["rL"] > sure.sigma["rL"]
     assert found.sigma["rL"] > 0.0005 * robot.rL
@@ -62,7 +64,8 @@ def test_a_wrong_box_taken_as_designed_is_said_in_the_verdict() -> None:
     robot, design = turtlebot(), make_target()
     drive = _drive(robot, design, 1)
     steps = solve_four_steps(drive)
-    found = estimate([drive], [steps], EstimateOptions(target=design))
+    as_designed = EstimateOptions(target=design, scale_sigma=0.0, face_sigma=(0.0, 0.0), bow_sigma=0.0)
+    found = estimate([drive], [steps], as_designed)
     origin = Provenance(version="0", command="", created="2026-01-01T00:00:00+00:00")
     result: Calibration = refined("r", [drive], [steps], found, origin)
     judged = judge(result, drive, design)

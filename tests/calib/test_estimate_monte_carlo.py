@@ -59,7 +59,7 @@ def test_errors_reach_the_bound_and_intervals_hold(slip: float) -> None:
 
 @pytest.mark.slow
 def test_given_levels_of_noise_are_used() -> None:
-    options = replace(EstimateOptions(), slip=0.001, pixel_factor=1.0)
+    options = replace(EstimateOptions(), slip=0.001, noise_scale=1.0)
     over_bound, over_sigma, _ = many(6, 0.001, options)
     np.testing.assert_allclose(over_bound, over_sigma, atol=0.7)
     assert np.sqrt(np.mean(over_bound**2)) < 1.15

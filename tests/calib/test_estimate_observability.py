@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 
 from boxcal.calib.errors import CalibError
+from boxcal.calib.geometry.parameters import ORDER
 from boxcal.calib.likelihood import estimate
 from boxcal.calib.likelihood.estimator import fit
 from boxcal.calib.likelihood.options import EstimateOptions
-from boxcal.calib.likelihood.problem import REPORTED, build_problem
+from boxcal.calib.likelihood.problem import build_problem
 from boxcal.calib.simulate.drive import DriveOptions, exact_correspondences, simulate_drive
 from boxcal.calib.simulate.robot import khepera
 from boxcal.calib.uncertainty.observability import open_directions
@@ -53,7 +54,7 @@ def test_null_direction_of_the_information_is_named_and_gets_no_finite_sigma() -
     done = fit([exact_correspondences(khepera(), make_target(), drive, 0.2, rng)])
     best = int(np.argmax(done.profile.weight))
     information = done.profile.solution.information[best].copy()
-    b = REPORTED.index("b")
+    b = ORDER.index("b")
     information[b, :] = information[:, b] = 0.0
     directions, unknown = open_directions(done.problem, done.state, information)
     assert np.isinf(directions[0].sigma)
@@ -79,7 +80,14 @@ def test_stops_left_out_by_the_camera_step_are_driven_through() -> None:
     drive = simulate_drive(khepera(), make_target(), DriveOptions(stops=8, encoder_step=STEP, steps_per_sample=2), rng)
     data = exact_correspondences(khepera(), make_target(), drive, 0.2, rng)
     s = data.stops[3]
-    blind = replace(s, landmark_ids=s.landmark_ids[:4], p_box=s.p_box[:4], uv_px=s.uv_px[:4], cov_px2=s.cov_px2[:4])
+    blind = replace(
+        s,
+        landmark_ids=s.landmark_ids[:4],
+        p_box=s.p_box[:4],
+        uv_px=s.uv_px[:4],
+        cov_px2=s.cov_px2[:4],
+        faces=s.faces[:4],
+    )
     found = estimate([replace(data, stops=(*data.stops[:3], blind, *data.stops[4:]))])
     assert found.drives[0].stops == (0, 1, 2, 4, 5, 6, 7)
     assert len(found.drives[0].leg_p_values) == 6

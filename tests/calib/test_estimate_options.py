@@ -9,7 +9,7 @@ import pytest
 from boxcal.calib.errors import CalibError
 from boxcal.calib.geometry.so3_se3 import exp_so3, inverse, rigid
 from boxcal.calib.likelihood import CameraKind, Estimate, EstimateOptions, estimate
-from boxcal.calib.likelihood.camera_selection import choose_lens
+from boxcal.calib.likelihood.estimator import fit
 from boxcal.calib.simulate.drive import Drive, DriveOptions, exact_correspondences, simulate_drive
 from boxcal.calib.simulate.robot import turtlebot
 from boxcal.calib.uncertainty.cramer_rao import Truth, errors
@@ -88,12 +88,12 @@ def test_measured_sizes_bound_the_size_of_everything(drive: Drive) -> None:
     measured = make_target(measured=Measured(sx=1.0, sy=1.0, width=0.25, depth=0.25, height=0.2, cov=cov))
     data = exact_correspondences(ROBOT, TARGET, drive, 0.1, np.random.default_rng(0))
     plain = estimate([data])
-    with_sizes = estimate([data], None, EstimateOptions(target=measured))
-    assert {"scale_x", "scale_y", "width", "depth"} <= set(with_sizes.names)
-    assert with_sizes.sigma["rR"] > 1.3 * plain.sigma["rR"]
-    assert with_sizes.sigma["rz"] < 1.3 * plain.sigma["rz"]  # angles do not care for the box' size
-    without = estimate([data], None, EstimateOptions(target=measured, measured_sizes=False))
-    assert without.sigma["rR"] == pytest.approx(plain.sigma["rR"], rel=1e-6)
+    faces_known = EstimateOptions(target=measured, face_sigma=(1e-3, 2.5e-4))
+    with_sizes = estimate([data], None, faces_known)
+    assert {"scale_x", "scale_y"} <= set(with_sizes.names)
+    assert with_sizes.sigma["rR"] > 1.2 * plain.sigma["rR"]
+    without = estimate([data], None, replace(faces_known, measured_sizes=False, scale_sigma=5e-3))
+    assert with_sizes.extra_sigma["scale_x"] < without.extra_sigma["scale_x"]
 
 
 def test_face_that_was_glued_askew_is_found(drive: Drive) -> None:
@@ -125,19 +125,18 @@ def through(lens: CameraKind, values: Array, drive: Drive) -> Correspondences:
     [
         (CameraKind.RADIAL, [-0.08]),
         (CameraKind.BROWN, [-0.25, 0.09, 2e-3, -1.5e-3, 0.0]),
-        (CameraKind.FISHEYE, [-0.03, 0.01, 0.0, 0.0]),
     ],
 )
-def test_lens_is_found_and_chosen_by_the_information_criterion(
+def test_camera_model_is_found_and_chosen_by_the_images(
     drive: Drive, lens: CameraKind, coefficients: list[float]
 ) -> None:
     k = ROBOT.camera
     values = np.array([k.fu, k.fv, k.cu, k.cv, *coefficients])
     data = through(lens, values, drive)
-    choice = choose_lens([data])
-    assert choice.best.camera.kind is lens
-    found = choice.best
-    assert min(score.bic for score in choice.scores) == next(s.bic for s in choice.scores if s.lens is lens)
+    solved = fit([data], None, EstimateOptions(lens=None))
+    assert solved.problem.lens is solved.camera_scores[0].kind is lens
+    assert solved.camera_scores[0].score == 0 < solved.camera_scores[1].score
+    found = estimate([data], None, EstimateOptions(lens=None))
     sigma = np.array(
         [
             *(found.sigma[n] for n in ("fu", "fv", "cu", "cv", "kr")),

@@ -8,11 +8,11 @@ import pytest
 from scipy import stats
 
 from boxcal.calib.four_steps.procedure import solve_four_steps
+from boxcal.calib.geometry.parameters import MOUNTING
 from boxcal.calib.geometry.so3_se3 import Array, exp_se3, exp_so3, log_so3
 from boxcal.calib.likelihood import Estimate, EstimateOptions, estimate
 from boxcal.calib.likelihood.estimator import fit, fit_cameras
 from boxcal.calib.likelihood.initial_guess import camera_start
-from boxcal.calib.likelihood.problem import MOUNTING
 from boxcal.calib.likelihood.summary import reported_cov
 from boxcal.calib.results.diagnostics import ORDER
 from boxcal.calib.simulate.drive import DriveOptions, exact_correspondences, simulate_drive
@@ -121,7 +121,7 @@ def test_every_sigma_of_wheels_and_extrinsics_holds_over_seeded_drives() -> None
 def held_out(seed: int, slip: float) -> HeldOut:
     """The middle stop of a drive of 10 with an encoder of 3 deg, predicted without it; the noise levels are known."""
     drives, step = [drive(seed, 10, 3.0, slip)[0]], radians(3.0)
-    options = EstimateOptions(slip=slip, pixel_factor=1.0, encoder_step=step)
+    options = EstimateOptions(slip=slip, noise_scale=1.0, encoder_step=step)
     cameras = camera_start(drives, None)
     return _predict(fit_cameras(drives, cameras.only([(0, 1, 2, 3, 4, 6, 7, 8, 9)]), options, step), drives, 0, 4, 5)
 
