@@ -18,9 +18,11 @@ from scipy.optimize import least_squares
 from boxcal.calib.four_steps.procedure import FourSteps, solve_four_steps
 from boxcal.calib.likelihood import EstimateOptions, estimate
 from boxcal.calib.likelihood.estimator import fit, step_of
+from boxcal.calib.likelihood.explanation import Columns
 from boxcal.calib.likelihood.initial_guess import camera_start, first_states
-from boxcal.calib.likelihood.problem import PER_STOP, build_problem, moved
+from boxcal.calib.likelihood.problem import LOCAL, PER_STOP, build_problem
 from boxcal.calib.likelihood.residuals import corner_residuals, leg_covariance, leg_residuals
+from boxcal.calib.likelihood.state import State, retract
 from boxcal.calib.simulate.drive import DriveOptions, exact_correspondences, simulate_drive
 from boxcal.calib.simulate.robot import khepera
 from boxcal.detect.correspondences import Correspondences
@@ -54,24 +56,30 @@ def through_scipy(data: Correspondences, start: FourSteps) -> tuple[float, int, 
     cameras = camera_start([data], start)
     problem = build_problem([data], cameras.kept, options, step_of([data], options))
     state = first_states(problem, [data], cameras, options.lens)[0]
-    model = leg_residuals(problem, done.state).model
-    whiten = np.linalg.inv(np.linalg.cholesky(leg_covariance(problem, model, np.array(done.levels.slip))))
-    n, P = len(problem.names), len(problem.drive)
+    legs = leg_residuals(problem, done.state, Columns())
+    whiten = np.linalg.inv(np.linalg.cholesky(leg_covariance(problem, legs.model, np.array(done.components.slip))))
+    n, P, own = len(problem.names), len(problem.drive), PER_STOP + LOCAL
     finite = np.isfinite(problem.prior)
+    lean = done.components.local_sigma[:3]
+
+    def at(x: Array) -> State:
+        stops = x[n:].reshape(P, own)
+        return retract(problem, state, x[:n], stops[:, :PER_STOP], stops[:, PER_STOP:])
 
     def residuals(x: Array) -> Array:
-        here = moved(problem, state, x[:n], x[n:].reshape(P, PER_STOP))
-        legs = whiten @ leg_residuals(problem, here).residual[:, :, None]
+        here = at(x)
+        legs = whiten @ leg_residuals(problem, here, Columns()).residual[:, :, None]
         value = here.tilt.ravel() / problem.prior[finite]
-        corners = corner_residuals(problem, here).residual / done.levels.pixel_factor
-        return np.concatenate([corners.ravel(), legs.ravel(), value, here.readings.ravel()])
+        corners = corner_residuals(problem, here, Columns()).residual / done.components.noise_scale
+        own = [(here.lean / lean).ravel(), here.encoder_errors.ravel()]
+        return np.concatenate([corners.ravel(), legs.ravel(), value, *own])
 
-    found = least_squares(residuals, np.zeros(n + PER_STOP * P), method="trf", x_scale="jac")
+    found = least_squares(residuals, np.zeros(n + own * P), method="trf", x_scale="jac")
     seconds = time.process_time() - begin
     return (
         seconds,
-        found.nfev + found.njev * (n + PER_STOP * P),
-        moved(problem, state, found.x[:n], found.x[n:].reshape(P, PER_STOP)).wheels,
+        found.nfev + found.njev * (n + own * P),
+        at(found.x).wheels,
     )
 
 

@@ -19,6 +19,8 @@ from boxcal.calib.likelihood.state import State
 from boxcal.target.arrays import Array
 from boxcal.target.camera.camera_model import CameraKind, CameraModel, further_names, unproject
 
+_TIE = 4.0
+"""Where a fisheye and Brown's model fit a wide field alike, the fisheye is taken: it goes on as lenses do."""
 WIDE = 0.8
 """Tangent of the angle off the axis from which on corners can tell a fisheye from a polynomial: 39 deg."""
 _PER_COEFFICIENT, _PER_RATIONAL = 2.4, 5.4
@@ -55,6 +57,8 @@ def choose_camera(solve: Solve, image_size: tuple[int, int]) -> tuple[Fit, tuple
             lowered[CameraKind.RATIONAL] = lowered_by(rational, brown)
     counts = {kind: 1 + len(further_names(kind)) for kind in lowered}
     charged = {kind: _charge(kind, counts[kind]) - lowered[kind] for kind in lowered}
+    if CameraKind.FISHEYE in charged:
+        charged[CameraKind.FISHEYE] -= _TIE
     for kind in sorted(charged, key=lambda kind: charged[kind]):
         fit = fits.get(kind) or solve(kind, brown)
         # Only a rational model can have a pole between the corners; refuse it, not what is needed.

@@ -284,7 +284,8 @@ def test_two_workers_give_what_one_gives(good: Path, tmp_path: Path, capsys: pyt
         assert status == 0, err
     for robot in ("good", "second"):
         a, b = (json.loads((tmp_path / k / robot / "calibration.json").read_text()) for k in "12")
-        assert a["T_body_cam"] == b["T_body_cam"]
+        # Sums are taken in another order where arrays lie elsewhere in memory: far below a sigma, yet not to the bit.
+        np.testing.assert_allclose(a["T_body_cam"], b["T_body_cam"], atol=1e-6)
 
 
 def test_drives_of_one_robot_are_solved_together(
@@ -328,7 +329,17 @@ def test_everything_that_users_take_away_is_written(
     out = tmp_path / "out"
     viewer = ("--results-mcap", tmp_path / "drive.mcap")
     status, text, err = _run(
-        capsys, good, "--out", out, "--draw", "--validate", "--nominal", tmp_path / "nominal.yaml", *viewer
+        capsys,
+        good,
+        "--out",
+        out,
+        "--draw",
+        "--validate",
+        "--nominal",
+        tmp_path / "nominal.yaml",
+        *viewer,
+        "--lens",
+        "radial",
     )
     assert status == 0, err
     assert re.search(r"^good: (good|usable|redo) - ", text, flags=re.MULTILINE)
@@ -353,9 +364,9 @@ def test_every_prior_and_lens_is_taken(good: Path, tmp_path: Path, capsys: pytes
         (("--lens", "auto"), ""),
         (("--lens", "brown"), "k2"),
         (("--scale-prior-percent", "0.5"), "scale_x"),
-        (("--size-prior-mm", "0.5"), "depth"),
+        (("--size-prior-mm", "0.5"), "face0_tz"),
         (("--face-prior-mm", "0.5"), "face"),
-        (("--ink-prior-mm", "0", "--tilt-prior-deg", "0"), ""),
+        (("--ink-prior-mm", "0", "--tilt-prior-deg", "0"), "growth"),
         (("--encoder-step-deg", "0.1302", "--slip-mm", "0.2"), ""),
     ):
         status, out, err = _run(capsys, saved, *words, "--out", tmp_path / "b", "--quiet", "--no-report")
@@ -366,9 +377,9 @@ def test_every_prior_and_lens_is_taken(good: Path, tmp_path: Path, capsys: pytes
         names = [*detail.extra, *again.camera.further]
         assert any(unknown in name for name in names) or not unknown, (words, names)
         if words[1] == "auto":
-            assert "camera model chosen by BIC" in out
+            assert "camera model chosen by the images" in out
         if words[0] == "--ink-prior-mm":
-            assert not detail.extra
+            assert not {"ink", "tilt_x", "tilt_y"} & set(detail.extra)
         if words[0] == "--encoder-step-deg":
             assert detail.noise.slip == pytest.approx(2e-4)
 
