@@ -42,11 +42,8 @@ def _of_file(path: str, count: int, rng: random.Random) -> list[Mutant]:
     for start, end, new in rng.sample(changes, min(count, len(changes))):
         old, shown = _unique(text, start, end, new)
         line = text.count("\n", 0, start) + 1
-        out.append(
-            Mutant(
-                name=f"{Path(path).stem}:{line}:{text[start:end]}->{new}", file=path, old=old, new=shown, tests=tests
-            )
-        )
+        name = f"{Path(path).stem}:{line} {text[start:end]} -> {new or 'nothing'}"
+        out.append(Mutant(name=name, file=path, old=old, new=shown, tests=tests))
     return out
 
 
@@ -93,7 +90,7 @@ def _changes(tree: ast.Module, lines: list[str]) -> Iterator[tuple[int, int, str
             yield from operator(node.values[0], node.values[1], kind, _BOOL[type(node.op)])
         elif isinstance(node, ast.UnaryOp) and isinstance(node.op, (ast.USub, ast.Not)):
             start, _ = span(node)
-            yield start, span(node.operand)[0], ""
+            yield start, start + (1 if isinstance(node.op, ast.USub) else len("not ")), ""
         elif isinstance(node, ast.Constant) and type(node.value) in {int, float}:
             start, end = span(node)
             yield start, end, str(node.value + 1) if isinstance(node.value, int) else repr(node.value * 2 + 1e-3)
@@ -106,6 +103,6 @@ def _code(tree: ast.Module) -> Iterator[ast.AST]:
         node = todo.pop()
         yield node
         for name, value in ast.iter_fields(node):
-            if name in {"annotation", "returns", "exc", "decorator_list"} or isinstance(value, ast.JoinedStr):
-                continue
-            todo += [v for v in (value if isinstance(value, list) else [value]) if isinstance(v, ast.AST)]
+            if name not in {"annotation", "returns", "exc", "decorator_list"}:
+                parts = value if isinstance(value, list) else [value]
+                todo += [part for part in parts if isinstance(part, ast.AST) and not isinstance(part, ast.JoinedStr)]
