@@ -6,12 +6,14 @@ import numpy as np
 import pytest
 
 from boxcal.calib.errors import CalibError
+from boxcal.calib.four_steps.procedure import solve_motion
 from boxcal.calib.four_steps.step1_camera import CameraMode, calibrate_camera
 from boxcal.calib.four_steps.step2_heading import MAX_RELATIVE_SIGMA, solve_heading, unwrap_turns
-from boxcal.calib.geometry.diff_drive import legs_between
-from boxcal.calib.geometry.so3_se3 import Array, wrap
+from boxcal.calib.geometry.diff_drive import Legs, legs_between, unit_path
+from boxcal.calib.geometry.so3_se3 import inverse, wrap
 from boxcal.detect.correspondences import Correspondences, StopObservation
 from boxcal.detect.log.wheel_samples import WheelSamples
+from boxcal.target.arrays import Array
 
 
 def nearly_straight(relative_sigma: float, sigma: float, rng: np.random.Generator) -> tuple[Array, Array]:
@@ -111,3 +113,26 @@ def test_a_leg_holds_both_stops_angles_and_every_sample_between_them() -> None:
     through = legs_between(drive, (0, 2))  # the middle stop driven through
     assert through.ends == (0, 6)
     np.testing.assert_allclose(through.phi_L[1], phi[10, 1] - phi[1, 1] - 0.25, rtol=1e-12)
+
+
+def test_what_step_4_says_of_its_fit_is_what_its_solution_leaves(exact: Any) -> None:
+    """The misfit is how far wheels and camera disagree on where the body went, root mean square over the pairs."""
+    drive = exact.through(exact.around(8, 1.2, 3.0, np.random.default_rng(9)), exact.mounting(3.0, 9.0, 1.0))
+    slip = 1 + 0.01 * np.random.default_rng(10).normal(size=drive.dphi.shape)
+    legs = Legs(dphi_R=drive.dphi[:, 0] * slip[:, 0], dphi_L=drive.dphi[:, 1] * slip[:, 1], ends=drive.ends)
+    found = solve_motion(drive.camera_step(), legs)
+    step, T_cam_box = found.mounting, drive.T_cam_box
+    xy, heading = unit_path(legs, found.heading.aR, found.heading.aL)
+    square = []
+    for i, j in zip(*np.triu_indices(len(T_cam_box), 1), strict=True):
+        seen = found.T_body_cam @ T_cam_box[j] @ inverse(T_cam_box[i]) @ inverse(found.T_body_cam)  # bodyj from bodyi
+        c, s = np.cos(heading[i]), np.sin(heading[i])
+        beta = np.array([[c, s], [-s, c]]) @ (xy[j] - xy[i])
+        back = float(found.axis.theta[i, j])
+        rolled = -np.array([[np.cos(back), -np.sin(back)], [np.sin(back), np.cos(back)]]) @ beta * step.rL
+        square.append(np.sum((rolled - seen[:2, 3]) ** 2))
+    assert step.misfit == pytest.approx(np.sqrt(np.mean(square)), rel=1e-6)
+    assert step.rank_ratio == pytest.approx(step.singular_values[3] / step.singular_values[2], rel=1e-12)
+    assert step.null_ratio == pytest.approx(step.singular_values[4] / step.singular_values[3], rel=1e-12)
+    assert 0 < step.null_ratio < 0.1 < step.rank_ratio < 1
+    assert step.misfit > 1e-4
