@@ -1,9 +1,8 @@
-"""From the linear intensity on the sensor to grey levels: PSF, exposure, response function, noise, rounding."""
+"""From the linear intensity on the sensor to grey levels: exposure, response function, noise, rounding."""
 
 from dataclasses import dataclass
 from math import ceil, isfinite
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -27,7 +26,7 @@ class SensorModel:
     noise : grey levels (0..255)
         Standard deviation of the Gaussian noise, added after the response function.
     psf_px : px
-        Standard deviation of the lens's Gaussian blur.
+        Standard deviation of the lens's Gaussian PSF; the pixel's own square comes on top.
     motion_blur_px : px
         How far the picture moves during the exposure (whole length of the streak).
     motion_angle : rad
@@ -88,7 +87,7 @@ class SensorModel:
 def expose(light: Reals, sensor: SensorModel, rng: np.random.Generator | None) -> NDArray[np.uint8]:
     """Return the grey picture (H, W) of the light (H, W) on the sensor.
 
-    Order: blur, vignetting and exposure, response function, noise, rounding.
+    Order: vignetting and exposure, response function, noise, rounding.
 
     Raises
     ------
@@ -99,12 +98,6 @@ def expose(light: Reals, sensor: SensorModel, rng: np.random.Generator | None) -
         raise TargetError(
             f"sensor: noise is {sensor.noise:g} grey levels but no random generator was given", remedy="pass rng"
         )
-    if sensor.psf_px > 0:
-        blurred = cv2.GaussianBlur(light, (0, 0), sensor.psf_px, borderType=cv2.BORDER_REPLICATE)
-        light = np.asarray(blurred, dtype=np.float32)
-    if sensor.motion_blur_px > 0:
-        kernel = motion_kernel(sensor.motion_blur_px, sensor.motion_angle)
-        light = np.asarray(cv2.filter2D(light, -1, kernel, borderType=cv2.BORDER_REPLICATE), dtype=np.float32)
     if sensor.vignetting > 0:
         light = light * _vignette(light.shape[0], light.shape[1], sensor.vignetting)
     light = np.clip(light * np.float32(sensor.gain), 0, 1)

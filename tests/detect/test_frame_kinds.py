@@ -22,7 +22,7 @@ from boxcal.detect.log.messages import RAW_IMAGE
 from boxcal.detect.log.recording import open_recording
 from boxcal.target.box import FACES
 from boxcal.target.camera.camera_model import project
-from boxcal.target.render.sensor import srgb_curve
+from boxcal.target.render.srgb import srgb_from_linear
 
 ANGLES = (10.0, 45.0, 130.0)
 STORE = get_typestore(Stores.ROS2_HUMBLE)
@@ -47,7 +47,7 @@ def _deep(bits: int, exposure: float = 1.0, name: str = "mono16") -> Camera:
 
 def _srgb(light: NDArray[np.float64]) -> NDArray[np.uint8]:
     """Return light, 255 at full scale, through sRGB's response curve."""
-    return np.rint(255 * srgb_curve(np.clip(light / 255, 0, 1).astype(np.float32))).astype(np.uint8)
+    return np.rint(255 * srgb_from_linear(np.clip(light / 255, 0, 1).astype(np.float32))).astype(np.uint8)
 
 
 def _bayer_srgb(name: str, exposure: float = 1.0, gain: Mapping[str, float] = GAIN) -> Camera:
