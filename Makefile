@@ -11,7 +11,7 @@ TREE := build/tree
 EXTRAS ?= dev,docs,fast,cad,models-test
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable
 
-.PHONY: demo test mutants lint format docs schemas printables dist docker clean
+.PHONY: demo test mutants lint format docs outputs walk schemas pictures printables dist docker clean
 
 # The main job without hardware: print files, three simulated robots and their logs, three calibrations.
 demo: $(INSTALLED)
@@ -54,6 +54,18 @@ dist: $(ALL_INSTALLED)
 
 docker:
 	docker build --tag boxcal .
+
+# What README's and the tutorial's commands print, written into the pages.
+outputs: $(INSTALLED)
+	$(BIN)/python docs/site/outputs.py
+
+# The stranger's walk: all commands of README and tutorial in a fresh clone and a fresh environment.
+walk:
+	PYTHON=$(PYTHON) tests/walk/walk
+
+# Pictures of the tutorial.
+pictures: $(INSTALLED)
+	$(BIN)/python docs/site/tutorial_pictures.py
 
 # JSON Schemas of the files that are written, as they are kept in the repository.
 schemas: $(INSTALLED)

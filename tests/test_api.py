@@ -59,6 +59,15 @@ def test_examples_of_the_public_interface_run(
     assert not runner.failures, "".join(report)
 
 
+@pytest.mark.parametrize("page", ["README.md", "docs/api.md"])
+def test_python_in_the_pages_runs(page: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(folder)
+    blocks = re.findall(r"```python\n(.*?)```", (ROOT / page).read_text(), flags=re.DOTALL)
+    assert blocks
+    for block in blocks:
+        exec(compile(block, page, "exec"), {})
+
+
 def test_every_public_function_has_an_example() -> None:
     with_example = {example.name for example in _examples()}
     functions = {name for name in CALLABLES if name[0].islower()}
