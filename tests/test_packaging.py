@@ -243,6 +243,13 @@ def test_the_wheel_alone_installs_and_every_command_answers(wheel: Path, tmp_pat
     _run(python, f"import {', '.join(sorted(modules))}, boxcal.calib.fleet.batch, boxcal.target.print.sheets")
 
 
+@pytest.mark.skipif(shutil.which("hadolint", path=str(Path(sys.executable).parent)) is None, reason="no hadolint here")
+def test_the_container_is_described_as_its_linter_wants() -> None:
+    hadolint = Path(sys.executable).parent / "hadolint"
+    done = subprocess.run([hadolint, ROOT / "Dockerfile"], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout
+
+
 def test_the_version_is_the_same_everywhere() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     citation = re.search(r"^version: (.*)$", (ROOT / "CITATION.cff").read_text(), flags=re.MULTILINE)

@@ -16,8 +16,6 @@ KERNELS = "detect/alignment/numba/"
 LONG: dict[str, str] = {
     "calib/cli.py:_parser": "a list of options, one a line",
     "target/cli.py:_parser": "a list of options, one a line",
-    "calib/likelihood/estimator.py:solve_likelihood": "to be split",
-    "calib/likelihood/leg_model.py:leg_model": "to be split",
     "calib/report/parameters.py:parameter_groups": "to be split",
     "detect/alignment/numba/image_model.py:differentiate": "one loop, compiled as a whole",
 }
@@ -25,7 +23,6 @@ LONG: dict[str, str] = {
 WIDE: dict[str, str] = {
     "detect/alignment/box_pose.py:_refine": "calls the kernel with what it takes",
     "detect/alignment/registration/align.py:align": "to be split",
-    "detect/alignment/registration/gauss_newton.py:iterate": "the kernel's twin: the same arguments",
 }
 """Functions of more arguments, and why."""
 

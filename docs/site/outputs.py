@@ -16,14 +16,16 @@ ROOT = Path(__file__).resolve().parents[2]
 PAGES = ("docs/tutorial.md", "README.md")
 _SHOWN = re.compile(r"(<!-- output of: (.*?) -->\n```text\n)(.*?)(```)", flags=re.DOTALL)
 _NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?")
-SIGMA_TOLERANCE = 0.1
+SIGMA_TOLERANCE = 0.05
 """How far a standard deviation may be from the one shown, relative."""
-VALUE_TOLERANCE = 0.4
-"""How far an estimate may be from the one shown, in its standard deviations: other library versions round otherwise."""
-OTHER_TOLERANCE = 0.05
+VALUE_TOLERANCE = 0.2
+"""How far an estimate may be from the one shown, in its standard deviations."""
+COUNT_TOLERANCE = 0.005
+"""How far a count may be, relative: stops are equal, of some thousand landmarks a dozen may differ."""
+OTHER_TOLERANCE = 0.03
 """How far any other number may be, relative."""
-ERROR_TOLERANCE = 0.01
-"""How far an error against the truth may be, in the units of its column (%, deg, mm, px)."""
+ERROR_DIGITS = 3
+"""How far an error against the truth may be, in units of its last digit."""
 
 
 def commands(text: str) -> list[str]:
@@ -64,7 +66,8 @@ def differences(wanted: str, found: str) -> list[str]:
 
     Words must be equal. A line that begins with ``+/-`` holds standard deviations, each held to SIGMA_TOLERANCE; the
     line above it estimates, each held to VALUE_TOLERANCE of the deviation below it. In a table of errors a number is
-    held to ERROR_TOLERANCE; any other to OTHER_TOLERANCE. The last digit shown may always round otherwise.
+    held to ERROR_DIGITS, a count to COUNT_TOLERANCE, any other number to OTHER_TOLERANCE. The last digit that is shown
+    may round otherwise. The same versions of the libraries give the same numbers.
     """
     a, b = wanted.strip().splitlines(), found.strip().splitlines()
     if len(a) != len(b):
@@ -91,14 +94,16 @@ def _agree(line: str, printed: str, below: Sequence[str], *, errors: bool) -> bo
         sigma = sigmas[-from_right] if from_right <= len(sigmas) else None
         for x, y in zip(_NUMBER.findall(word), _NUMBER.findall(other), strict=True):
             value, last_digit = float(x), 10.0 ** -len(x.partition(".")[2])
-            room = OTHER_TOLERANCE * abs(value)
+            room = OTHER_TOLERANCE * abs(value) + last_digit
             if is_sigma:
-                room = SIGMA_TOLERANCE * abs(value)
+                room = SIGMA_TOLERANCE * abs(value) + last_digit
             elif sigma is not None:
-                room = VALUE_TOLERANCE * sigma
+                room = VALUE_TOLERANCE * sigma + last_digit
             elif errors:
-                room = ERROR_TOLERANCE
-            if abs(value - float(y)) > room + 1.01 * last_digit:
+                room = ERROR_DIGITS * last_digit
+            elif "." not in x:
+                room = COUNT_TOLERANCE * abs(value)
+            if abs(value - float(y)) > room + 1e-9:
                 return False
     return True
 
