@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from boxcal.detect.alignment.compilation import prepare
 from boxcal.detect.alignment.detector import KnownCamera
 from boxcal.detect.correspondences import Correspondences, Source, StopObservation
 from boxcal.detect.errors import DetectError
@@ -19,6 +20,7 @@ from boxcal.detect.stops import Stop, StopSettings, find_stops
 from boxcal.detect.tags.averaging import FLOOR_PX, AveragedCorners, covariances
 from boxcal.detect.tags.detections import TagSettings, other_family
 from boxcal.detect.tags.stop_measurement import measure_stop
+from boxcal.one_thread import one_thread
 from boxcal.target.arrays import Array, Ids
 from boxcal.target.box import Target
 from boxcal.target.files.target_json import target_sha256
@@ -72,6 +74,7 @@ class ExtractSettings:
             raise DetectError(f"bits is {self.bits}, one of {', '.join(map(str, DEPTHS))} is needed")
 
 
+@one_thread()
 def extract(
     path: str | Path,
     target: Target,
@@ -117,6 +120,7 @@ def extract(
     tell = progress or _silent
     recording = open_recording(path, topics, units)
     stops = find_stops(recording.wheels, settings.stops)
+    prepare(lambda line: tell(f"{path.name}: {line}"))
     settings = replace(settings, bits=_bits(recording, stops, settings))
     look = _Look(recording, target, replace(settings, tags=_tag_settings(settings)))
     seen: list[tuple[Stop, AveragedCorners]] = []
