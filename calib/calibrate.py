@@ -28,7 +28,7 @@ from boxcal.calib.uncertainty.convergence import grow
 from boxcal.calib.uncertainty.cross_validation import validate
 from boxcal.detect.correspondences import Correspondences, load_correspondences, taken_as
 from boxcal.detect.extract import ExtractSettings, extract
-from boxcal.one_thread import one_thread
+from boxcal.detect.log.wheel_samples import WheelUnits
 from boxcal.target.box import Target, make_target
 from boxcal.target.files.atomic_write import write_atomically
 from boxcal.target.files.target_json import load_target, target_sha256
@@ -47,7 +47,6 @@ Source = str | Path | Correspondences
 """What a drive is read from: a recording (MCAP), correspondences saved before (``.npz``), or correspondences."""
 
 
-@one_thread()
 def calibrate(
     source: Source | Sequence[Source],
     target: Target | str | Path | None = None,
@@ -136,7 +135,10 @@ def read(log: Path, job: Job, progress: Progress | None = None) -> Correspondenc
     """Return what a robot saw and did in one drive."""
     if log.suffix == CORRESPONDENCES:
         try:
-            return placed(taken_as(load_correspondences(log), job.settings.wheel_units), job.target)
+            drive, units = load_correspondences(log), job.settings.wheel_units
+            if units != WheelUnits():  # without a word on units the readings stay what they were taken for
+                drive = taken_as(drive, units)
+            return placed(drive, job.target)
         except CalibError as error:
             raise error.of(log.name) from error
     settings = ExtractSettings(bits=job.settings.bits)
@@ -145,9 +147,16 @@ def read(log: Path, job: Job, progress: Progress | None = None) -> Correspondenc
         job.target,
         topics=job.settings.topics,
         units=job.settings.wheel_units,
+        nominal=_nominal_wheels(job),
         settings=settings,
         progress=progress,
     )
+
+
+def _nominal_wheels(job: Job) -> tuple[float, float] | None:
+    """Return the wheel radius and separation, m, that the user gave, for robots that publish only odometry."""
+    nominal = job.settings.nominal
+    return None if nominal is None else (nominal.wheel_radius, nominal.wheel_separation)
 
 
 def placed(drive: Correspondences, target: Target) -> Correspondences:
@@ -241,14 +250,21 @@ def write(job: Job, result: Calibration, drives: Sequence[Correspondences]) -> N
         if settings.report:
             write_atomically(folder / "report.html", robot_report(result, drives, job.target))
         if settings.draw:
-            pictures = draw_stops(job.logs, job.target, topics=settings.topics, calibration=result, drives=drives)
+            pictures = draw_stops(
+                job.logs,
+                job.target,
+                topics=settings.topics,
+                units=settings.wheel_units,
+                calibration=result,
+                drives=drives,
+            )
             for name, content in pictures:
                 write_atomically(folder / "stops" / name, content)
         save_calibration(result, folder / "calibration.json")
     if settings.rerun is None and settings.results_mcap is None:
         return
     scene = make_scene(result, drives, job.target)
-    images = stop_jpegs(job.logs, scene.stops, topics=settings.topics)
+    images = stop_jpegs(job.logs, scene.stops, topics=settings.topics, units=settings.wheel_units, drives=drives)
     if settings.rerun is not None:
         write_atomically(settings.rerun, rerun_recording(scene, images))
     if settings.results_mcap is not None:

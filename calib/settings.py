@@ -9,6 +9,7 @@ from boxcal.calib.errors import CalibError
 from boxcal.calib.four_steps.step1_camera import CameraMode
 from boxcal.calib.likelihood import CameraKind
 from boxcal.calib.results.calibration import Calibration
+from boxcal.detect.log.opener import robot_name_of
 from boxcal.detect.log.topics import Topics
 from boxcal.detect.log.wheel_samples import WheelUnits
 from boxcal.target.box import Target
@@ -168,7 +169,7 @@ def robot_name(log: Path) -> str:
     CalibError
         If the stem cannot name a folder.
     """
-    name = log.parent.name if log.name == f"correspondences{CORRESPONDENCES}" else log.stem
+    name = log.parent.name if log.name == f"correspondences{CORRESPONDENCES}" else robot_name_of(log)
     if name in {"", ".", ".."} or not name.isprintable():
         raise CalibError(f"{log.name!r}: no name for a robot can be made of it", remedy="rename the file")
     return name

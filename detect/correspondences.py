@@ -3,13 +3,14 @@
 import io
 import json
 import zipfile
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from boxcal.detect.errors import DetectError
+from boxcal.detect.log.recording import Recording
 from boxcal.detect.log.wheel_samples import Flags, JointUnit, WheelSamples, WheelUnits
 from boxcal.target.arrays import Array, Ids
 from boxcal.target.box import CORNERS, FACES
@@ -87,11 +88,69 @@ class Source:
         Of the log's bytes, hexadecimal.
     target_sha256
         Of the landmark table that was looked for.
+    kind
+        Kind of recording.
+    camera_topic, camera_frame
+        Where the images are, and the frame that they name.
+    base_frame
+        The robot's base frame, as its odometry or its static transforms name it; empty if the log does not tell.
+    wheel_topics, wheel_quantity
+        Where the wheels' readings are, and what they are: ``positions``, ``velocities``, ``ticks`` or ``odometry``.
+    nominal_radius, nominal_separation : m
+        Of the wheels as the robot's description in the log has them, or as odometry was taken apart with; 0 if
+        unknown.
+    nominal_T_base_cam : (16,), row by row
+        The camera's pose in the base frame by the static transforms of the log; empty if they do not tell.
+    clock_offset : s
+        By how much the camera's clock was ahead of the wheels' before its stamps were put right.
+    lost_messages, lost_s
+        What of the log could not be read, as far as that is known.
+    notes
+        What a user should know of how the log was read: choices, losses, what was put right. A sentence each.
     """
 
     log: str = ""
     sha256: str = ""
     target_sha256: str = ""
+    kind: str = ""
+    camera_topic: str = ""
+    camera_frame: str = ""
+    base_frame: str = ""
+    wheel_topics: tuple[str, ...] = ()
+    wheel_quantity: str = "positions"
+    nominal_radius: float = 0.0
+    nominal_separation: float = 0.0
+    nominal_T_base_cam: tuple[float, ...] = ()
+    clock_offset: float = 0.0
+    lost_messages: int = 0
+    lost_s: float = 0.0
+    notes: tuple[str, ...] = ()
+
+
+def source_of(recording: Recording, target_sha256: str, notes: tuple[str, ...]) -> Source:
+    """Return the provenance of what is extracted from a recording."""
+    about = recording.metadata
+    radius, separation = recording.nominal or about.nominal_wheels() or (0.0, 0.0)
+    base = recording.odometry_frame or about.base_frame()
+    T_base_cam = about.fixed_transform(base, recording.camera_frame)
+    return Source(
+        log=recording.path.name,
+        sha256=recording.sha256,
+        target_sha256=target_sha256,
+        kind=recording.kind,
+        camera_topic=recording.camera_topic,
+        camera_frame=recording.camera_frame,
+        base_frame=base,
+        wheel_topics=recording.wheel_topics,
+        wheel_quantity=str(recording.quantity),
+        nominal_radius=radius,
+        nominal_separation=separation,
+        nominal_T_base_cam=() if T_base_cam is None else tuple(float(v) for v in T_base_cam.ravel()),
+        clock_offset=recording.clock_offset_ns / 1e9,
+        lost_messages=recording.lost_messages,
+        lost_s=recording.lost_s,
+        notes=(*recording.notes, *notes),
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -230,7 +289,7 @@ def load_correspondences(path: str | Path) -> Correspondences:
                 image_size=(int(header["image_size"][0]), int(header["image_size"][1])),
                 wheels=_wheels(data, header),
                 stops=stops,
-                source=Source(**header["source"]),
+                source=_source(header["source"]),
                 units=_units(header.get("units", {})),
             )
     except DetectError:
@@ -277,6 +336,15 @@ def faces_by_normal(landmark_ids: Ids, p_box: Array) -> Ids:
         off = {f: abs(float(normal @ p_box[starts[k]]) - d) for f, (normal, d) in planes.items()}
         faces[k] = min(off, key=lambda f: off[f], default=0)
     return np.repeat(faces, counts)
+
+
+def _source(saved: dict[str, Any]) -> Source:
+    """Return the provenance in a file; what newer versions add is passed over, what older ones lack is unknown."""
+    known = {field.name for field in fields(Source)}
+    values: dict[str, Any] = {
+        name: tuple(value) if isinstance(value, list) else value for name, value in saved.items() if name in known
+    }
+    return Source(**values)
 
 
 def _units(saved: dict[str, Any]) -> WheelUnits:

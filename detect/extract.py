@@ -1,32 +1,31 @@
 """From a log to correspondences: open it, find the stops, look at each, keep what can be used."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
-from boxcal.detect.alignment.compilation import prepare
-from boxcal.detect.alignment.detector import KnownCamera
-from boxcal.detect.correspondences import Correspondences, Source, StopObservation
+from boxcal.detect.correspondences import Correspondences, StopObservation, source_of
 from boxcal.detect.errors import DetectError
-from boxcal.detect.image.bit_depth import DEPTHS, DeepGrey, eight_bits
+from boxcal.detect.image.bit_depth import DEPTHS, bits_of
 from boxcal.detect.image.response_curve import Response
-from boxcal.detect.log.recording import Recording, file_sha256, open_recording
-from boxcal.detect.log.safe_text import listed, printable
+from boxcal.detect.log.opener import robot_name_of
+from boxcal.detect.log.recording import Recording, open_recording
+from boxcal.detect.log.safe_text import printable
+from boxcal.detect.log.standstill_clock import clock_offset_by_pictures
 from boxcal.detect.log.topics import Topics
 from boxcal.detect.log.wheel_samples import WheelUnits
 from boxcal.detect.stops import Stop, StopSettings, find_stops
 from boxcal.detect.tags.averaging import FLOOR_PX, AveragedCorners, covariances
-from boxcal.detect.tags.detections import TagSettings, other_family
-from boxcal.detect.tags.stop_measurement import measure_stop
-from boxcal.one_thread import one_thread
+from boxcal.detect.tags.box_at_stops import MIN_STOPS, BoxAtStops
+from boxcal.detect.tags.detections import TagSettings
 from boxcal.target.arrays import Array, Ids
 from boxcal.target.box import Target
 from boxcal.target.files.target_json import target_sha256
 
-MIN_STOPS = 3
 _SOME_FRAMES = 5
+_LEAST_OFFSET_NS = 300_000_000
 
 Progress = Callable[[str], None]
 """Takes a line that says how far the work is."""
@@ -74,13 +73,13 @@ class ExtractSettings:
             raise DetectError(f"bits is {self.bits}, one of {', '.join(map(str, DEPTHS))} is needed")
 
 
-@one_thread()
 def extract(
     path: str | Path,
     target: Target,
     *,
     topics: Topics | None = None,
     units: WheelUnits | None = None,
+    nominal: tuple[float, float] | None = None,
     settings: ExtractSettings | None = None,
     progress: Progress | None = None,
 ) -> Correspondences:
@@ -91,13 +90,15 @@ def extract(
     Parameters
     ----------
     path
-        The log (MCAP, ROS 2).
+        The recording: a file of any kind, or a folder.
     target
         The box that the robot looked at.
     topics
         Names where the log is ambiguous.
     units
         What the wheel readings mean; rad, rolling forward, if None.
+    nominal : m
+        Wheel radius and separation of the driver that reckons the odometry, for robots that publish only that.
     settings
         The defaults if None.
     progress
@@ -118,52 +119,97 @@ def extract(
     path = Path(path)
     settings = settings or ExtractSettings()
     tell = progress or _silent
-    recording = open_recording(path, topics, units)
+    recording = open_recording(path, topics, units, nominal)
+    for note in recording.notes:
+        tell(f"{path.name}: {note}")
     stops = find_stops(recording.wheels, settings.stops)
-    prepare(lambda line: tell(f"{path.name}: {line}"))
-    settings = replace(settings, bits=_bits(recording, stops, settings))
-    look = _Look(recording, target, replace(settings, tags=_tag_settings(settings)))
+    found = _seen(recording, stops, target, settings, tell)
+    offset = _offset_by_pictures(recording, stops, found)
+    if offset is not None:
+        recording = recording.with_clock_offset(offset)
+        found = _seen(recording, stops, target, settings, tell)
+    recording.refuse_times_apart()
+    look, seen = found
+    if len(seen) < MIN_STOPS:
+        raise DetectError(
+            look.why_not(len(stops), len(seen), settings.stops, settings.min_tags), source=recording.path.name
+        )
+    covs = covariances([detections for _, detections in seen], settings.floor_px)
+    return Correspondences(
+        robot=robot_name_of(path),
+        image_size=look.image_size,
+        wheels=recording.wheels,
+        stops=tuple(_view(stop, detections, cov, target) for (stop, detections), cov in zip(seen, covs, strict=True)),
+        source=source_of(recording, target_sha256(target), look.notes()),
+        units=recording.units,
+    )
+
+
+_Seen = tuple[BoxAtStops, list[tuple[Stop, AveragedCorners]]]
+
+
+def _seen(
+    recording: Recording, stops: tuple[Stop, ...], target: Target, settings: ExtractSettings, tell: Progress
+) -> _Seen:
+    """Return who looked at the stops, and what was seen at each that is usable."""
+    bits, size = _bits_and_size(recording, stops, settings)
+    look = BoxAtStops(recording, target, _tag_settings(settings), bits, size)
     seen: list[tuple[Stop, AveragedCorners]] = []
     for number, stop in enumerate(stops, 1):
-        detections, left_out = look.at(stop)
+        detections, left_out = look.at(frames_at(recording, stop, settings.settle, settings.max_frames))
         usable = detections.tags >= settings.min_tags
         tell(
-            f"{path.name}: stop {number} of {len(stops)}: {detections.frames} frames, {detections.tags} tags"
+            f"{recording.path.name}: stop {number} of {len(stops)}: {detections.frames} frames, {detections.tags} tags"
             f"{f' (frames left out: {left_out})' if left_out else ''}{'' if usable else ', left out'}"
         )
         if usable:
             seen.append((stop, detections))
-    if len(seen) < MIN_STOPS:
-        raise DetectError(f"{path.name}: {look.why_not(len(stops), len(seen))}")
-    covs = covariances([detections for _, detections in seen], settings.floor_px)
-    return Correspondences(
-        robot=path.stem,
-        image_size=look.image_size,
-        wheels=recording.wheels,
-        stops=tuple(_view(stop, detections, cov, target) for (stop, detections), cov in zip(seen, covs, strict=True)),
-        source=Source(log=path.name, sha256=file_sha256(path), target_sha256=target_sha256(target)),
-        units=units or WheelUnits(),
-    )
+    return look, seen
+
+
+def _offset_by_pictures(recording: Recording, stops: tuple[Stop, ...], found: _Seen) -> int | None:
+    """Return by how many ns the camera's clock is ahead, if stops that show too little or move give cause to ask."""
+    look, seen = found
+    few = len(seen) < max(MIN_STOPS, len(stops) / 2)
+    if len(stops) < MIN_STOPS or not (few or look.moved > len(stops) / 3):
+        return None
+    stands = np.array([(stop.t_start_ns, stop.t_end_ns) for stop in stops], dtype=np.int64)
+    offset = clock_offset_by_pictures(recording, stands)
+    return offset if offset is not None and abs(offset) > _LEAST_OFFSET_NS else None
 
 
 def frames_at(recording: Recording, stop: Stop, settle: float, max_frames: int) -> Ids:
-    """Return the frames of a stop to look at: away from its ends if there are such, at most ``max_frames``."""
+    """Return the frames of a stop to look at: away from its ends if there are such, at most ``max_frames``.
+
+    Of more frames every second, fourth, eighth ... of the topic's is taken, which a reader can tell in passing.
+    """
     margin = round(settle * 1e9)
     frames = recording.frames_between(stop.t_start_ns + margin, stop.t_end_ns - margin)
     if frames.size == 0:
         frames = recording.frames_between(stop.t_start_ns, stop.t_end_ns)
-    if frames.size > max_frames:
-        frames = frames[np.round(np.linspace(0, frames.size - 1, max_frames)).astype(np.int64)]
-    return frames
+    stride = 1
+    while (kept := frames[recording.frame_numbers[frames] % stride == 0]).size > max_frames:
+        stride *= 2
+    return kept if kept.size else frames[frames.size // 2 :][:1]
 
 
-def _bits(recording: Recording, stops: tuple[Stop, ...], settings: ExtractSettings) -> int:
-    """Return the bits of the camera's grey levels, as given or told; a number too small is refused."""
-    told, given = recording.used_bits(_some_frames(recording, stops, settings)), settings.bits
+def _bits_and_size(
+    recording: Recording, stops: tuple[Stop, ...], settings: ExtractSettings
+) -> tuple[int, tuple[int, int]]:
+    """Return the bits of the camera's grey levels, as given or told, and the usual size of its images, px.
+
+    A number of bits too small is refused.
+    """
+    images = [image for _, image in recording.read_raw_frames(_some_frames(recording, stops, settings))]
+    told, given = max((bits_of(image) for image in images), default=8), settings.bits
     if given is not None and told > given:
-        who = f"{recording.path.name}: images in {printable(recording.camera_topic)}"
-        raise DetectError(f"{who} have values of {told} bits, {given} or fewer are expected; give bits {told} or none")
-    return given or told
+        raise DetectError(
+            f"images in {printable(recording.camera_topic)} have values of {told} bits, {given} or fewer are expected",
+            source=recording.path.name,
+            remedy=f"give bits {told} or none",
+        )
+    sizes = [(image.shape[1], image.shape[0]) for image in images]
+    return given or told, max(sizes, key=sizes.count, default=(0, 0))
 
 
 def _tag_settings(settings: ExtractSettings) -> TagSettings:
@@ -177,82 +223,9 @@ def _tag_settings(settings: ExtractSettings) -> TagSettings:
 def _some_frames(recording: Recording, stops: tuple[Stop, ...], settings: ExtractSettings) -> Ids:
     """Return one frame each of a few stops."""
     first = [f for f in (frames_at(recording, s, settings.settle, 1) for s in stops) if f.size]
-    return np.concatenate(first)[:: -(-len(first) // _SOME_FRAMES)] if first else np.zeros(0, dtype=np.int64)
-
-
-class _Look:
-    """Looks at stops, and remembers what explains a failure."""
-
-    def __init__(self, recording: Recording, target: Target, settings: ExtractSettings) -> None:
-        self._recording, self._target, self._settings = recording, target, settings
-        self._frames = self._with_frames = self._with_tags = 0
-        self._foreign: set[int] = set()
-        self._example: DeepGrey | None = None
-        self._camera: KnownCamera | None = None
-        self.image_size = (0, 0)
-
-    def at(self, stop: Stop) -> tuple[AveragedCorners, str]:
-        """Return what the frames of a stop show, and which of them were left out and why."""
-        frames = frames_at(self._recording, stop, self._settings.settle, self._settings.max_frames)
-        found = measure_stop(self._images(frames), self._target, self._settings.tags, self._camera)
-        self._camera = found.camera
-        self._foreign.update(found.foreign_ids.tolist())
-        self._with_frames += bool(found.corners.frames)
-        self._with_tags += found.corners.tags > 0
-        return found.corners, found.left_out
-
-    def _images(self, frames: Ids) -> Iterator[DeepGrey]:
-        for t_ns, image in self._recording.read_deep_frames(frames, self._settings.bits or 8):
-            size = (image.shape[1], image.shape[0])
-            if self.image_size not in {(0, 0), size}:
-                raise DetectError(
-                    f"{self._recording.path.name}: images change from {_size(self.image_size)} to {_size(size)} px at "
-                    f"{t_ns / 1e9:.3f} s, one size is needed; record with one camera mode"
-                )
-            self.image_size = size
-            self._frames += 1
-            self._example = image
-            yield image
-
-    def why_not(self, stops: int, usable: int) -> str:
-        """Return why fewer than three stops are usable, and what to do."""
-        least = self._settings.min_tags
-        if stops >= MIN_STOPS and self._frames == 0:
-            return (
-                f"{stops} stops but no image was taken during any of them, images while the robot stands are needed; "
-                "record the camera all the time, stamped with the wheels' clock"
-            )
-        if self._frames and not self._with_tags:
-            return (
-                f"no tag of the box in the {self._frames} images looked at at {self._with_frames} stops{self._hint()}"
-            )
-        return (
-            f"{stops} stops of {self._settings.stops.min_stand:g} s or longer, {self._with_frames} of them with "
-            f"images, {self._with_tags} with the box, {usable} with {least} tags or more; "
-            f"{MIN_STOPS} such stops are needed; let the robot stand still for two seconds in more places "
-            "where it sees the box"
-        )
-
-    def _hint(self) -> str:
-        box = self._target.box
-        ids = self._target.tag_ids
-        if self._foreign:
-            return (
-                f": tags {listed(map(str, sorted(self._foreign)))} of {box.dictionary} were seen, the target carries "
-                f"{ids[0]} to {ids[-1]}; give the target.json that this box was printed from"
-            )
-        other = (
-            None
-            if self._example is None
-            else other_family(eight_bits(self._example), box.dictionary, self._settings.tags)
-        )
-        if other is not None:
-            return (
-                f": tags of {other} were seen, the target carries {box.dictionary}; give the target.json that this box "
-                "was printed from"
-            )
-        where = printable(self._recording.camera_topic)
-        return f" of {where}; check that the camera sees the box, in focus and lit, and that this is its target.json"
+    if not first:
+        return np.arange(min(recording.frame_t_ns.size, 1), dtype=np.int64)
+    return np.concatenate(first)[:: -(-len(first) // _SOME_FRAMES)]
 
 
 def _view(stop: Stop, detections: AveragedCorners, cov_px2: Array, target: Target) -> StopObservation:
@@ -270,10 +243,6 @@ def _view(stop: Stop, detections: AveragedCorners, cov_px2: Array, target: Targe
         cov_px2=cov_px2,
         frames=detections.frames,
     )
-
-
-def _size(size: tuple[int, int]) -> str:
-    return f"{size[0]} x {size[1]}"
 
 
 def _silent(_: str) -> None:

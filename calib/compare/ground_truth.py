@@ -8,6 +8,7 @@ import numpy as np
 from boxcal.calib.errors import CalibError
 from boxcal.calib.geometry.so3_se3 import log_so3
 from boxcal.calib.results.calibration import Calibration, Wheels
+from boxcal.detect.log.opener import robot_name_of
 from boxcal.target.arrays import Array
 from boxcal.target.camera.camera_model import CameraKind, CameraModel
 from boxcal.target.files.json_document import read_json
@@ -63,8 +64,8 @@ class Errors:
 
 
 def truth_path(log: Path) -> Path:
-    """Return where a log's truth lies: ``<log stem>.truth.json`` beside it."""
-    return log.with_name(f"{log.stem}.truth.json")
+    """Return where a log's truth lies: ``<robot>.truth.json`` beside it, the robot named as its log."""
+    return log.with_name(f"{robot_name_of(log)}.truth.json")
 
 
 def load_truth(path: Path) -> Truth:

@@ -5,8 +5,9 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from boxcal.calib.errors import CalibError
-from boxcal.calib.exports.urdf_wheels import urdf_wheels
 from boxcal.calib.settings import Nominal
+from boxcal.detect.errors import DetectError
+from boxcal.detect.log.urdf_wheels import urdf_wheels
 
 MAX_YAML_BYTES = 1 << 16
 MAX_URDF_BYTES = 16 << 20
@@ -39,7 +40,10 @@ def load_nominal(path: Path) -> Nominal:
         raise CalibError(
             f"cannot be read ({error.strerror or error})", source=path.name, remedy="check --nominal"
         ) from error
-    radius, separation = urdf_wheels(content, path.name) if urdf else _yaml_wheels(content, path.name)
+    try:
+        radius, separation = urdf_wheels(content, path.name) if urdf else _yaml_wheels(content, path.name)
+    except DetectError as error:
+        raise CalibError(error.found, source=error.source, needed=error.needed, remedy=error.remedy) from error
     for name, value in (("wheel_radius", radius), ("wheel_separation", separation)):
         if not (math.isfinite(value) and 0 < value < 100):
             raise CalibError(

@@ -11,11 +11,13 @@ from boxcal.calib.errors import CalibError
 from boxcal.calib.exports.scene import FULL_SCALE_PX, MAGNIFIED, Images, residual_colours
 from boxcal.calib.results.calibration import Calibration
 from boxcal.calib.results.stop_residuals import SeenStop, stop_label, stops_seen
+from boxcal.calib.settings import CORRESPONDENCES
 from boxcal.detect.correspondences import Correspondences, StopObservation
 from boxcal.detect.extract import frames_at
-from boxcal.detect.log.messages import Grey
+from boxcal.detect.log.images import Grey
 from boxcal.detect.log.recording import Recording, open_recording
 from boxcal.detect.log.topics import Topics
+from boxcal.detect.log.wheel_samples import WheelUnits
 from boxcal.detect.stops import Stop, find_stops
 from boxcal.detect.tags.detections import TagDetections, find_tags
 from boxcal.target.arrays import Array
@@ -37,6 +39,7 @@ def draw_stops(
     target: Target,
     *,
     topics: Topics | None = None,
+    units: WheelUnits | None = None,
     calibration: Calibration | None = None,
     drives: Sequence[Correspondences] = (),
 ) -> Iterator[tuple[str, bytes]]:
@@ -53,6 +56,8 @@ def draw_stops(
         The box.
     topics
         Names where a log is ambiguous.
+    units
+        What the wheel readings mean.
     calibration, drives
         The robot's calibration and the correspondences that it was made from, one of each log; or neither.
 
@@ -65,11 +70,11 @@ def draw_stops(
     """
     seen = {(s.drive, s.number): s for s in stops_seen(calibration, drives, target)} if calibration else {}
     for d, log in enumerate(logs):
-        if log.suffix != ".mcap":
+        if log.suffix == CORRESPONDENCES:
             raise CalibError(
-                "holds no images, a recording (.mcap) is needed to draw its stops", source=log.name, remedy="give that"
+                "holds no images, a recording is needed to draw its stops", source=log.name, remedy="give that"
             )
-        recording = open_recording(log, topics)
+        recording = _opened(log, topics, units, drives[d] if d < len(drives) else None)
         views: Sequence[StopObservation | Stop] = drives[d].stops if calibration else find_stops(recording.wheels)
         for j, view in enumerate(views):
             frame = stop_frame(recording, view.t_start_ns, view.t_end_ns)
@@ -84,7 +89,14 @@ def draw_stops(
             yield f"{f'drive-{d + 1}-' if len(logs) > 1 else ''}stop-{j + 1:02d}.jpg", jpeg(picture)
 
 
-def stop_jpegs(logs: Sequence[Path], stops: Sequence[SeenStop], *, topics: Topics | None = None) -> Images:
+def stop_jpegs(
+    logs: Sequence[Path],
+    stops: Sequence[SeenStop],
+    *,
+    topics: Topics | None = None,
+    units: WheelUnits | None = None,
+    drives: Sequence[Correspondences] = (),
+) -> Images:
     """Return time (ns) and JPEG of one frame of each stop; none of correspondences saved before.
 
     Raises
@@ -94,12 +106,22 @@ def stop_jpegs(logs: Sequence[Path], stops: Sequence[SeenStop], *, topics: Topic
     """
     found = {}
     for d, log in enumerate(logs):
-        recording = open_recording(log, topics) if log.suffix == ".mcap" else None
+        drive = drives[d] if d < len(drives) else None
+        recording = None if log.suffix == CORRESPONDENCES else _opened(log, topics, units, drive)
         for s in stops:
             frame = stop_frame(recording, s.view.t_start_ns, s.view.t_end_ns) if recording and s.drive == d else None
             if frame is not None:
                 found[d, s.number] = (frame[0], jpeg(frame[1]))
     return found
+
+
+def _opened(log: Path, topics: Topics | None, units: WheelUnits | None, drive: Correspondences | None) -> Recording:
+    """Open a log with its frames at the times that they had when the drive was extracted from it."""
+    recording = open_recording(log, topics, units)
+    if drive is None:
+        return recording
+    offset = round(drive.source.clock_offset * 1e9) - recording.clock_offset_ns
+    return recording.with_clock_offset(offset) if offset else recording
 
 
 def stop_frame(recording: Recording, t_start_ns: int, t_end_ns: int) -> tuple[int, Grey] | None:

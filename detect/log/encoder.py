@@ -1,68 +1,172 @@
-"""One encoder's readings put right: sorted, unwrapped, checked; and the two wheels on one time base."""
+"""One encoder's readings put right: sorted, strays dropped, unwrapped, resets joined; and the wheels on one time base.
 
-from typing import NamedTuple
+What cannot be known is marked, not guessed: a wheel that moved while its readings were missing or its counter was set
+anew costs the leg in which that happened, never the log.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from boxcal.detect.errors import DetectError
 from boxcal.detect.log.encoder_step import encoder_step
-from boxcal.detect.log.wheel_samples import WheelSamples
+from boxcal.detect.log.wheel_samples import Flags, WheelSamples
 from boxcal.target.arrays import Array, Ids
 
 MAX_ANGLE = 1e9
 """Largest wheel angle that is believed, rad."""
-_RESET_SPEED = 20.0
-_RESET_ANGLE = 1.0
+_RESET_SPEED = 6.0
+"""A jump is faster than so many times the fastest of ordinary motion (its 99 % quantile)."""
+_RESET_ANGLE = 0.5
+"""Smallest jump that counts as a reset of the counter, rad."""
 _FEWEST_COUNTS = 256
 """Smallest range of a counter, steps."""
+_GAP_S, _GAP_SAMPLES = 0.5, 6.0
+"""Readings are missing where the next comes later than this, s, and later than so many usual intervals."""
+_STILL = 0.01
+"""A wheel that reads the same before and after missing readings, to this angle, rad, stood still."""
+_STRAY_RUN = 3
+"""Most readings in a row that can be strays."""
+_STRAY_STEPS = 4.0
+_BESIDE, _MOST_STRAYS = 4, 0.02
+"""Travel is compared with so many readings on either side; more strays than this part are the signal itself."""
+_STRAY_ANGLE = 0.02
+"""A stray is off by more than so many encoder steps and rad, while its neighbours agree."""
 
 
-class Encoder(NamedTuple):
-    """One wheel's readings: stamps (S,) ns, strictly ascending; angles (S,) rad; the encoder's step, rad (0: none)."""
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Encoder:
+    """One wheel's readings.
+
+    Attributes
+    ----------
+    t_ns : (S,) ns
+        Stamps, strictly ascending.
+    phi : (S,), rad
+        Angles, unwrapped.
+    step : rad
+        The encoder's step, 0 if none shows.
+    covered : (S,) bool
+        Whether the travel since the reading before is known.
+    notes
+        What was put right, in words.
+    """
 
     t_ns: Ids
     phi: Array
     step: float
+    covered: Flags
+    notes: tuple[str, ...] = ()
 
 
-def clean(t_ns: Ids, phi: Array, who: str) -> Encoder:
-    """Return one wheel's readings in order of their stamps, unwrapped.
+def clean(t_ns: Ids, phi: Array, who: str, periods: Sequence[float] = ()) -> Encoder:
+    """Return one wheel's readings in order of their stamps, unwrapped, without strays, resets joined.
 
-    Of equal stamps the last reading is kept. Readings modulo a turn, or modulo a power of two of encoder steps (a
-    counter that overflows), are unwrapped where the data show it: the readings fill one period and jump by nearly all
-    of it.
+    Of equal stamps the last reading is kept. Single readings far off neighbours that agree are dropped. Readings modulo
+    a turn, modulo a power of two of encoder steps, or modulo any other range of a counter are unwrapped where the data
+    show it: the readings fill one period and jump by nearly all of it. A jump that is no wrap is a reset: the readings
+    go on from where they were, and the travel across it is known only if the wheel stood still.
 
     Parameters
     ----------
     t_ns : (S,) ns
-        Header stamps in order of arrival; readings stamped zero are dropped where others are not.
+        Stamps in order of arrival.
     phi : (S,), rad
         Finite.
     who
-        File and joint, for messages.
+        Recording and joint, for messages.
+    periods : rad
+        Ranges of the counter that the message type tells.
 
     Raises
     ------
     DetectError
-        If fewer than two different stamps remain, an angle is unreasonable, or the encoder was reset.
+        If fewer than two different stamps remain, or an angle is unreasonable.
     """
-    stamped = t_ns != 0
-    t_ns, phi = (t_ns[stamped], phi[stamped]) if np.any(stamped) else (t_ns, phi)
     order = np.argsort(t_ns, kind="stable")
     t_ns, phi = t_ns[order], phi[order]
     last = np.concatenate([np.diff(t_ns) > 0, [True]])
     if np.sum(last) < 2:
         raise DetectError(
-            f"{who}: {t_ns.size} positions with {np.sum(last)} different header stamp, times are needed; make the "
-            "driver stamp its messages"
+            f"{t_ns.size} positions with {np.sum(last)} different header stamp",
+            source=who,
+            needed="times are needed",
+            remedy="make the driver stamp its messages",
         )
     t_ns, phi = t_ns[last], phi[last]
-    if np.max(np.abs(phi)) > MAX_ANGLE:
-        raise DetectError(f"{who}: position {np.max(np.abs(phi)):.3g}, angles in rad are needed; check the driver")
     step = encoder_step(phi)
-    phi = _unwrapped(phi, step)
-    _refuse_reset(t_ns, phi, who)
-    return Encoder(t_ns=t_ns, phi=phi, step=step)
+    phi, period = _unwrapped(phi, step, periods)
+    kept = ~strays(phi, step)
+    dropped = int(np.sum(~kept))
+    t_ns, phi = t_ns[kept], phi[kept]
+    if np.max(np.abs(phi)) > MAX_ANGLE:
+        raise DetectError(
+            f"position {np.max(np.abs(phi)):.3g}",
+            source=who,
+            needed="angles in rad are needed",
+            remedy="check the driver",
+        )
+    if not period:
+        phi, period = _unwrapped(phi, step, periods)
+    phi, resets, known = _resets_joined(t_ns, phi, step)
+    covered = gaps_covered(t_ns, phi)
+    covered[resets[~known] + 1] = False
+    notes = []
+    if dropped:
+        notes.append(f"{dropped} stray reading{'s' if dropped > 1 else ''} dropped")
+    if resets.size:
+        times = f"{resets.size} time{'s' if resets.size > 1 else ''}"
+        notes.append(f"its counter was set anew {times}, first at {t_ns[resets[0] + 1] / 1e9:.3f} s")
+    return Encoder(t_ns=t_ns, phi=phi, step=step, covered=covered, notes=tuple(notes))
+
+
+def gaps_covered(t_ns: Ids, phi: Array) -> Flags:
+    """Return whether the travel since the reading before is known, (S,): False where readings are missing in motion.
+
+    Parameters
+    ----------
+    t_ns : (S,) ns
+        Ascending.
+    phi : (S,), rad
+        Angles of one wheel.
+    """
+    covered = np.ones(t_ns.size, dtype=np.bool_)
+    if t_ns.size > 2:
+        dt = np.diff(t_ns) / 1e9
+        gap = (dt > _GAP_S) & (dt > _GAP_SAMPLES * float(np.median(dt)))
+        covered[1:] = ~(gap & (np.abs(np.diff(phi)) > _STILL))
+    return covered
+
+
+def strays(phi: Array, step: float) -> Flags:
+    """Return which readings, (S,), stray: up to three in a row far off readings before and after that agree.
+
+    Parameters
+    ----------
+    phi : (S,), rad
+        In order of time.
+    step : rad
+        Of the encoder.
+    """
+    out = np.zeros(phi.size, dtype=np.bool_)
+    if phi.size < 5:
+        return out
+    limit = max(_STRAY_ANGLE, _STRAY_STEPS * step)
+    travel = np.abs(np.diff(phi))
+    for run in range(1, _STRAY_RUN + 1):
+        before, after = phi[: -run - 1], phi[run + 1 :]
+        agree = np.abs(after - before)
+        inside = np.stack([phi[1 + k : phi.size - run + k] for k in range(run)])
+        off = np.min(np.abs(inside - (before + after) / 2), axis=0)
+        found = np.flatnonzero((off > limit) & (off > 3 * agree + 3 * step))
+        if found.size > _MOST_STRAYS * phi.size:
+            continue
+        for k in found:  # the run is k + 1 to k + run
+            beside = np.concatenate([travel[max(k - _BESIDE, 0) : k], travel[k + run + 1 : k + run + 1 + _BESIDE]])
+            if beside.size and off[k] > 2 * float(beside.max()) and not np.any(out[k : k + run + 2]):
+                out[k + 1 : k + 1 + run] = True
+    return out
 
 
 def join(right: Encoder, left: Encoder, who: str) -> WheelSamples:
@@ -78,18 +182,43 @@ def join(right: Encoder, left: Encoder, who: str) -> WheelSamples:
     """
     steps = (right.step, left.step)
     if np.array_equal(right.t_ns, left.t_ns):
-        return WheelSamples(t_ns=right.t_ns, phi_R=right.phi, phi_L=left.phi, encoder_steps=steps)
+        return WheelSamples(
+            t_ns=right.t_ns,
+            phi_R=right.phi,
+            phi_L=left.phi,
+            encoder_steps=steps,
+            covered=right.covered & left.covered,
+        )
     start, end = max(right.t_ns[0], left.t_ns[0]), min(right.t_ns[-1], left.t_ns[-1])
     t_ns = np.union1d(right.t_ns, left.t_ns)
     t_ns = t_ns[(t_ns >= start) & (t_ns <= end)]
     if t_ns.size < 2:
         raise DetectError(
-            f"{who}: the right wheel was read from {span(right.t_ns)} and the left from {span(left.t_ns)}, times that "
-            "overlap are needed; record both with one clock"
+            f"the right wheel was read from {span(right.t_ns)} and the left from {span(left.t_ns)}",
+            source=who,
+            needed="times that overlap are needed",
+            remedy="record both with one clock",
         )
     at = (t_ns - start).astype(np.float64)
     phi_R, phi_L = (np.interp(at, (e.t_ns - start).astype(np.float64), e.phi) for e in (right, left))
-    return WheelSamples(t_ns=t_ns, phi_R=phi_R, phi_L=phi_L, encoder_steps=steps)
+    covered = np.ones(t_ns.size, dtype=np.bool_)
+    for encoder in (right, left):
+        for k in np.flatnonzero(~encoder.covered):  # all of the joined samples on the way to such a reading
+            first = np.searchsorted(t_ns, encoder.t_ns[k - 1], side="right")
+            covered[first : np.searchsorted(t_ns, encoder.t_ns[k], side="right")] = False
+    return WheelSamples(t_ns=t_ns, phi_R=phi_R, phi_L=phi_L, encoder_steps=steps, covered=covered)
+
+
+def averaged(wheels: Sequence[Encoder], who: str) -> Encoder:
+    """Return the mean of a side's wheels, as one wheel (DetectError if they do not overlap in time)."""
+    mean = wheels[0]
+    for number, other in enumerate(wheels[1:], 1):
+        both = join(mean, other, who)
+        weight = 1 / (number + 1)
+        phi = (both.phi_R - both.phi_R[0]) * (1 - weight) + (both.phi_L - both.phi_L[0]) * weight
+        step = float(np.hypot((1 - weight) * mean.step, weight * other.step))
+        mean = Encoder(t_ns=both.t_ns, phi=phi, step=step, covered=both.covered, notes=mean.notes + other.notes)
+    return mean
 
 
 def span(t_ns: Ids) -> str:
@@ -97,36 +226,80 @@ def span(t_ns: Ids) -> str:
     return f"{t_ns.min() / 1e9:.3f} to {t_ns.max() / 1e9:.3f} s"
 
 
-def _unwrapped(phi: Array, step: float) -> Array:
+def without_strays(wheels: WheelSamples) -> tuple[WheelSamples, int]:
+    """Return wheel samples whose strays stand where their neighbours say, and how many there were."""
+    found = 0
+    angles = []
+    for phi, step in ((wheels.phi_R, wheels.encoder_steps[0]), (wheels.phi_L, wheels.encoder_steps[1])):
+        stray = strays(phi, step)
+        found += int(np.sum(stray))
+        rows = np.arange(phi.size)
+        angles.append(np.interp(rows, rows[~stray], phi[~stray]) if np.any(stray) else phi)
+    return replace(wheels, phi_R=angles[0], phi_L=angles[1]), found
+
+
+def _unwrapped(phi: Array, step: float, periods: Sequence[float]) -> tuple[Array, float]:
+    """Return unwrapped angles and the period, 0 if they do not wrap."""
     extent = float(np.ptp(phi))
-    periods = [2 * float(np.pi)]
-    if step > 0 and extent > 0.75 * _FEWEST_COUNTS * step:
-        periods.append(step * 2.0 ** round(float(np.log2(extent / step + 1))))
     delta = np.diff(phi)
-    for period in periods:
+    tried = [*periods, 2 * float(np.pi)]
+    odd = _period_by_jumps(phi, delta, step, extent)
+    if step > 0 and extent > 0.75 * _FEWEST_COUNTS * step:
+        binary = step * 2.0 ** round(float(np.log2(extent / step + 1)))
+        tried.append(binary if odd == 0 or abs(odd - binary) < 2.5 * step else odd)
+    for period in tried:
         jump = np.abs(delta) > period / 2
         if not np.any(jump) or np.all(jump) or extent > period * (1 + 1e-9) + step / 2:
             continue
         rest = np.abs(delta[jump]) - period
         usual = float(np.max(np.abs(delta[~jump])))
         slack = 3 * usual + 2 * step
-        if usual < period / 4 and np.max(np.abs(rest)) <= slack and extent >= period - slack:
-            return np.asarray(np.unwrap(phi, period=period))
-    return phi
+        known = period in periods
+        if usual < period / 4 and np.max(np.abs(rest)) <= slack and (known or extent >= period - slack):
+            return np.asarray(np.unwrap(phi, period=period)), period
+    return phi, 0.0
 
 
-def _refuse_reset(t_ns: Ids, phi: Array, who: str) -> None:
+def _period_by_jumps(phi: Array, delta: Array, step: float, extent: float) -> float:
+    """Return the range of a counter in whole steps, 0 if the readings do not show it.
+
+    Several jumps are needed that all lead from one end of the readings to the other; what a jump lacks of the period
+    is the travel of one sample, which the samples beside it tell.
+    """
+    jumps = np.flatnonzero(np.abs(delta) > extent / 2)
+    if step <= 0 or extent < _FEWEST_COUNTS * step or not 2 <= jumps.size <= phi.size // 4:
+        return 0.0
+    inner = jumps[(jumps > 0) & (jumps < delta.size - 1)]
+    if inner.size < 2:
+        return 0.0
+    found = np.abs(delta[inner] - (delta[inner - 1] + delta[inner + 1]) / 2)
+    usual = float(np.quantile(np.abs(np.delete(delta, jumps)), 0.99))
+    period = float(np.median(found))
+    if np.max(np.abs(found - period)) > 2 * usual + 3 * step:
+        return 0.0
+    steps = max(round(period / step), round(extent / step) + 1)
+    near = range(max(steps - 2, round(extent / step) + 1), steps + 3)
+    return next((n for n in near if n % 100 == 0), steps) * step  # such ranges are round numbers
+
+
+def _resets_joined(t_ns: Ids, phi: Array, step: float) -> tuple[Array, Ids, Flags]:
+    """Return angles that go on across resets, the samples before them, and whether the wheel stood at each."""
     dt = np.diff(t_ns) / 1e9
-    delta = np.abs(np.diff(phi))
-    speed = delta / np.maximum(dt, np.median(dt))
+    delta = np.diff(phi)
+    usual_dt = float(np.median(dt))
+    speed = np.abs(delta) / np.maximum(dt, usual_dt)
     moving = speed[speed > 0]
-    if moving.size == 0:
-        return
-    limit = _RESET_SPEED * float(np.quantile(moving, 0.99))
-    jumps = np.flatnonzero((speed > limit) & (delta > _RESET_ANGLE))
-    if jumps.size:
-        k = int(jumps[0])
-        raise DetectError(
-            f"{who}: jumps from {phi[k]:.3f} to {phi[k + 1]:.3f} rad at {t_ns[k + 1] / 1e9:.3f} s, wheel angles "
-            "without a reset are needed; cut the log there or record again"
-        )
+    none = np.zeros(0, dtype=np.int64)
+    if moving.size < 3:
+        return phi, none, none.astype(np.bool_)
+    limit = _RESET_SPEED * float(np.quantile(moving, 0.99 if moving.size > 200 else 0.9))
+    jumps = np.flatnonzero((speed > limit) & (np.abs(delta) > max(_RESET_ANGLE, 4 * step)))
+    if not jumps.size or jumps.size > max(20, phi.size // 100):
+        return phi, none, none.astype(np.bool_)
+    change = delta.copy()
+    known = np.zeros(jumps.size, dtype=np.bool_)
+    for number, k in enumerate(jumps):
+        near = np.abs(np.concatenate([delta[max(k - 3, 0) : k], delta[k + 1 : k + 4]]))
+        known[number] = near.size > 2 and float(near.max()) <= 1.5 * step + 1e-4
+        change[k] = 0.0
+    return np.concatenate([[phi[0]], phi[0] + np.cumsum(change)]), jumps, known

@@ -1,65 +1,138 @@
-"""A robot's log: wheel samples as arrays, camera frames lazily by time.
+"""A robot's recording: wheel samples as arrays, camera frames lazily by time.
 
-Header stamps are the time base: they say when a sample was taken. Log times say when a message arrived, late by an
-unknown delay, and are used for nothing. The first pass (:mod:`boxcal.detect.log.scan`) reads all joints and the stamps
-of all
-images; images are decoded one at a time when they are asked for, from the places that the first pass noted. So a log
-needs no index, and memory does not grow with its images.
+Header stamps are the time base: they say when a sample was taken. Times of recording say when a message arrived, late
+by an unknown delay; they stand in where there are no stamps, and show that two clocks differ. One pass
+(:mod:`boxcal.detect.log.scan`) reads all wheel readings and the stamps of all images, and keeps the images taken at
+rest; others are read again from their place. So a recording needs no index, and memory does not grow with its images.
 """
 
-import hashlib
+import weakref
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from boxcal.detect.errors import DetectError
 from boxcal.detect.image.bit_depth import DeepGrey, bits_of, eight_bits, full_scale
-from boxcal.detect.log.encoder import clean, join, span
-from boxcal.detect.log.mcap_records import Message, read_messages, walk
-from boxcal.detect.log.messages import DECODERS, Grey, header_stamp_ns
+from boxcal.detect.log.clocks import offset_by_recording, usable_stamps
+from boxcal.detect.log.containers.base import Container, Damage
+from boxcal.detect.log.encoder import span
+from boxcal.detect.log.frame_cache import FrameCache
+from boxcal.detect.log.frames import FrameSource
+from boxcal.detect.log.images import Grey, ImageSeries, frame_id_of
+from boxcal.detect.log.metadata import Metadata
+from boxcal.detect.log.opener import open_container
 from boxcal.detect.log.safe_text import printable
-from boxcal.detect.log.scan import Scan
-from boxcal.detect.log.topics import Joint, Topics, choose_camera, choose_wheels
+from boxcal.detect.log.scan import Scan, problems_said
+from boxcal.detect.log.signals import Quantity
+from boxcal.detect.log.topics import Topics, choose_camera
+from boxcal.detect.log.wheel_assembly import AssembledWheels, assemble_wheels
+from boxcal.detect.log.wheel_choice import WheelChoice, choose_wheels
 from boxcal.detect.log.wheel_samples import WheelSamples, WheelUnits
 from boxcal.target.arrays import Ids
+
+_DEPTH_ENCODINGS = {"16UC1", "32FC1", "16SC1", "64FC1"}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Recording:
-    """One log, opened.
+    """One recording, opened.
 
     Attributes
     ----------
     path
-        The file.
-    camera_topic, camera_kind
-        Where the images are and their message type.
-    left, right
-        Topic and joint of each wheel.
+        The file or folder.
+    kind
+        What kind of recording it is.
+    sha256
+        Of its bytes, hexadecimal.
+    camera_topic
+        Where the images are.
+    camera_frame
+        The camera's frame as the images name it.
+    odometry_frame
+        The base frame as the odometry names it, empty without odometry.
+    wheel_topics
+        Where the wheels' readings are.
+    quantity
+        What they are.
+    nominal : m
+        Wheel radius and separation that odometry was taken apart with, None if there are wheel readings.
     wheels
         All wheel samples.
     frame_t_ns : (F,) ns
-        Header stamps of the images, strictly ascending.
-    frame_places : (F, 2)
-        Where each image's message stands in the file: record and offset within its chunk (-1 if in none).
+        Stamps of the images on the wheels' clock, strictly ascending.
+    frame_numbers : (F,)
+        Which image of the topic, in order of arrival, each of these is.
+    clock_offset_ns
+        By how much the images' stamps were ahead of the wheels' clock before they were put right.
+    metadata
+        What the recording says of the robot.
+    notes
+        What a user should know of how it was read: choices, losses, what was put right.
+    lost_messages, lost_s
+        What could not be read, as far as that is known.
+    units
+        What the wheel readings were taken for.
+    source
+        Decodes the frames.
     """
 
     path: Path
+    kind: str
+    sha256: str
     camera_topic: str
-    camera_kind: str
-    left: Joint
-    right: Joint
+    camera_frame: str
+    odometry_frame: str
+    wheel_topics: tuple[str, ...]
+    quantity: Quantity
+    nominal: tuple[float, float] | None
     wheels: WheelSamples
     frame_t_ns: Ids
-    frame_places: Ids
+    frame_numbers: Ids
+    clock_offset_ns: int
+    metadata: Metadata
+    notes: tuple[str, ...]
+    lost_messages: int
+    lost_s: float
+    units: WheelUnits
+    source: FrameSource
 
     def frames_between(self, t_start_ns: int, t_end_ns: int) -> Ids:
         """Return the indices of the frames within a time window, both ends included."""
         first = np.searchsorted(self.frame_t_ns, t_start_ns, side="left")
         last = np.searchsorted(self.frame_t_ns, t_end_ns, side="right")
         return np.arange(first, last, dtype=np.int64)
+
+    def frames_missing(self) -> tuple[int, str]:
+        """Return how many of the frames that were looked at did not decode, and why the first did not."""
+        skipped = self.source.skipped
+        return len(skipped), next(iter(skipped.values()), "")
+
+    def refuse_times_apart(self) -> None:
+        """Refuse images and wheels that were stamped at times that do not overlap (DetectError)."""
+        images, wheels = self.frame_t_ns, self.wheels.t_ns
+        if max(images[0], wheels[0]) > min(images[-1], wheels[-1]):
+            raise DetectError(
+                f"images are stamped {span(images)} and wheels {span(wheels)}",
+                source=self.path.name,
+                needed="times that overlap are needed",
+                remedy="stamp both with one clock",
+            )
+
+    def with_clock_offset(self, offset_ns: int) -> "Recording":
+        """Return the same recording with the images' stamps taken back by an offset that the pictures told."""
+        note = (
+            f"the camera's clock is {abs(offset_ns) / 1e9:.1f} s {'ahead of' if offset_ns > 0 else 'behind'} the "
+            "wheels' (its pictures stand still that much apart from them); its stamps were put right by that"
+        )
+        return replace(
+            self,
+            frame_t_ns=self.frame_t_ns - offset_ns,
+            clock_offset_ns=self.clock_offset_ns + offset_ns,
+            notes=(*self.notes, note),
+        )
 
     def used_bits(self, indices: Iterable[int]) -> int:
         """Return how many bits the camera's grey levels have: 8, 10, 12, 14 or 16.
@@ -69,8 +142,14 @@ class Recording:
         """
         return max((bits_of(image) for _, image in self._decoded(indices)), default=8)
 
+    def read_raw_frames(self, indices: Iterable[int]) -> Iterator[tuple[int, DeepGrey]]:
+        """Decode frames one at a time, as their messages have them (see :meth:`read_frames`)."""
+        yield from self._decoded(indices)
+
     def read_frames(self, indices: Iterable[int]) -> Iterator[tuple[int, Grey]]:
         """Decode frames one at a time, in 8 bits: pictures to look at, deeper ones each at the bits it has.
+
+        Frames that do not decode are passed over and counted (:meth:`frames_missing`).
 
         Parameters
         ----------
@@ -79,12 +158,12 @@ class Recording:
 
         Yields
         ------
-        Header stamp (ns) and grey image (H, W).
+        Stamp (ns) and grey image (H, W).
 
         Raises
         ------
         DetectError
-            If the file changed since it was opened or an image does not decode (its stamp is named).
+            If the recording changed since it was opened.
         """
         for t_ns, image in self._decoded(indices):
             yield t_ns, eight_bits(full_scale(image, 8))
@@ -105,97 +184,211 @@ class Recording:
             yield t_ns, full_scale(image, bits)
 
     def _decoded(self, indices: Iterable[int]) -> Iterator[tuple[int, DeepGrey]]:
-        name, decode = self.path.name, DECODERS[self.camera_kind]
-        held, messages = -1, dict[int, Message]()
-        try:
-            with self.path.open("rb") as file:
-                for index in indices:
-                    record, inner = (int(v) for v in self.frame_places[index])
-                    t_ns = int(self.frame_t_ns[index])
-                    if record != held:
-                        held, messages = record, read_messages(file, name, record)
-                    message = messages.get(inner)
-                    if message is None or header_stamp_ns(message.data) != t_ns:
-                        raise DetectError(f"{name}: changed while it was read; close its recorder and try again")
-                    try:
-                        image = decode(message.data)
-                    except DetectError as error:
-                        where = f"image of {t_ns / 1e9:.3f} s in {printable(self.camera_topic)}"
-                        raise DetectError(f"{name}: {where}: {error}") from error
-                    yield t_ns, image
-        except OSError as error:
-            raise DetectError(f"{name}: cannot be read ({error.strerror or error}); check the disk") from error
+        rows = [int(i) for i in indices]
+        times = {int(self.frame_numbers[i]): int(self.frame_t_ns[i]) for i in rows}
+        for number, image in self.source.decoded(int(self.frame_numbers[i]) for i in rows):
+            yield times[number], image
 
 
-def open_recording(path: Path, topics: Topics | None = None, units: WheelUnits | None = None) -> Recording:
-    """Read a ROS 2 log in MCAP: all joints, and where the images are.
+def open_recording(
+    path: Path,
+    topics: Topics | None = None,
+    units: WheelUnits | None = None,
+    nominal: tuple[float, float] | None = None,
+) -> Recording:
+    """Read a recording of any kind: all wheel readings, and where the images are.
 
     Parameters
     ----------
     path
-        The log.
+        A file (MCAP, sqlite3, ROS 1 bag, compressed or not), a bag folder, or a folder of pictures.
     topics
-        Names where the log is ambiguous.
+        Names where the recording is ambiguous.
     units
         What the wheel readings mean; rad, rolling forward, if None.
+    nominal : m
+        Wheel radius and separation of the driver that reckons the odometry, where the recording has only that.
 
     Raises
     ------
     DetectError
-        If the file cannot be read, or lacks camera, wheels, messages or a common time; the message says what to do.
+        If the recording cannot be read, or lacks camera, wheels, messages or a common time; all that is missing is
+        said together, with what to do.
     """
-    name = path.name
-    scan = Scan(name=name, topics=topics or Topics())
+    container = open_container(path)
+    scan = Scan(name=path.name, topics=topics or Topics())
     try:
-        if path.is_dir():
-            raise DetectError(f"{name}: is a folder, one .mcap file is needed; name the file inside it")
-        with path.open("rb") as file:
-            for record in walk(file, name):
-                scan.take(record)
-    except FileNotFoundError as error:
-        raise DetectError(f"{name}: no such file, a log in MCAP is needed; check the path") from error
+        scan.take_all(container)
+        return _closing(_assembled(scan, container, path, units or WheelUnits(), nominal))
     except OSError as error:
-        raise DetectError(f"{name}: cannot be read ({error.strerror or error}); check the file") from error
-    return _assembled(scan, path, units or WheelUnits())
-
-
-def file_sha256(path: Path) -> str:
-    """Return a file's SHA-256, hexadecimal (DetectError if it cannot be read)."""
-    try:
-        with path.open("rb") as file:
-            return hashlib.file_digest(file, "sha256").hexdigest()
-    except OSError as error:
-        raise DetectError(f"{path.name}: cannot be read ({error.strerror or error}); check the path") from error
-
-
-def _assembled(scan: Scan, path: Path, units: WheelUnits) -> Recording:
-    scan.refuse_other_worlds()
-    name, types = scan.name, scan.types()
-    camera = choose_camera(name, scan.image_counts(), types, scan.topics.camera_topic)
-    left, right = choose_wheels(name, scan.joints, types, scan.topics)
-    encoders = []
-    for (topic, joint), factor in zip((right, left), units.factors, strict=True):
-        series = scan.joints[topic][joint]
-        who = f"{name}: joint {printable(joint)} in {printable(topic)}"
-        if not series.t_ns:
-            raise DetectError(f"{who}: no positions, wheel angles in rad are needed; make the driver publish them")
-        encoders.append(clean(np.array(series.t_ns, dtype=np.int64), factor * np.array(series.value), who))
-    wheels = join(encoders[0], encoders[1], name)
-    kind, images = scan.images_of(camera)
-    t_ns, first = np.unique(np.array(images.t_ns, dtype=np.int64), return_index=True)
-    if max(t_ns[0], wheels.t_ns[0]) > min(t_ns[-1], wheels.t_ns[-1]):
+        _close(container, scan)
         raise DetectError(
-            f"{name}: images are stamped {span(t_ns)} and wheels {span(wheels.t_ns)}, times that overlap are needed; "
-            "stamp both with one clock"
+            f"cannot be read ({error.strerror or error})", source=path.name, remedy="check the file"
+        ) from error
+    except BaseException:
+        _close(container, scan)
+        raise
+
+
+def read_wheels(
+    path: Path,
+    topics: Topics | None = None,
+    units: WheelUnits | None = None,
+    nominal: tuple[float, float] | None = None,
+) -> WheelSamples:
+    """Return the wheel samples of a recording that need not show a camera (see :func:`open_recording`)."""
+    container = open_container(path)
+    scan = Scan(name=path.name, topics=topics or Topics())
+    try:
+        scan.take_all(container)
+        scan.refuse_other_worlds()
+        choice = choose_wheels(path.name, scan.signals, scan.odometry, scan.types, scan.topics)
+        nominal = nominal or scan.metadata.nominal_wheels()
+        return assemble_wheels(path.name, choice, units or WheelUnits(), nominal).wheels
+    finally:
+        _close(container, scan)
+
+
+def _close(container: Container, scan: Scan) -> None:
+    container.close()
+    scan.cache.close()
+
+
+def _closing(recording: Recording) -> Recording:
+    """Return the recording; its files are closed when nobody holds it any more."""
+    source = recording.source
+    weakref.finalize(source, _close_files, source.container, source.cache)
+    return recording
+
+
+def _close_files(container: Container, cache: FrameCache) -> None:
+    container.close()
+    cache.close()
+
+
+def _assembled(
+    scan: Scan, container: Container, path: Path, units: WheelUnits, nominal: tuple[float, float] | None
+) -> Recording:
+    name, types, damage = scan.name, scan.types, container.damage
+    if not types and damage.notes:
+        raise DetectError(
+            damage.notes[0],
+            source=name,
+            needed="a recording with intact messages is needed",
+            remedy="recover what is there with `mcap recover`, or record again",
         )
-    places = np.stack([np.array(images.record, dtype=np.int64), np.array(images.inner, dtype=np.int64)], axis=1)
+    scan.refuse_other_worlds()
+    try:
+        camera, choice = _chosen(scan, types)
+        nominal = nominal or scan.metadata.nominal_wheels()
+        wheels = assemble_wheels(name, choice, units, nominal)
+    except DetectError as error:
+        raise _with_losses(error, name, damage) from error
+    images = scan.images_of(camera)
+    t_ns, numbers, offset, notes = _frame_times(images, wheels, camera)
+    source = FrameSource(series=images, container=container, cache=scan.cache)
     return Recording(
         path=path,
+        kind=container.kind,
+        sha256=container.sha256(),
         camera_topic=camera,
-        camera_kind=kind,
-        left=left,
-        right=right,
-        wheels=wheels,
+        camera_frame=_camera_frame(source),
+        odometry_frame=next((o.base_frame for o in scan.odometry.values() if o.base_frame), ""),
+        wheel_topics=tuple(dict.fromkeys(s.topic for s in (*choice.right, *choice.left)))
+        or (() if choice.odometry is None else (choice.odometry.topic,)),
+        quantity=choice.quantity,
+        nominal=wheels.nominal,
+        wheels=wheels.wheels,
         frame_t_ns=t_ns,
-        frame_places=places[first],
+        frame_numbers=numbers,
+        clock_offset_ns=offset,
+        metadata=scan.metadata,
+        notes=(*_losses(damage), *problems_said(_problems_of(scan, camera, choice)), *wheels.notes, *notes),
+        lost_messages=damage.messages,
+        lost_s=damage.seconds,
+        units=wheels.units,
+        source=source,
     )
+
+
+def _chosen(scan: Scan, types: dict[str, str]) -> tuple[str, WheelChoice]:
+    """Return the camera's topic and the wheels; what keeps either from being chosen is said together."""
+    depth = {t for (t, _), s in scan.images.items() if s.encoding in _DEPTH_ENCODINGS and _several(scan)}
+    problems: list[DetectError] = []
+    camera, choice = "", None
+    try:
+        camera = choose_camera(scan.name, scan.image_counts(), types, scan.topics.camera_topic, depth)
+    except DetectError as error:
+        problems.append(error)
+    try:
+        choice = choose_wheels(scan.name, scan.signals, scan.odometry, types, scan.topics)
+    except DetectError as error:
+        problems.append(error)
+    if choice is None or problems:
+        undecoded = problems_said(scan.problems)
+        if len(problems) == 1 and not undecoded:
+            raise problems[0]
+        raise DetectError(
+            "; and ".join([str(e).removeprefix(f"{scan.name}: ") for e in problems] + undecoded[:3]), source=scan.name
+        )
+    return camera, choice
+
+
+def _several(scan: Scan) -> bool:
+    return len({topic for topic, _ in scan.images}) > 1
+
+
+def _frame_times(images: ImageSeries, wheels: AssembledWheels, camera: str) -> tuple[Ids, Ids, int, tuple[str, ...]]:
+    """Return the frames' times on the wheels' clock, their numbers, the offset taken away, and what was done."""
+    stamps, log_ns = np.array(images.t_ns, dtype=np.int64), np.array(images.log_ns, dtype=np.int64)
+    times = usable_stamps(stamps, log_ns, f"the images in {printable(camera)}")
+    kept = np.flatnonzero(times.t_ns != 0) if np.any(times.t_ns != 0) else np.arange(stamps.size)
+    notes = [times.note] if times.note else []
+    if len(kept) < stamps.size:
+        notes.append(f"{stamps.size - len(kept)} images without stamps were left out")
+    t_ns, first = np.unique(times.t_ns[kept], return_index=True)
+    numbers = kept[first]
+    offset = 0
+    if not times.note:
+        offset = offset_by_recording(t_ns, log_ns[numbers], wheels.stamp_ns, wheels.log_ns)
+    if offset:
+        notes.append(
+            f"the camera's clock is {abs(offset) / 1e9:.1f} s {'ahead of' if offset > 0 else 'behind'} the wheels' (by "
+            "the times of recording); its stamps were put right by that"
+        )
+    return t_ns - offset, numbers, offset, tuple(notes)
+
+
+def _camera_frame(source: FrameSource) -> str:
+    """Return the camera's frame by the first image that decodes."""
+    for number in range(min(3, len(source.series.t_ns))):
+        try:
+            return frame_id_of(source.series.channel, source.message(number))
+        except DetectError as error:
+            if error.source:
+                raise
+    return ""
+
+
+def _problems_of(scan: Scan, camera: str, choice: WheelChoice) -> dict[str, tuple[str, int]]:
+    """Return the problems in the topics that are used; an arm's broken topic harms nothing."""
+    used = {camera, *(s.topic for s in (*choice.right, *choice.left))}
+    if choice.odometry is not None:
+        used.add(choice.odometry.topic)
+    return {topic: problem for topic, problem in scan.problems.items() if topic in used}
+
+
+def _with_losses(error: DetectError, name: str, damage: Damage) -> DetectError:
+    """Return an error that says what of the recording was lost, too."""
+    lost = "".join(f"; {note}" for note in _losses(damage))
+    return DetectError(str(error).removeprefix(f"{name}: ") + lost, source=name) if lost else error
+
+
+def _losses(damage: Damage) -> tuple[str, ...]:
+    """Return what was lost, in one sentence; nothing if nothing was."""
+    if not damage.notes:
+        return ()
+    lost = [f"{damage.messages} messages"] if damage.messages else []
+    lost += [f"{damage.seconds:.1f} s"] if damage.seconds else []
+    known = f" (lost: {', '.join(lost)})" if lost else ""
+    return (f"the recording is damaged: {'; '.join(damage.notes)}{known}; what is intact was used",)

@@ -1,81 +1,92 @@
-"""The first pass over a log: all wheel readings, and where the images stand."""
+"""The one pass over a recording: all wheel readings, where the images stand, and what it says of the robot."""
 
-from array import array
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
-from mcap.records import Channel, Schema
 
 from boxcal.detect.errors import DetectError
-from boxcal.detect.log.mcap_records import Message, Record
-from boxcal.detect.log.messages import COMPRESSED_IMAGE, JOINTS, RAW_IMAGE, decode_joints, header_stamp_ns
+from boxcal.detect.log.containers.base import Batch, Channel, Container, ros_type
+from boxcal.detect.log.containers.packing import message_unpacked
+from boxcal.detect.log.frame_cache import FrameCache
+from boxcal.detect.log.images import IMAGE_TYPES, ImageSeries, image_stamp_ns, raw_encoding
+from boxcal.detect.log.joint_states import JointReader
+from boxcal.detect.log.metadata import METADATA_TYPES, Metadata
+from boxcal.detect.log.ros_messages import decoder_of, stamp_of, value_at
 from boxcal.detect.log.safe_text import listed, printable
-from boxcal.detect.log.topics import Topics, wheel_side
+from boxcal.detect.log.signals import OdometrySignal, Quantity, Signal
+from boxcal.detect.log.tick_messages import ODOMETRY, Field, fields_of
+from boxcal.detect.log.topics import Topics, named_field
+from boxcal.detect.log.wheel_names import drive_side, wheel_side
+from boxcal.target.arrays import Array, Ids
 
-MAX_SAMPLES = 20_000_000
-"""Most joint readings and images together that are taken from one log."""
+JOINTS = "sensor_msgs/msg/JointState"
+MAX_SAMPLES = 8_000_000
+"""Most wheel readings and images together that are taken from one recording."""
 MAX_NAMES = 20_000
-"""Most different joints in one log."""
-_KINDS = {JOINTS, RAW_IMAGE, COMPRESSED_IMAGE}
+"""Most different joints in one recording."""
+_FARTHEST = 1e7
+"""Odometry that says to be farther than this, m, is damaged."""
+_ROS = {"cdr", "ros1"}
+_Handler = Callable[[Batch], None]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Series:
-    """What one joint, or one topic's images, gave: stamps (ns) with positions (rad), or with places in the file."""
-
-    t_ns: "array[int]" = field(default_factory=lambda: array("q"))
-    value: "array[float]" = field(default_factory=lambda: array("d"))
-    record: "array[int]" = field(default_factory=lambda: array("q"))
-    inner: "array[int]" = field(default_factory=lambda: array("q"))
-
-
-@dataclass(slots=True, kw_only=True)
+@dataclass(slots=True, kw_only=True, eq=False)
 class Scan:
-    """Takes a log's records one by one.
+    """Takes a recording's messages, piece by piece.
 
     Attributes
     ----------
     name
-        Of the file, for messages.
+        Of the recording, for messages.
     topics
         What the user named: such joints are kept whatever their names mean.
-    schemas, channels
-        By id, as the log describes them.
-    kinds
-        Message type by id, of the channels that are read.
+    types
+        Type of every topic that was seen, with its encoding where that is not CDR.
     images
         By topic and type.
-    joints
-        By topic and joint; a joint without readings that can be a wheel is there too, empty.
+    signals
+        By topic and joint or field; a joint without readings that can be a wheel is there too, empty.
+    odometry
+        By topic.
+    metadata
+        What the recording says of the robot.
+    cache
+        Keeps frames that will be wanted again.
+    problems
+        Messages that did not decode: what and how many, by topic.
     """
 
     name: str
     topics: Topics
-    schemas: dict[int, Schema] = field(default_factory=dict)
-    channels: dict[int, Channel] = field(default_factory=dict)
-    kinds: dict[int, str] = field(default_factory=dict)
-    images: dict[tuple[str, str], Series] = field(default_factory=dict)
-    joints: dict[str, dict[str, Series]] = field(default_factory=dict)
+    types: dict[str, str] = field(default_factory=dict)
+    encodings: set[str] = field(default_factory=set)
+    images: dict[tuple[str, str], ImageSeries] = field(default_factory=dict)
+    signals: dict[str, dict[str, Signal]] = field(default_factory=dict)
+    odometry: dict[str, OdometrySignal] = field(default_factory=dict)
+    metadata: Metadata = field(default_factory=Metadata)
+    cache: FrameCache = field(default_factory=FrameCache)
+    problems: dict[str, tuple[str, int]] = field(default_factory=dict)
+    _handlers: dict[int, tuple[Channel, _Handler | None]] = field(default_factory=dict)
     _taken: int = 0
     _names: int = 0
 
-    def take(self, record: Record) -> None:
-        """Take one record (DetectError if it does not decode, or there are unreasonably many)."""
-        if isinstance(record, Schema):
-            self.schemas[record.id] = record
-        elif isinstance(record, Channel):
-            self._channel(record)
-        elif record.channel not in self.channels:
-            raise DetectError(
-                f"{self.name}: a message of channel {record.channel}, which the file does not describe; recover what "
-                "is there with `mcap recover`, or record again"
-            )
-        elif record.channel in self.kinds:
-            self._message(record, self.channels[record.channel].topic, self.kinds[record.channel])
-
-    def types(self) -> dict[str, str]:
-        """Return every topic's type."""
-        return {c.topic: self._type(c) or "no schema" for c in self.channels.values()}
+    def take_all(self, container: Container) -> None:
+        """Read a recording from front to end (DetectError if it holds unreasonably much)."""
+        for piece in container.batches():
+            late: list[tuple[_Handler, Batch]] = []
+            for batch in piece:
+                handler = self._handler(batch.channel)
+                if handler is None:
+                    continue
+                if handler == self._image:
+                    late.append((handler, batch))
+                else:
+                    handler(batch)
+            for handler, batch in late:  # whether the robot stands must be known before its images are looked at
+                handler(batch)
+        for channel in getattr(container, "channels", []):
+            self._handler(channel)
 
     def image_counts(self) -> dict[str, int]:
         """Return every image topic's number of messages."""
@@ -84,72 +95,284 @@ class Scan:
             counts[topic] = counts.get(topic, 0) + len(series.t_ns)
         return counts
 
-    def images_of(self, topic: str) -> tuple[str, Series]:
-        """Return type and images of a topic; of two types in one topic, the one with more."""
-        found = [(len(series.t_ns), kind) for (t, kind), series in self.images.items() if t == topic]
-        kind = max(found)[1]
-        return kind, self.images[topic, kind]
+    def images_of(self, topic: str) -> ImageSeries:
+        """Return the images of a topic; of two types in one topic, the one with more."""
+        return max((s for (t, _), s in self.images.items() if t == topic), key=lambda s: len(s.t_ns))
 
     def refuse_other_worlds(self) -> None:
-        """Refuse a log that ROS 2 did not write (DetectError with what its messages are)."""
-        if any(c.message_encoding == "cdr" for c in self.channels.values()):
-            return
-        if not self.channels:
-            raise DetectError(f"{self.name}: no topics, a camera and joint states are needed; record again")
-        found = listed(
-            f"{c.message_encoding or 'no encoding'} of {self._type(c) or 'no schema'}" for c in self.channels.values()
-        )
-        raise DetectError(
-            f"{self.name}: not a ROS 2 log: its messages are {found}, CDR is needed; record with ROS 2, or convert a "
-            "ROS 1 log with `rosbags-convert`"
-        )
+        """Refuse a recording in which nothing can be read (DetectError with what its messages are)."""
+        if not self.types:
+            raise DetectError(
+                "no topics", source=self.name, needed="a camera and wheel readings are needed", remedy="record again"
+            )
+        if not self.encodings & {"cdr", "ros1", "protobuf", "json", "picture"}:
+            raise DetectError(
+                f"its messages are {listed(e or 'of no encoding' for e in self.encodings)} "
+                f"({listed(self.types.values())})",
+                source=self.name,
+                needed="CDR, ROS 1, protobuf or JSON is needed",
+                remedy="record with ROS 2",
+            )
 
-    def _type(self, channel: Channel) -> str:
-        """Return a channel's type as ROS 2 writes it (``package/msg/Type``); empty without a schema."""
-        schema = self.schemas.get(channel.schema_id)
-        return "" if schema is None else str(schema.name)
+    def _handler(self, channel: Channel) -> _Handler | None:
+        """Return what takes a channel's messages, None if nothing does."""
+        found = self._handlers.get(id(channel))
+        if found is None:
+            found = self._handlers[id(channel)] = (channel, self._choose_handler(channel))
+        return found[1]
 
-    def _channel(self, channel: Channel) -> None:
-        self.channels[channel.id] = channel
-        self.kinds.pop(channel.id, None)
-        kind = self._type(channel)
-        if channel.message_encoding != "cdr" or kind not in _KINDS:
-            return
-        self.kinds[channel.id] = kind
-        if kind == JOINTS:
-            self.joints.setdefault(channel.topic, {})
-        else:
-            self.images.setdefault((channel.topic, kind), Series())
+    def _choose_handler(self, channel: Channel) -> _Handler | None:
+        kind = ros_type(channel.type) if channel.encoding != "protobuf" else channel.type
+        note = "" if channel.encoding == "cdr" else f" ({channel.encoding or 'no encoding'})"
+        self.types.setdefault(channel.topic, f"{kind or 'no schema'}{note}")
+        self.encodings.add(channel.encoding)
+        if channel.encoding == "picture" or (kind in IMAGE_TYPES and channel.encoding in {*_ROS, "protobuf", "json"}):
+            self.images.setdefault((channel.topic, kind), ImageSeries(channel=channel, kind=kind))
+            return self._image
+        named = [path for path in (named_field(j, channel.topic) for j in self.topics.joints) if path]
+        if named:
+            fields = tuple(Field(path=path, name=path, quantity=Quantity.TICKS) for path in named)
+            return self._fields_handler(channel, fields)
+        if kind == JOINTS and channel.encoding in {*_ROS, "json"}:
+            self.signals.setdefault(channel.topic, {})
+            return self._joints_handler(channel) if channel.encoding in _ROS else self._json_joints_handler(channel)
+        if kind == ODOMETRY:
+            return self._odometry_handler(channel)
+        if kind in METADATA_TYPES:
+            return self._metadata_handler(channel, kind)
+        fields = fields_of(kind, channel.topic)
+        return self._fields_handler(channel, fields) if fields else None
 
-    def _message(self, message: Message, topic: str, kind: str) -> None:
-        try:
-            if kind == JOINTS:
-                self._joint(message, self.joints[topic])
-            else:
-                series = self.images[topic, kind]
-                series.t_ns.append(header_stamp_ns(message.data))
-                series.record.append(message.place.record)
-                series.inner.append(message.place.inner)
-                self._taken += 1
-        except DetectError as error:
-            where = f"{self.name}: {printable(topic)} at log time {message.log_ns / 1e9:.3f} s"
-            raise DetectError(f"{where}: {error}") from error
+    def _problem(self, topic: str, what: str, count: int = 1) -> None:
+        first, before = self.problems.get(topic, (what, 0))
+        self.problems[topic] = (first, before + count)
+
+    def _count(self, readings: int) -> None:
+        self._taken += readings
         if self._taken > MAX_SAMPLES:
-            raise DetectError(f"{self.name}: more than {MAX_SAMPLES} joint readings and images; split the log")
+            raise DetectError(
+                f"more than {MAX_SAMPLES} wheel readings and images", source=self.name, remedy="split the log"
+            )
 
-    def _joint(self, message: Message, joints: dict[str, Series]) -> None:
-        state = decode_joints(message.data)
-        for k, joint in enumerate(state.names):
-            series = joints.get(joint)
-            if series is None:
-                self._names += 1
-                if self._names > MAX_NAMES:
-                    raise DetectError(f"more than {MAX_NAMES} different joints; the log is damaged")
-                series = joints[joint] = Series()
-            if state.positions.size and np.isfinite(state.positions[k]) and self._wanted(joint):
-                series.t_ns.append(state.t_ns)
-                series.value.append(float(state.positions[k]))
-                self._taken += 1
+    def _signal(self, topic: str, name: str, make: Callable[[], Signal]) -> Signal:
+        of_topic = self.signals.setdefault(topic, {})
+        found = of_topic.get(name)
+        if found is None:
+            self._names += 1
+            if self._names > MAX_NAMES:
+                raise DetectError(f"more than {MAX_NAMES} different joints; the log is damaged", source=self.name)
+            found = of_topic[name] = make()
+        return found
 
-    def _wanted(self, joint: str) -> bool:
-        return joint in {self.topics.left_joint, self.topics.right_joint} or wheel_side(joint) is not None
+    def _joints_handler(self, channel: Channel) -> _Handler:
+        reader = JointReader(ros1=channel.encoding == "ros1")
+
+        def take(batch: Batch) -> None:
+            for block in reader.blocks(_opened(batch)):
+                for k, joint in enumerate(block.names):
+                    self._joint(
+                        channel.topic,
+                        joint,
+                        block.t_ns,
+                        block.log_ns,
+                        None if block.positions is None else block.positions[:, k],
+                        None if block.velocities is None else block.velocities[:, k],
+                    )
+            if reader.damaged:
+                self._problem(channel.topic, reader.problem, reader.damaged)
+                reader.damaged = 0
+
+        return take
+
+    def _json_joints_handler(self, channel: Channel) -> _Handler:
+        decode = decoder_of(channel)
+
+        def take(batch: Batch) -> None:
+            for data, log in _messages(batch):
+                try:
+                    message = decode(data)
+                    t = np.array([stamp_of(message) or 0])
+                    rows = [
+                        np.atleast_1d(np.array(message.get(k) or [], dtype=float)) for k in ("position", "velocity")
+                    ]
+                    names = [str(n)[:256] for n in message.get("name") or []]
+                except (DetectError, ValueError, TypeError, AttributeError) as error:
+                    self._problem(channel.topic, str(error))
+                    continue
+                for k, joint in enumerate(names):
+                    position, velocity = (r[k : k + 1] if len(r) == len(names) else None for r in rows)
+                    self._joint(channel.topic, joint, t, np.array([log]), position, velocity)
+
+        return take
+
+    def _joint(  # noqa: PLR0917  the columns of a block
+        self, topic: str, joint: str, t_ns: Ids, log_ns: Ids, position: Array | None, velocity: Array | None
+    ) -> None:
+        """Take one joint's numbers, if it can be a wheel; note its name in any case."""
+        side = wheel_side(joint) or drive_side(joint)
+        found = self._signal(
+            topic, joint, lambda: Signal(topic=topic, name=joint, quantity=Quantity.POSITION, side=side)
+        )
+        if side is None and joint not in self.topics.joints:
+            return
+        if position is not None:
+            found.add(t_ns, log_ns, position)
+            self._count(len(t_ns))
+        if velocity is not None:
+            speed = self._signal(
+                topic,
+                f"{joint}\0velocity",
+                lambda: Signal(topic=topic, name=joint, quantity=Quantity.VELOCITY, side=side),
+            )
+            speed.add(t_ns, log_ns, velocity)
+            self._count(len(t_ns))
+
+    def _fields_handler(self, channel: Channel, fields: tuple[Field, ...]) -> _Handler | None:
+        try:
+            decode = decoder_of(channel)
+        except DetectError as error:
+            self._problem(channel.topic, str(error))
+            return None
+        for f in fields:
+            self._signal(channel.topic, f.name, lambda f=f: f.signal(channel.topic))  # type: ignore[misc]
+
+        def take(batch: Batch) -> None:
+            stamps: list[int] = []
+            logs: list[int] = []
+            rows: list[list[float]] = []
+            stamped = True
+            for data, log in _messages(batch):
+                try:
+                    message = decode(data)
+                    row = [value_at(message, f.path) for f in fields]
+                except DetectError as error:
+                    self._problem(channel.topic, str(error))
+                    continue
+                stamp = stamp_of(message)
+                stamped = stamped and stamp is not None
+                stamps.append(log if stamp is None else stamp)
+                logs.append(log)
+                rows.append(row)
+            if not rows:
+                return
+            if fields[0].resolution and (turn := value_at(message, fields[0].resolution)) > 0:
+                self.signals[channel.topic][fields[0].name].ticks_per_turn = turn
+            values, t, log_ns = np.array(rows), np.array(stamps, dtype=np.int64), np.array(logs, dtype=np.int64)
+            for k, f in enumerate(fields):
+                signal = self.signals[channel.topic][f.name]
+                signal.stamped = signal.stamped and stamped
+                signal.add(t, log_ns, values[:, k])
+                self._count(len(t))
+
+        return take
+
+    def _odometry_handler(self, channel: Channel) -> _Handler | None:
+        try:
+            decode = decoder_of(channel)
+        except DetectError as error:
+            self._problem(channel.topic, str(error))
+            return None
+        found = self.odometry.setdefault(channel.topic, OdometrySignal(topic=channel.topic))
+
+        def take(batch: Batch) -> None:
+            for data, log in _messages(batch):
+                try:
+                    message = decode(data)
+                    x, y, qx, qy, qz, qw = (
+                        value_at(message, f"pose.pose.{p}")
+                        for p in (
+                            "position.x",
+                            "position.y",
+                            "orientation.x",
+                            "orientation.y",
+                            "orientation.z",
+                            "orientation.w",
+                        )
+                    )
+                except DetectError as error:
+                    self._problem(channel.topic, str(error))
+                    continue
+                if not np.all(np.abs([x, y, qx, qy, qz, qw]) < _FARTHEST):
+                    continue
+                found.t_ns.append(stamp_of(message) or 0)
+                found.log_ns.append(log)
+                found.poses.append((x, y, float(np.arctan2(2 * (qw * qz + qx * qy), 1 - 2 * (qy * qy + qz * qz)))))
+                self._count(1)
+            if not found.base_frame and found.poses:
+                frame = message.get("child_frame_id") if isinstance(message, dict) else message.child_frame_id
+                found.base_frame = str(frame)[:256]
+
+        return take
+
+    def _metadata_handler(self, channel: Channel, kind: str) -> _Handler | None:
+        try:
+            decode = decoder_of(channel)
+        except DetectError:
+            return None  # metadata is a gift: without it nothing is missing
+
+        def take(batch: Batch) -> None:
+            for data, _ in _messages(batch):
+                if not self.metadata.wants(kind, channel.topic):
+                    return
+                try:
+                    self.metadata.take(kind, channel.topic, decode(data))
+                except DetectError as error:
+                    self._problem(channel.topic, str(error))
+
+        return take
+
+    def _image(self, batch: Batch) -> None:
+        channel = batch.channel
+        kind = ros_type(channel.type) if channel.encoding != "protobuf" else channel.type
+        series = self.images[channel.topic, kind]
+        wheels = [s for of_topic in self.signals.values() for s in of_topic.values() if s.count]
+        for k, start in enumerate(batch.starts):
+            data = memoryview(batch.data)[start : batch.ends[k]]
+            log = batch.log_ns[k]
+            try:
+                stamp = image_stamp_ns(channel, kind, data, log)
+            except DetectError as error:
+                self._problem(channel.topic, str(error))
+                continue
+            number = len(series.t_ns)
+            if number == 0:
+                series.encoding = self._encoding(channel, kind, bytes(data))
+            series.add(stamp, log, batch.record, start)
+            self.cache.offer(series, number, stamp, data, wheels)
+        self._count(len(batch.starts))
+
+    def _encoding(self, channel: Channel, kind: str, data: bytes) -> str:
+        try:
+            return raw_encoding(channel, kind, data)
+        except DetectError as error:
+            self._problem(channel.topic, str(error))
+            return ""
+
+
+def _opened(batch: Batch) -> Batch:
+    """Return a batch whose messages are not compressed one by one."""
+    if not batch.channel.packed:
+        return batch
+    content = [message_unpacked(data) for data, _ in _raw(batch)]
+    ends = np.cumsum([len(c) for c in content]).tolist()
+    return batch._replace(data=b"".join(content), starts=[0, *ends[:-1]], ends=ends)
+
+
+def _raw(batch: Batch) -> list[tuple[bytes, int]]:
+    return [
+        (bytes(batch.data[start:end]), log)
+        for start, end, log in zip(batch.starts, batch.ends, batch.log_ns, strict=True)
+    ]
+
+
+def _messages(batch: Batch) -> list[tuple[bytes, int]]:
+    """Return the bytes and the time of recording of each message."""
+    return _raw(batch)
+
+
+def problems_said(problems: dict[str, tuple[str, int]]) -> list[str]:
+    """Return a sentence for each topic whose messages did not all decode."""
+    return [
+        f"{printable(topic)}: {count} message{'s' if count > 1 else ''} left out ({what})"
+        for topic, (what, count) in problems.items()
+    ]

@@ -1,49 +1,38 @@
-"""Which topic is the camera and which joints are the wheels, by type and name."""
+"""What a user may name in a recording, and which topic is the camera."""
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
-from typing import Literal
 
 from boxcal.detect.errors import DetectError
 from boxcal.detect.log.safe_text import listed, printable, suggestion
 
-Side = Literal["left", "right"]
 Joint = tuple[str, str]
-"""A topic and a joint's name in it."""
-
-_TOKENS = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+")
-_WHEEL = re.compile(r"wheel|whl")
-_NOT_DRIVEN = re.compile(r"caster|castor|steer|suspension")
-_SIDE_TOKENS: dict[Side, frozenset[str]] = {
-    "left": frozenset({"l", "lh", "lwheel", "wheell", "lwhl"}),
-    "right": frozenset({"r", "rh", "rwheel", "wheelr", "rwhl"}),
-}
-_COMPRESSED = re.compile(r"/compressed(Depth)?$")
+"""A topic and a joint's (or field's) name in it."""
+_TRANSPORT = re.compile(r"/(compressed|compressedDepth|theora|ffmpeg|zstd|h264|video)$")
+_ORDER = ("", "/zstd", "/compressed", "/ffmpeg", "/h264", "/video", "/theora")
+"""Transports, the best first: raw images have no compression noise, videos have most."""
+_DEPTH = re.compile(r"depth|disparity|compressedDepth$|point_?cloud", re.IGNORECASE)
+_INFRARED = re.compile(r"infra|(^|[/_])ir([/_]|$)|thermal|fisheye_rect", re.IGNORECASE)
+_DERIVED = re.compile(r"rect|annotat|overlay|debug|result|detections?_image|tag|marker", re.IGNORECASE)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Topics:
-    """What a user may name where names alone do not decide; None leaves it to the names."""
+    """What a user may name where names alone do not decide; None leaves it to the names.
+
+    A wheel is a joint, or any number in any topic: ``/wheel_ticks.ticks_left``, ``/encoders.data[0]``.
+    """
 
     camera_topic: str | None = None
     joint_topic: str | None = None
     left_joint: str | None = None
     right_joint: str | None = None
 
-
-def wheel_side(joint: str) -> Side | None:
-    """Return which driven wheel a joint's name means, or None.
-
-    ``wheel_left_joint``, ``left_wheel``, ``LeftWheel``, ``l_wheel_joint``, ``base_l_wheel``, ``rwheel`` are wheels;
-    casters, steering and suspension joints are not.
-    """
-    lower = joint.lower()
-    if not _WHEEL.search(lower) or _NOT_DRIVEN.search(lower):
-        return None
-    tokens = {token.lower() for token in _TOKENS.findall(joint)}
-    sides = [side for side, short in _SIDE_TOKENS.items() if side in lower or tokens & short]
-    return sides[0] if len(sides) == 1 else None
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """The wheels that were named, right first."""
+        return tuple(j for j in (self.right_joint, self.left_joint) if j is not None)
 
 
 def same_topic(a: str, b: str) -> bool:
@@ -51,22 +40,37 @@ def same_topic(a: str, b: str) -> bool:
     return a.lstrip("/") == b.lstrip("/")
 
 
-def choose_camera(name: str, counts: Mapping[str, int], all_topics: Mapping[str, str], wanted: str | None) -> str:
+def named_field(wheel: str, topic: str) -> str:
+    """Return the field of a topic that a user's name for a wheel means, empty if it means none of this topic."""
+    of_topic, dot, path = wheel.lstrip("/").partition(".")
+    return path if dot and of_topic == topic.lstrip("/") else ""
+
+
+def choose_camera(
+    name: str,
+    counts: Mapping[str, int],
+    all_topics: Mapping[str, str],
+    wanted: str | None,
+    depth: Collection[str] = (),
+) -> str:
     """Return the camera's topic.
 
-    Where a camera has a raw and a compressed topic (``X`` and ``X/compressed``), the raw one is taken: it has no
-    compression noise. Topics without messages count only where no other has any.
+    Depth images are none. Where a camera has several transports (``X``, ``X/compressed`` ...) the raw one is taken: it
+    has no compression noise. Infrared and derived pictures are taken only where there is no other. Topics without
+    messages count only where no other has any.
 
     Parameters
     ----------
     name
-        Of the file, for messages.
+        Of the recording, for messages.
     counts
         Messages by image topic.
     all_topics
-        Type by topic, everything in the log.
+        Type by topic, everything in the recording.
     wanted
         The topic that the user named.
+    depth
+        Image topics whose pixels are distances.
 
     Raises
     ------
@@ -74,108 +78,52 @@ def choose_camera(name: str, counts: Mapping[str, int], all_topics: Mapping[str,
         If there is none, more than one, the named one is not there, or it has no messages.
     """
     if wanted is not None:
-        found = [topic for topic in counts if same_topic(topic, wanted)]
-        if not found:
+        candidates = [topic for topic in counts if same_topic(topic, wanted)]
+        if not candidates or not counts[candidates[0]]:
+            others = [t for t in counts if same_topic(_TRANSPORT.sub("", t), _TRANSPORT.sub("", wanted)) and counts[t]]
+            candidates = sorted(others, key=_transport_rank)[:1] or candidates
+        if not candidates:
             kind = next((f" (its type is {printable(k)})" for t, k in all_topics.items() if same_topic(t, wanted)), "")
             raise DetectError(
-                f"{name}: no camera topic {printable(wanted)}{kind}, image topics in the log: {listed(counts)}; name "
-                f"one of them with --camera-topic{suggestion(wanted, counts)}"
+                f"no camera topic {printable(wanted)}{kind}, image topics in the log: {listed(counts)}",
+                source=name,
+                remedy=f"name one of them with --camera-topic{suggestion(wanted, counts)}",
             )
-        candidates = found
     else:
-        candidates = [t for t, count in counts.items() if count] or list(counts)
-        raw = {t for t in candidates if not _COMPRESSED.search(t)}
-        candidates = [t for t in candidates if t in raw or _COMPRESSED.sub("", t) not in raw]
+        candidates = _likely(counts, depth)
     if not candidates:
+        only = f"; of images only depth: {listed(counts)}" if counts else ""
         raise DetectError(
-            f"{name}: no camera topic, one of sensor_msgs/msg/Image or CompressedImage is needed (found: "
-            f"{listed(f'{t} [{k}]' for t, k in all_topics.items())}); record the camera too"
+            "no camera topic, one of sensor_msgs/msg/Image or CompressedImage is needed (found: "
+            f"{listed(f'{t} [{k}]' for t, k in all_topics.items())}{only})",
+            source=name,
+            remedy="record the camera too",
         )
     if len(candidates) > 1:
         raise DetectError(
-            f"{name}: {len(candidates)} camera topics ({listed(candidates)}), one is needed; name it with "
-            "--camera-topic"
+            f"{len(candidates)} camera topics ({listed(candidates)})",
+            source=name,
+            needed="one is needed",
+            remedy="name it with --camera-topic",
         )
     if not counts[candidates[0]]:
-        raise DetectError(f"{name}: no messages on camera topic {printable(candidates[0])}; record again")
+        raise DetectError(f"no messages on camera topic {printable(candidates[0])}", source=name, remedy="record again")
     return candidates[0]
 
 
-def choose_wheels(
-    name: str, joints: Mapping[str, Iterable[str]], all_topics: Mapping[str, str], topics: Topics
-) -> tuple[Joint, Joint]:
-    """Return the left and the right wheel's topic and joint.
-
-    A topic that names both wheels is taken before a pair of topics that name one each.
-
-    Parameters
-    ----------
-    name
-        Of the file, for messages.
-    joints
-        Joint names by joint topic (empty where the topic has no messages).
-    all_topics
-        Type by topic, everything in the log.
-    topics
-        What the user named.
-
-    Raises
-    ------
-    DetectError
-        If there are none, more than one of a side, or a named one is not there.
-    """
-    if not joints:
-        raise DetectError(
-            f"{name}: no joint topic, one of sensor_msgs/msg/JointState is needed (found: "
-            f"{listed(f'{t} [{k}]' for t, k in all_topics.items())}); record the wheels' joint states too"
-        )
-    if topics.joint_topic is not None:
-        named = {t: j for t, j in joints.items() if same_topic(t, topics.joint_topic)}
-        if not named:
-            raise DetectError(
-                f"{name}: no joint topic {printable(topics.joint_topic)}, joint topics in the log: {listed(joints)}; "
-                f"name one of them with --joint-topic{suggestion(topics.joint_topic, joints)}"
-            )
-        joints = named
-    every = {joint for names in joints.values() for joint in names}
-    if not every:
-        raise DetectError(f"{name}: no messages with joints on {listed(joints)}; record again while the robot drives")
-    for side, wanted in (("left", topics.left_joint), ("right", topics.right_joint)):
-        if wanted is not None and wanted not in every:
-            raise DetectError(
-                f"{name}: no joint {printable(wanted)} in {listed(joints)} (found: {listed(every)}); name the {side} "
-                f"wheel with --{side}-joint{suggestion(wanted, every)}"
-            )
-    left = _candidates(joints, "left", topics.left_joint)
-    right = _candidates(joints, "right", topics.right_joint)
-    if not left or not right:
-        which = "wheel joints" if not (left or right) else f"{'right' if left else 'left'} wheel joint"
-        raise DetectError(
-            f"{name}: no {which} in {listed(joints)} (found: {listed(every)}); name them with --left-joint and "
-            "--right-joint"
-        )
-    both = {t for t, _ in left} & {t for t, _ in right}
-    if both:
-        left, right = [j for j in left if j[0] in both], [j for j in right if j[0] in both]
-    if len(both) > 1:
-        raise DetectError(
-            f"{name}: {len(both)} joint topics with wheels ({listed(both)}), one is needed; name it with --joint-topic"
-        )
-    for side, found in (("left", left), ("right", right)):
-        if len(found) > 1:
-            what = listed(joint if both else f"{joint} in {topic}" for topic, joint in found)
-            raise DetectError(
-                f"{name}: {len(found)} joints can be the {side} wheel ({what}), one is needed; name it with "
-                f"--{side}-joint or its topic with --joint-topic"
-            )
-    if left == right:
-        raise DetectError(
-            f"{name}: left and right wheel are both {printable(left[0][1])}, two joints are needed; name them with "
-            "--left-joint and --right-joint"
-        )
-    return left[0], right[0]
+def _likely(counts: Mapping[str, int], depth: Collection[str]) -> list[str]:
+    """Return the topics that can be the camera by their names."""
+    found = [t for t in counts if not _DEPTH.search(t) and t not in depth]
+    found = [t for t in found if counts[t]] or found
+    for kind in (_INFRARED, _DERIVED):
+        found = [t for t in found if not kind.search(t)] or found
+    best: dict[str, str] = {}
+    for topic in sorted(found, key=_transport_rank):
+        best.setdefault(_TRANSPORT.sub("", topic), topic)
+    return list(best.values())
 
 
-def _candidates(joints: Mapping[str, Iterable[str]], side: Side, wanted: str | None) -> list[Joint]:
-    pairs = sorted((topic, joint) for topic, names in joints.items() for joint in set(names))
-    return [(t, j) for t, j in pairs if (j == wanted if wanted is not None else wheel_side(j) == side)]
+def _transport_rank(topic: str) -> int:
+    found = _TRANSPORT.search(topic)
+    suffix = found.group(0) if found else ""
+    return _ORDER.index(suffix) if suffix in _ORDER else len(_ORDER)

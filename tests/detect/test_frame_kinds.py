@@ -18,7 +18,7 @@ from boxcal.detect.correspondences import Correspondences
 from boxcal.detect.errors import DetectError
 from boxcal.detect.extract import ExtractSettings, extract
 from boxcal.detect.image.bayer import MOSAICS
-from boxcal.detect.log.messages import RAW_IMAGE
+from boxcal.detect.log.images import RAW_IMAGE
 from boxcal.detect.log.recording import open_recording
 from boxcal.target.box import FACES
 from boxcal.target.camera.camera_model import project
@@ -244,7 +244,5 @@ def test_bits_can_be_given_but_not_fewer_than_there_are(tmp_path: Path, plain: C
 
 def test_a_log_of_a_wrong_step_names_image_and_camera(tmp_path: Path) -> None:
     path = _log(tmp_path / "a.mcap", lambda _, g: ("mono16", SIZE[0], g))
-    with pytest.raises(
-        DetectError, match=r"a.mcap: image of .* s in /camera/image_raw: .* rows of 480 bytes .* 960 and"
-    ):
+    with pytest.raises(DetectError, match=r"none of the 3 images looked at in /camera/image_raw .* rows of 480 .* 960"):
         extract(path, TARGET)

@@ -2,7 +2,8 @@
 
 import pytest
 
-from boxcal.detect.log.topics import choose_camera, wheel_side
+from boxcal.detect.log.topics import choose_camera
+from boxcal.detect.log.wheel_names import wheel_side
 
 
 @pytest.mark.parametrize(

@@ -8,10 +8,9 @@ from xml.parsers import expat
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from boxcal.calib.errors import CalibError
-from boxcal.calib.geometry.so3_se3 import rigid
+from boxcal.detect.errors import DetectError
 from boxcal.detect.log.safe_text import listed, printable
-from boxcal.detect.log.topics import Side, wheel_side
+from boxcal.detect.log.wheel_names import Side, wheel_side
 from boxcal.target.arrays import Array
 
 _REMEDY = "give wheel_radius and wheel_separation in a YAML file instead"
@@ -28,7 +27,7 @@ def urdf_wheels(content: bytes, name: str) -> tuple[float, float]:
 
     Raises
     ------
-    CalibError
+    DetectError
         If it is no URDF, declares a document type (entities are not read), or does not describe two such wheels.
     """
     root = _parse(content, name)
@@ -39,7 +38,7 @@ def urdf_wheels(content: bytes, name: str) -> tuple[float, float]:
         found = [n for n, j in joints.items() if j.get("type") == "continuous" and wheel_side(n) == side]
         if len(found) != 1:
             turning = [n for n, j in joints.items() if j.get("type") == "continuous"]
-            raise CalibError(
+            raise DetectError(
                 f"{len(found)} {side} wheel joints (continuous joints: {listed(turning)}), one is needed",
                 source=name,
                 remedy=_REMEDY,
@@ -47,7 +46,7 @@ def urdf_wheels(content: bytes, name: str) -> tuple[float, float]:
         wheels[side] = joints[found[0]]
     radii = [_radius(root, _link(wheels[side], "child"), name) for side in ("left", "right")]
     if abs(radii[0] - radii[1]) > _SAME:
-        raise CalibError(
+        raise DetectError(
             f"wheels of radius {radii[0]:g} and {radii[1]:g} m, one nominal radius is needed",
             source=name,
             remedy=_REMEDY,
@@ -55,14 +54,14 @@ def urdf_wheels(content: bytes, name: str) -> tuple[float, float]:
     T_left, T_right = (_pose(wheels[side], by_child, name) for side in ("left", "right"))
     axis = _triple(_attribute(wheels["right"], "axis", "xyz"), (1.0, 0.0, 0.0), name)
     if not np.linalg.norm(axis) > 0:
-        raise CalibError("the right wheel's axis has no length", source=name, remedy=_REMEDY)
+        raise DetectError("the right wheel's axis has no length", source=name, remedy=_REMEDY)
     axis = T_right[:3, :3] @ axis / np.linalg.norm(axis)
     return radii[1], float(abs(axis @ (T_left[:3, 3] - T_right[:3, 3])))
 
 
 def _parse(content: bytes, name: str) -> ET.Element:
     def refuse(*_: object) -> None:
-        raise CalibError("declares a document type, a plain URDF is needed", source=name, remedy=_REMEDY)
+        raise DetectError("declares a document type, a plain URDF is needed", source=name, remedy=_REMEDY)
 
     scout = expat.ParserCreate()
     scout.StartDoctypeDeclHandler = refuse
@@ -70,11 +69,13 @@ def _parse(content: bytes, name: str) -> ET.Element:
         scout.Parse(content, True)
         root = ET.fromstring(content)  # noqa: S314  (no document type, so no entities: checked above)
     except (expat.ExpatError, ET.ParseError, ValueError, LookupError) as error:
-        raise CalibError(f"not a whole URDF ({error})", source=name, remedy=_REMEDY) from error
+        raise DetectError(f"not a whole URDF ({error})", source=name, remedy=_REMEDY) from error
     if any(str(element.tag).startswith(_XACRO) for element in root.iter()):
-        raise CalibError("holds xacro macros, a plain URDF is needed", source=name, remedy="expand it with xacro first")
+        raise DetectError(
+            "holds xacro macros, a plain URDF is needed", source=name, remedy="expand it with xacro first"
+        )
     if root.tag != "robot":
-        raise CalibError(f"its root is {printable(root.tag)}, robot is needed", source=name, remedy=_REMEDY)
+        raise DetectError(f"its root is {printable(root.tag)}, robot is needed", source=name, remedy=_REMEDY)
     return root
 
 
@@ -86,7 +87,7 @@ def _radius(root: ET.Element, link: str, name: str) -> float:
                     found = element.find(f"{kind}/geometry/{shape}")
                     if found is not None:
                         return _number(found.get("radius", ""), name)
-    raise CalibError(
+    raise DetectError(
         f"link {printable(link)} has no cylinder or sphere, a wheel's radius is needed",
         source=name,
         remedy=_REMEDY,
@@ -102,14 +103,16 @@ def _pose(joint: ET.Element, by_child: dict[str, ET.Element], name: str) -> Arra
             return T
         joint = above
         T = _origin(joint, name) @ T
-    raise CalibError("its joints form a ring, a tree is needed", source=name, remedy=_REMEDY)
+    raise DetectError("its joints form a ring, a tree is needed", source=name, remedy=_REMEDY)
 
 
 def _origin(joint: ET.Element, name: str) -> Array:
     zero = (0.0, 0.0, 0.0)
     xyz = _triple(_attribute(joint, "origin", "xyz"), zero, name)
     rpy = _triple(_attribute(joint, "origin", "rpy"), zero, name)
-    return rigid(Rotation.from_euler("xyz", rpy).as_matrix(), xyz)
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = Rotation.from_euler("xyz", rpy).as_matrix(), xyz
+    return T
 
 
 def _attribute(joint: ET.Element, tag: str, attribute: str) -> str | None:
@@ -124,7 +127,7 @@ def _link(joint: ET.Element, end: str) -> str:
 def _triple(text: str | None, default: Iterable[float], name: str) -> Array:
     values = list(default) if text is None else [_number(word, name) for word in text.split()[:4]]
     if len(values) != 3:
-        raise CalibError(f"{printable(text or '')!r} are not three numbers", source=name, remedy=_REMEDY)
+        raise DetectError(f"{printable(text or '')!r} are not three numbers", source=name, remedy=_REMEDY)
     return np.array(values)
 
 
@@ -135,5 +138,5 @@ def _number(text: str, name: str) -> float:
         value = math.nan
     if not math.isfinite(value):
         hint = "expand it with xacro first" if "$" in text else _REMEDY
-        raise CalibError(f"{printable(text)!r} is no number", source=name, remedy=hint)
+        raise DetectError(f"{printable(text)!r} is no number", source=name, remedy=hint)
     return value

@@ -1,0 +1,118 @@
+"""Opens a recording, whatever kind it is: told by its first bytes, not by its name."""
+
+from pathlib import Path
+from typing import BinaryIO
+
+from boxcal.detect.errors import DetectError
+from boxcal.detect.log.containers.bag_folder import BagFolder, folder_parts
+from boxcal.detect.log.containers.base import Container
+from boxcal.detect.log.containers.mcap import MAGIC as MCAP_MAGIC
+from boxcal.detect.log.containers.mcap import McapFile
+from boxcal.detect.log.containers.packing import unpacked_file
+from boxcal.detect.log.containers.plain_folder import PlainFolder, is_plain_folder
+from boxcal.detect.log.containers.ros1_bag import MAGIC as BAG_MAGIC
+from boxcal.detect.log.containers.ros1_bag import Ros1Bag
+from boxcal.detect.log.containers.sqlite import SqliteFile
+
+_SQLITE_MAGIC = b"SQLite format 3\0"
+_PACKED = (b"\x28\xb5\x2f\xfd", b"\x1f\x8b")
+"""Zstandard's and gzip's first bytes."""
+_NEEDED = "a recording of a robot is needed (MCAP, a ROS 2 bag or its folder, a ROS 1 bag)"
+KINDS = (".mcap", ".db3", ".bag", ".active", ".zst", ".zstd", ".gz")
+"""Suffixes of recordings."""
+
+
+def open_container(path: Path) -> Container:
+    """Open a recording: a file of any kind, or a folder.
+
+    Raises
+    ------
+    DetectError
+        If it is missing, empty, or no recording.
+    """
+    try:
+        if path.is_dir():
+            return _open_folder(path)
+        if path.exists() and not path.is_file():
+            raise DetectError("neither a file nor a folder", source=path.name, needed=_NEEDED)
+        return _open_file(path, packed=False)
+    except FileNotFoundError as error:
+        raise DetectError("no such file", source=path.name, needed=_NEEDED, remedy="check the path") from error
+    except OSError as error:
+        raise DetectError(
+            f"cannot be read ({error.strerror or error})", source=path.name, remedy="check the file"
+        ) from error
+
+
+def open_stream(file: BinaryIO, name: str) -> Container:
+    """Open a recording from a file object that reads and seeks, such as a remote file: MCAP or a ROS 1 bag.
+
+    Raises
+    ------
+    DetectError
+        If it is neither.
+    """
+    return _of_stream(file, name, None)
+
+
+def robot_name_of(path: Path) -> str:
+    """Return what a robot is called by its recording: the file's name without its endings, or the folder's."""
+    name = path.name
+    if path.is_dir():
+        return name
+    if path.suffix.lower() in {".zst", ".zstd", ".gz", ".active"}:
+        name = path.stem
+    return Path(name).stem
+
+
+def _open_folder(path: Path) -> Container:
+    if is_plain_folder(path):
+        return PlainFolder(path)
+    parts, packed, notes = folder_parts(path)
+    return BagFolder(path, parts, lambda part: _open_file(part, packed=packed), notes)
+
+
+def _open_file(path: Path, *, packed: bool) -> Container:
+    with path.open("rb") as file:
+        start = file.read(16)
+    if start == _SQLITE_MAGIC:
+        return SqliteFile(path, path.name, packed=packed)
+    if start.startswith(_PACKED):
+        return _open_packed(path, packed=packed)
+    file = path.open("rb")
+    try:
+        return _of_stream(file, path.name, None, packed=packed)
+    except BaseException:
+        file.close()
+        raise
+
+
+def _open_packed(path: Path, *, packed: bool) -> Container:
+    file, digest, whole = unpacked_file(path)
+    if file.read(16) == _SQLITE_MAGIC:
+        return SqliteFile.unpacked(file, path.name, digest, packed=packed)
+    container = _of_stream(file, path.name, digest, packed=packed)
+    if not whole:
+        container.damage.add("its compressed file is truncated or damaged, what unpacks of it is used")
+    return container
+
+
+def _of_stream(file: BinaryIO, name: str, digest: str | None, *, packed: bool = False) -> Container:
+    file.seek(0)
+    start = file.read(16)
+    if start.startswith(MCAP_MAGIC):
+        container = McapFile(file, name, digest)
+        if packed:
+            container.messages_are_packed()
+        return container
+    if start.startswith(BAG_MAGIC):
+        return Ros1Bag(file, name, digest)
+    if start.startswith(b"#ROSBAG V1"):
+        found, remedy = "a ROS 1 bag of format 1", "convert it with `rosbag fix`"
+    elif not start:
+        found, remedy = "an empty file", "record again"
+    elif MCAP_MAGIC.startswith(start):
+        found, remedy = "an MCAP truncated in its first bytes", "record again"
+    else:
+        found, remedy = f"not an MCAP (begins with {start[:8].hex(' ')})", "record with `ros2 bag record -s mcap`"
+    raise DetectError(found, source=name, needed=_NEEDED, remedy=remedy)

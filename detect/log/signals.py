@@ -1,0 +1,122 @@
+"""What a recording says of wheels, before it is decided which of it are the wheels: numbers over time."""
+
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import Any
+
+import numpy as np
+
+from boxcal.detect.log.wheel_names import Side
+from boxcal.target.arrays import Array, Ids
+
+
+class Quantity(StrEnum):
+    """What the numbers of a signal are."""
+
+    POSITION = "positions"
+    VELOCITY = "velocities"
+    TICKS = "ticks"
+    ODOMETRY = "odometry"
+
+
+@dataclass(slots=True, kw_only=True, eq=False)
+class Signal:
+    """Numbers of one joint or field of a topic over time; it grows while a recording is read.
+
+    Attributes
+    ----------
+    topic, name
+        Where they come from: topic, and joint or field.
+    quantity
+        What they are.
+    side
+        The wheel that the name or the message type says; None if neither does.
+    ticks_per_turn
+        Of a wheel, where the message type tells; None if it does not.
+    stamped
+        Whether the messages carry times; else those of recording are taken.
+    """
+
+    topic: str
+    name: str
+    quantity: Quantity
+    side: Side | None = None
+    ticks_per_turn: float | None = None
+    stamped: bool = True
+    _t: list[Ids] = field(default_factory=list)
+    _log: list[Ids] = field(default_factory=list)
+    _values: list[Array] = field(default_factory=list)
+    count: int = 0
+    low: float = np.inf
+    high: float = -np.inf
+
+    def add(self, t_ns: Ids, log_ns: Ids, values: Array) -> None:
+        """Take readings: stamps (N,) ns, times of recording (N,) ns, values (N,); those not finite are left out."""
+        good = np.isfinite(values)
+        if not np.all(good):
+            t_ns, log_ns, values = t_ns[good], log_ns[good], values[good]
+        if not values.size:
+            return
+        self._t.append(t_ns)
+        self._log.append(log_ns)
+        self._values.append(values)
+        self.count += int(values.size)
+        self.low, self.high = min(self.low, float(values.min())), max(self.high, float(values.max()))
+
+    @property
+    def moves(self) -> bool:
+        """Whether the numbers ever change; a velocity that is never anything but zero does not."""
+        return self.high > self.low or (self.quantity is Quantity.VELOCITY and self.count > 0 and self.low != 0)
+
+    @property
+    def t_ns(self) -> Ids:
+        """Header stamps in order of arrival, (N,) ns."""
+        return np.asarray(_joined(self._t, np.int64), dtype=np.int64)
+
+    @property
+    def log_ns(self) -> Ids:
+        """Times of recording, (N,) ns."""
+        return np.asarray(_joined(self._log, np.int64), dtype=np.int64)
+
+    @property
+    def values(self) -> Array:
+        """The numbers, (N,)."""
+        return np.asarray(_joined(self._values, np.float64), dtype=np.float64)
+
+    def tail(self) -> tuple[Ids, Array]:
+        """Return stamps and values of the last piece or two, for what is decided while reading."""
+        return _joined(self._t[-2:], np.int64), _joined(self._values[-2:], np.float64)
+
+
+@dataclass(slots=True, kw_only=True, eq=False)
+class OdometrySignal:
+    """Poses of one odometry topic over time.
+
+    Attributes
+    ----------
+    topic
+        Its name.
+    t_ns, log_ns : ns
+        Stamps and times of recording.
+    poses
+        x, y (m) and heading (rad), not unwrapped.
+    base_frame
+        The frame whose pose it is.
+    """
+
+    topic: str
+    base_frame: str = ""
+    t_ns: list[int] = field(default_factory=list)
+    log_ns: list[int] = field(default_factory=list)
+    poses: list[tuple[float, float, float]] = field(default_factory=list)
+
+    @property
+    def moves(self) -> bool:
+        """Whether the pose ever changes."""
+        return len(self.poses) > 1 and bool(np.any(np.ptp(np.array(self.poses), axis=0) > 0))
+
+
+def _joined(parts: list[Any], kind: type) -> Any:
+    if len(parts) == 1:
+        return parts[0]
+    return np.concatenate(parts) if parts else np.zeros(0, dtype=kind)

@@ -1,0 +1,133 @@
+"""The box looked for at the stops of a recording, and what explains that it is not found."""
+
+from collections.abc import Iterator
+
+import cv2
+import numpy as np
+
+from boxcal.detect.alignment.detector import KnownCamera
+from boxcal.detect.image.bit_depth import DeepGrey, eight_bits
+from boxcal.detect.log.recording import Recording
+from boxcal.detect.log.safe_text import listed, printable
+from boxcal.detect.stops import StopSettings
+from boxcal.detect.tags.averaging import AveragedCorners
+from boxcal.detect.tags.detections import TagSettings, find_tags, other_family
+from boxcal.detect.tags.stop_measurement import measure_stop
+from boxcal.target.arrays import Ids
+from boxcal.target.box import Target
+
+MIN_STOPS = 3
+MOST_PIXELS = 3_000_000_000
+"""Pixels that are looked at in one recording; beyond it one frame a stop must do."""
+
+
+class BoxAtStops:
+    """Looks at stops, and remembers what explains a failure.
+
+    Attributes
+    ----------
+    image_size : px
+        Width and height of the camera's images.
+    frames, with_frames, with_tags
+        Frames that were looked at; stops with frames, and with tags of the box.
+    moved
+        Stops of which frames were left out.
+    odd_sizes
+        Frames of another size than the first, which were left out.
+    """
+
+    def __init__(
+        self, recording: Recording, target: Target, tags: TagSettings, bits: int, size: tuple[int, int]
+    ) -> None:
+        self._recording, self._target, self._tags, self._bits = recording, target, tags, bits
+        self.frames = self.with_frames = self.with_tags = self.moved = self.odd_sizes = 0
+        self._foreign: set[int] = set()
+        self._example: DeepGrey | None = None
+        self._camera: KnownCamera | None = None
+        self._pixels = 0
+        self.image_size = size
+
+    def at(self, frames: Ids) -> tuple[AveragedCorners, str]:
+        """Return what the frames of a stop show, and which of them were left out and why."""
+        if self._pixels > MOST_PIXELS:
+            frames = frames[frames.size // 2 :][:1]
+        found = measure_stop(self._images(frames), self._target, self._tags, self._camera)
+        self._camera = found.camera
+        self._foreign.update(found.foreign_ids.tolist())
+        self.with_frames += bool(found.corners.frames)
+        self.with_tags += found.corners.tags > 0
+        self.moved += "moved" in found.left_out
+        return found.corners, found.left_out
+
+    def _images(self, frames: Ids) -> Iterator[DeepGrey]:
+        for _, image in self._recording.read_deep_frames(frames, self._bits):
+            if (image.shape[1], image.shape[0]) != self.image_size:
+                self.odd_sizes += 1
+                continue
+            self._pixels += image.size
+            self.frames += 1
+            self._example = image
+            yield image
+
+    def notes(self) -> tuple[str, ...]:
+        """Return what a user should know of the frames."""
+        missing, why = self._recording.frames_missing()
+        out = []
+        if missing:
+            out.append(f"{missing} image{'s' if missing > 1 else ''} of {self.frames + missing} left out ({why})")
+        if self.odd_sizes:
+            out.append(f"{self.odd_sizes} images of another size than {_size(self.image_size)} px were left out")
+        return tuple(out)
+
+    def why_not(self, stops: int, usable: int, settings: StopSettings, min_tags: int) -> str:
+        """Return why fewer than three stops are usable, and what to do."""
+        missing, why = self._recording.frames_missing()
+        lost = "".join(f"; {note}" for note in (*self._recording.notes, *self.notes()))
+        if missing and not self.frames:
+            where = printable(self._recording.camera_topic)
+            return f"none of the {missing} images looked at in {where} decodes: {why}"
+        if stops >= MIN_STOPS and self.frames == 0:
+            return (
+                f"{stops} stops but no image was taken during any of them, images while the robot stands are needed; "
+                f"record the camera all the time, stamped with the wheels' clock{lost}"
+            )
+        if self.frames and not self.with_tags:
+            seen = f"{self.frames} images looked at at {self.with_frames} stops"
+            return f"no tag of the box in the {seen}{self._hint()}{lost}"
+        return (
+            f"{stops} stops of {settings.min_stand:g} s or longer, {self.with_frames} of them with "
+            f"images, {self.with_tags} with the box, {usable} with {min_tags} tags or more; "
+            f"{MIN_STOPS} such stops are needed; let the robot stand still for two seconds in more places "
+            f"where it sees the box{lost}"
+        )
+
+    def _hint(self) -> str:
+        box = self._target.box
+        ids = self._target.tag_ids
+        if self._example is not None and self._mirrored(self._example):
+            return (
+                ", but there are in their mirror images: the pictures are mirrored; turn off the mirroring (flip) of "
+                "the camera's driver"
+            )
+        if self._foreign:
+            return (
+                f": tags {listed(map(str, sorted(self._foreign)))} of {box.dictionary} were seen, the target carries "
+                f"{ids[0]} to {ids[-1]}; give the target.json that this box was printed from"
+            )
+        example = None if self._example is None else eight_bits(self._example)
+        other = None if example is None else other_family(example, box.dictionary, self._tags)
+        if other is not None:
+            return (
+                f": tags of {other} were seen, the target carries {box.dictionary}; give the target.json that this box "
+                "was printed from"
+            )
+        where = printable(self._recording.camera_topic)
+        return f" of {where}; check that the camera sees the box, in focus and lit, and that this is its target.json"
+
+    def _mirrored(self, image: DeepGrey) -> bool:
+        found = find_tags(np.ascontiguousarray(cv2.flip(image, 1)), self._target, self._tags)
+        return len(found.ids) > 1
+
+
+def _size(size: tuple[int, int]) -> str:
+    return f"{size[0]} x {size[1]}"
