@@ -47,7 +47,8 @@ class DriveEstimate:
     stops : (P,)
         Numbers of the stops used, as in the drive.
     T_box_body : (P, 4, 4), m
-        Where the robot stood; the body's origin and its x and y axes lie in the floor.
+        Where the robot stood; the body's origin and its x and y axes lie in the floor, but for how the robot leaned and
+        sank there.
     pose_cov : (P, 3, 3), m and rad
         Covariance of x, y and heading on the floor.
     tilt : (2,), rad

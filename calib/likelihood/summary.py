@@ -5,13 +5,13 @@ from collections.abc import Sequence
 import numpy as np
 
 from boxcal.calib.geometry.parameters import CAMERA, COUNT, TRANSLATION, WHEELS
-from boxcal.calib.geometry.so3_se3 import exp_so3, planar, rigid
+from boxcal.calib.geometry.so3_se3 import inverse, rigid
 from boxcal.calib.likelihood.estimate import DriveEstimate, Estimate, FlaggedCorner, FlaggedLeg, NoiseLevels
 from boxcal.calib.likelihood.fit import Fit
 from boxcal.calib.likelihood.leg_outliers import flagged_legs
 from boxcal.calib.likelihood.problem import Problem
 from boxcal.calib.likelihood.residuals import leg_covariance, shared_values
-from boxcal.calib.likelihood.state import State
+from boxcal.calib.likelihood.state import State, camera_motions
 from boxcal.calib.uncertainty.observability import open_directions
 from boxcal.detect.correspondences import Correspondences
 from boxcal.target.arrays import Array, Mask
@@ -96,7 +96,7 @@ def _drive(fit: Fit, d: int, robot: str, cov: Array) -> DriveEstimate:
     legs = np.flatnonzero(problem.drive[problem.leg_stop] == d)
     own, _ = fit.profile.solution.stop_blocks()
     pose_cov = np.tensordot(fit.profile.weight, own[:, rows, :3, :3], 1)
-    floor = rigid(exp_so3(np.array([*state.tilt[d], 0.0])), np.zeros(3))
+    motions, T_cam_body = camera_motions(problem, state), inverse(state.T_body_cam)
     square = np.sum(errors_px(fit) ** 2, axis=1) * fit.weights.corners
     stop, P = problem.corner_stop, len(problem.drive)
     count = np.maximum(np.bincount(stop, weights=fit.weights.corners, minlength=P), 1)
@@ -105,7 +105,9 @@ def _drive(fit: Fit, d: int, robot: str, cov: Array) -> DriveEstimate:
     return DriveEstimate(
         robot=robot,
         stops=tuple(int(j) for j in problem.stop[rows]),
-        T_box_body=np.array([floor @ planar(*pose) for pose in state.poses[rows]]).reshape(-1, 4, 4),
+        T_box_body=np.array(
+            [rigid(motions.R_box_cam[row], motions.p_box_cam[row]) @ T_cam_body for row in rows]
+        ).reshape(-1, 4, 4),
         pose_cov=pose_cov,
         tilt=state.tilt[d],
         tilt_sigma=np.sqrt(np.diag(cov)[tilts]) if problem.tilt_count else np.zeros(2),

@@ -69,7 +69,7 @@ def test_quantisation_on_the_way_has_the_covariance_of_sampled_readings() -> Non
         )
         sampled.append(displacements(dphi + np.diff(error, axis=0)) - displacements(dphi))
     none = np.zeros((1, 2))
-    predicted = step**2 * leg_model(wheel_path([leg_of(dphi)]), WHEELS, none, none).shape[0]
+    predicted = step**2 * leg_model(wheel_path([leg_of(dphi)]), WHEELS, none, none).quantisation[0]
     plane = np.array(sampled)[:, :2]  # the heading at the end is that of the readings at the ends
     assert unlike_identity(plane, predicted[:2, :2]) < 5 * np.sqrt(2 / draws)
     np.testing.assert_allclose(predicted[2], 0, atol=1e-15)
@@ -134,7 +134,7 @@ def test_covariance_over_levels_of_slip_is_that_of_their_mixture() -> None:
     unit = np.sqrt(np.diag(s.cov[int(np.argmax(w))]))
     # The solutions at different levels differ little here; taken a sigma apart, what they differ by shows.
     apart = replace(s, d_shared=s.d_shared + np.linspace(-1, 1, len(w))[:, None] * unit)
-    mean, _, cov = replace(profile, solution=apart).averaged()
+    mean, *_, cov = replace(profile, solution=apart).averaged()
     second = sum(p * (C + np.outer(m, m)) for p, C, m in zip(w, apart.cov, apart.d_shared, strict=True))
     scale = np.outer(unit, unit)
     np.testing.assert_allclose(mean / unit, np.sum(w[:, None] * apart.d_shared, axis=0) / unit, atol=1e-9)
@@ -149,7 +149,7 @@ def test_the_start_stands_where_an_exact_drive_stood() -> None:
     data = exact_correspondences(robot, TARGET, drive)
     cameras = camera_start([data], None)
     problem = build_problem([data], cameras.kept, EstimateOptions(), 0.0)
-    state = first_states(problem, [data], cameras, problem.lens)[0]
+    state = first_states(problem, [data], cameras)[0]
     np.testing.assert_allclose(state.wheels, [robot.rR, robot.rL, robot.b], rtol=1e-6)
     np.testing.assert_allclose(state.T_body_cam, robot.T_body_cam, atol=1e-6)
     np.testing.assert_allclose(state.poses[:, :2], drive.stop_poses[:, :2], atol=1e-6)
