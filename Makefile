@@ -8,7 +8,7 @@ INSTALLED := $(VENV)/.installed
 ALL_INSTALLED := $(VENV)/.installed-all
 # The package as it is installed, as links: what the type checker and the import linter read.
 TREE := build/tree
-EXTRAS ?= dev,docs,fast,cad,models-test
+EXTRAS ?= dev,docs,cad,models-test
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable
 
 .PHONY: demo test mutants lint format docs outputs walk schemas pictures printables dist docker clean

@@ -7,6 +7,8 @@ from collections.abc import Iterable, Sequence
 from difflib import get_close_matches
 from typing import NoReturn
 
+from boxcal.one_thread import hold_process_to_one_thread
+
 
 class CommandParser(argparse.ArgumentParser):
     """An argument parser with ``--version`` that suggests the option, choice or command that was meant.
@@ -25,6 +27,7 @@ class CommandParser(argparse.ArgumentParser):
     def __init__(
         self, prog: str, *, usage: str | None = None, description: str | None = None, epilog: str | None = None
     ) -> None:
+        hold_process_to_one_thread()
         super().__init__(
             prog=prog,
             usage=usage,

@@ -29,6 +29,7 @@ from boxcal.calib.uncertainty.cross_validation import validate
 from boxcal.detect.correspondences import Correspondences, load_correspondences, taken_as
 from boxcal.detect.extract import ExtractSettings, extract
 from boxcal.detect.log.wheel_samples import WheelUnits
+from boxcal.one_thread import one_thread
 from boxcal.target.box import Target, make_target
 from boxcal.target.files.atomic_write import write_atomically
 from boxcal.target.files.target_json import load_target, target_sha256
@@ -47,6 +48,7 @@ Source = str | Path | Correspondences
 """What a drive is read from: a recording (MCAP), correspondences saved before (``.npz``), or correspondences."""
 
 
+@one_thread()
 def calibrate(
     source: Source | Sequence[Source],
     target: Target | str | Path | None = None,

@@ -28,6 +28,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     except TargetError as error:
         print(f"detect-tags: {error}", file=sys.stderr)
         return 1
+    if not args.fast:
+        from boxcal.detect.alignment.compilation import prepare
+
+        prepare(lambda line: print(f"detect-tags: {line}", file=sys.stderr))
     documents: list[dict[str, Any]] = []
     failed = False
     to_stdout = args.json == "-"

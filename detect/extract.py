@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from boxcal.detect.alignment.compilation import prepare
 from boxcal.detect.correspondences import Correspondences, StopObservation, source_of
 from boxcal.detect.errors import DetectError
 from boxcal.detect.image.bit_depth import DEPTHS, bits_of
@@ -20,6 +21,7 @@ from boxcal.detect.stops import Stop, StopSettings, find_stops
 from boxcal.detect.tags.averaging import FLOOR_PX, AveragedCorners, covariances
 from boxcal.detect.tags.box_at_stops import MIN_STOPS, BoxAtStops
 from boxcal.detect.tags.detections import TagSettings
+from boxcal.one_thread import one_thread
 from boxcal.target.arrays import Array, Ids
 from boxcal.target.box import Target
 from boxcal.target.files.target_json import target_sha256
@@ -73,6 +75,7 @@ class ExtractSettings:
             raise DetectError(f"bits is {self.bits}, one of {', '.join(map(str, DEPTHS))} is needed")
 
 
+@one_thread()
 def extract(
     path: str | Path,
     target: Target,
@@ -123,6 +126,7 @@ def extract(
     for note in recording.notes:
         tell(f"{path.name}: {note}")
     stops = find_stops(recording.wheels, settings.stops)
+    prepare(lambda line: tell(f"{path.name}: {line}"))
     found = _seen(recording, stops, target, settings, tell)
     offset = _offset_by_pictures(recording, stops, found)
     if offset is not None:

@@ -12,6 +12,7 @@ from boxcal.calib.calibrate import calibrate_robot
 from boxcal.calib.errors import CalibError
 from boxcal.calib.results.calibration import Calibration
 from boxcal.calib.settings import Job, Outcome, listed
+from boxcal.detect.alignment.compilation import prepare
 from boxcal.target.errors import BoxcalError
 
 
@@ -33,6 +34,8 @@ def calibrate_fleet(
     if workers <= 1:
         yield from (attempt(job, progress) for job in jobs)
         return
+    if any(log.suffix != ".npz" for job in jobs for log in job.logs):
+        prepare(progress)
     lost: list[Job] = []
     with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
         futures = {pool.submit(attempt, job): job for job in jobs}

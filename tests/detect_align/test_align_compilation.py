@@ -1,0 +1,96 @@
+import json
+import os
+import subprocess
+import sys
+import threading
+
+import numpy as np
+import pytest
+from aligned_views import TARGET, pose, view
+
+from boxcal.detect.alignment import compilation
+from boxcal.detect.alignment.backend import backend, numba_backend
+from boxcal.detect.alignment.compilation import prepare
+from boxcal.detect.alignment.detector import detect_tags
+from boxcal.detect.alignment.numba import box_refinement, cluster_sums, finish, gauss_newton, kernel
+
+
+def test_plain_install_runs_compiled_code():
+    assert backend() is numba_backend()
+
+
+def test_nothing_is_compiled_for_a_picture_beyond_what_is_prepared():
+    prepare()
+    kernels = (
+        gauss_newton._iterate,
+        finish._finish,
+        cluster_sums._cluster_sums,
+        box_refinement._refine,
+        box_refinement._predict,
+    )
+    detect_tags(view(pose(20.0)), TARGET)
+    detect_tags(np.asfortranarray(view(pose(20.0))), TARGET)
+    compilation.compile_half("all")
+    assert [len(k.signatures) for k in kernels] == [1] * len(kernels)
+
+
+def test_prepared_code_is_not_prepared_again(monkeypatch):
+    prepare()
+    monkeypatch.setattr(compilation, "compile_half", lambda _: pytest.fail("compiled twice"))
+    told = []
+    prepare(told.append)
+    assert told == []
+
+
+def test_compiled_code_needs_no_place_to_write(monkeypatch):
+    monkeypatch.setattr(kernel._CONFIG, "CACHE_DIR", "/dev/null/cache")
+    monkeypatch.setattr(kernel._APPDIRS, "user_cache_dir", lambda _: "/dev/null/home")
+    assert kernel.cache_folder.__wrapped__() is None
+    monkeypatch.setattr(kernel, "cache_folder", lambda: None)
+    assert kernel.kernel()(lambda x: x + 1)(2.0) == 3.0
+    told = []
+    prepare(told.append)
+    assert told
+    assert "in memory" in told[0]
+
+
+def test_compiled_code_is_kept_by_what_it_is_made_of(monkeypatch, tmp_path):
+    monkeypatch.setattr(kernel._CONFIG, "CACHE_DIR", str(tmp_path))
+    folder = kernel.cache_folder.__wrapped__()
+    assert folder.parent == tmp_path
+    changed = tmp_path / "source.py"
+    changed.write_text("changed")
+    monkeypatch.setattr(kernel, "_SOURCES", (*kernel._SOURCES, changed))
+    assert kernel.cache_folder.__wrapped__() != folder
+
+
+def test_a_second_process_waits_for_the_first(tmp_path):
+    told, order = [], []
+    first, ready = threading.Event(), threading.Event()
+
+    def hold():
+        with compilation._locked(tmp_path / "lock", told.append):
+            ready.set()
+            first.wait(5)
+            order.append("first")
+
+    thread = threading.Thread(target=hold)
+    thread.start()
+    ready.wait(5)
+    threading.Timer(0.2, first.set).start()
+    with compilation._locked(tmp_path / "lock", told.append):
+        order.append("second")
+    thread.join()
+    assert order == ["first", "second"]
+    assert told == ["waiting for another process that compiles the detector ..."]
+
+
+def test_commands_hold_their_process_to_one_thread():
+    program = (
+        "from boxcal.command_line import CommandParser; CommandParser('x'); import cv2, json, numpy, scipy.linalg;"
+        "from threadpoolctl import threadpool_info;"
+        "print(json.dumps([cv2.getNumThreads(), *(pool['num_threads'] for pool in threadpool_info())]))"
+    )
+    free = {name: value for name, value in os.environ.items() if not name.endswith("_THREADS")}
+    done = subprocess.run([sys.executable, "-P", "-c", program], env=free, capture_output=True, check=True, text=True)
+    assert set(json.loads(done.stdout)) == {1}
