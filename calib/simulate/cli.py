@@ -27,17 +27,21 @@ def main(argv: Sequence[str] | None = None) -> int:
     args = _parser().parse_args(argv)
 
     # What is heavy comes after --help has answered.
+    from boxcal.calib.simulate.asked_faults import AskedFaults, named_violation
     from boxcal.calib.simulate.drive import DriveOptions
     from boxcal.calib.simulate.fleet import Job, simulate_fleet
     from boxcal.calib.simulate.recorder import RecordOptions
     from boxcal.target.box import make_target
-    from boxcal.target.errors import TargetError
+    from boxcal.target.camera.camera_model import CameraKind
+    from boxcal.target.errors import BoxcalError
     from boxcal.target.files.target_json import load_target
 
     try:
         target = load_target(args.target) if args.target else make_target()
+        for name, _ in args.violation:
+            named_violation(name)
         args.folder.mkdir(parents=True, exist_ok=True)
-    except TargetError as error:
+    except BoxcalError as error:
         return _failed(str(error))
     except OSError as error:
         return _failed(f"{args.folder}: cannot be made ({error.strerror or error}); name another FOLDER")
@@ -55,6 +59,12 @@ def main(argv: Sequence[str] | None = None) -> int:
         compression=args.compression,
         sensor=replace(RecordOptions().sensor, noise=args.noise, psf_px=args.blur),
     )
+    faults = AskedFaults(
+        hand_made=args.hand_made,
+        lean=None if args.lean_deg is None else radians(args.lean_deg),
+        tilt=None if args.tilt_deg is None else radians(args.tilt_deg),
+        violations=tuple(args.violation),
+    )
     jobs = [
         Job(
             folder=args.folder,
@@ -64,6 +74,8 @@ def main(argv: Sequence[str] | None = None) -> int:
             drive=drive,
             record=record,
             image_size=args.image_size,
+            kind=CameraKind(args.camera),
+            faults=faults,
         )
         for k in range(args.robots)
     ]
@@ -112,9 +124,57 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--image", choices=("jpeg", "png", "raw"), default="jpeg", help="pictures (default: jpeg)")
     add("--quality", _whole(1, 100), 90, "of JPEG")
     parser.add_argument(
+        "--camera",
+        choices=("radial", "brown", "rational", "fisheye"),
+        default="radial",
+        help="camera model of the robots (default: radial, the paper's)",
+    )
+    wrong = parser.add_argument_group("what is not exact", "By default all is, but for slip and noise.")
+    wrong.add_argument(
+        "--hand-made",
+        action="store_true",
+        help="box, print, floor and lens as a careful user has them: sheets and faces off by 0.3 mm and 0.15 deg, "
+        "print by 0.07 %%, bow 0.3 mm, floor tilted by 0.3 deg, lean 0.05 deg a stop, a lens of four coefficients",
+    )
+    wrong.add_argument(
+        "--lean-deg", type=_number(0, 10), metavar="DEG", help="roll and pitch from stop to stop, standard deviation"
+    )
+    wrong.add_argument(
+        "--tilt-deg", type=_number(0, 10), metavar="DEG", help="floor against the box's base, standard deviation"
+    )
+    wrong.add_argument(
+        "--violation",
+        type=_violation,
+        action="append",
+        default=[],
+        metavar="NAME[=SIZE]",
+        help="one of the catalogue of --list-violations, such as 'box moved=6'; may be given several times",
+    )
+    wrong.add_argument("--list-violations", action=_ListViolations, help="names, sizes and units; then exit")
+    parser.add_argument(
         "--compression", choices=("none", "lz4", "zstd"), default="zstd", help="of the log (default: zstd)"
     )
     return parser
+
+
+class _ListViolations(argparse.Action):
+    """Print the catalogue and exit."""
+
+    def __init__(self, option_strings: list[str], dest: str, help: str | None = None) -> None:  # noqa: A002
+        super().__init__(option_strings, dest, nargs=0, default=argparse.SUPPRESS, help=help)
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
+        from boxcal.calib.simulate.violations import HARMLESS, VIOLATIONS
+
+        for violation in (*VIOLATIONS, *HARMLESS):
+            sizes = ", ".join(f"{size:g}" for size in violation.sizes if size)
+            print(f"{violation.name:<28}{sizes:>16} {violation.unit}".rstrip())
+        parser.exit()
+
+
+def _violation(text: str) -> tuple[str, float | None]:
+    name, given, size = text.partition("=")
+    return name.strip(), _number(0, 1e6)(size) if given else None
 
 
 def _whole(low: int, high: int) -> Callable[[str], int]:

@@ -1,15 +1,18 @@
 """A simulated drive: stop, drive on, stop again; what the encoders read and where the robot truly was."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import radians
 
 import numpy as np
 
 from boxcal.calib.errors import CalibError
-from boxcal.calib.geometry.so3_se3 import inverse, planar
-from boxcal.calib.simulate.kinematics import arc_path, slipped, wheel_turns, within_arc
+from boxcal.calib.geometry.so3_se3 import inverse
+from boxcal.calib.simulate.imperfections import Imperfections, WheelFaults
+from boxcal.calib.simulate.kinematics import slipped, wheel_turns, within_arc
 from boxcal.calib.simulate.robot import Robot
+from boxcal.calib.simulate.rolling import driven_path, rolled
 from boxcal.calib.simulate.route import KeepOut, route
+from boxcal.calib.simulate.scene import Scene, make_scene
 from boxcal.calib.simulate.viewpoints import choose_stops, decodable_tags
 from boxcal.detect.correspondences import Correspondences, StopObservation
 from boxcal.detect.log.wheel_samples import WheelSamples
@@ -87,6 +90,10 @@ class Drive:
         A fine grid of times.
     path : (M, 3), m and rad
         True poses at those times; arcs between.
+    scene
+        Floor, box and camera at each stop.
+    faults
+        What was not exact.
     """
 
     t_ns: Ids
@@ -98,6 +105,17 @@ class Drive:
     T_box_cam: Array
     path_t_ns: Ids
     path: Array
+    scene: Scene
+    faults: Imperfections
+
+    def stop_at(self, t_ns: int) -> int:
+        """Return the stop whose scene holds at a time, ns: half way to the next stop the next one's begins."""
+        halves = (self.stop_t_ns[:-1, 1] + self.stop_t_ns[1:, 0]) // 2
+        return int(np.searchsorted(halves, t_ns, side="right"))
+
+    def T_box_cam_at(self, t_ns: Ids, stop: int) -> Array:
+        """Return the camera's poses (N, 4, 4), m, at times (N,), ns, in the scene of a stop."""
+        return np.array([self.scene.T_box_cam(stop, pose) for pose in self.pose_at(t_ns)])
 
     def pose_at(self, t_ns: Ids) -> Array:
         """Return the true poses (N, 3), x, y, heading, at times (N,), ns, within the drive."""
@@ -107,7 +125,13 @@ class Drive:
 
 
 def simulate_drive(
-    robot: Robot, target: Target, options: DriveOptions, rng: np.random.Generator, stops: Array | None = None
+    robot: Robot,
+    target: Target,
+    options: DriveOptions,
+    rng: np.random.Generator,
+    stops: Array | None = None,
+    *,
+    faults: Imperfections | None = None,
 ) -> Drive:
     """Drive a robot from stop to stop around the box.
 
@@ -122,6 +146,8 @@ def simulate_drive(
     stops : (P, 3), m and rad, optional
         Poses (x, y, heading) to stop at, instead of random ones. Ways between them are straights and turns on the
         spot. Headings hold as numbers: 2 pi more is one more turn on the spot.
+    faults
+        What is not exact; its slip counts instead of the options'. None for a rigid robot that slips by the options.
 
     Raises
     ------
@@ -132,33 +158,38 @@ def simulate_drive(
     keep_out = KeepOut.around(target.box, gap)
     goals = choose_stops(robot, target, options.stops, gap, rng) if stops is None else np.asarray(stops, dtype=float)
     _check(goals, keep_out)
+    faults = faults or Imperfections(wheels=WheelFaults(slip=options.slip))
     step_s = options.joint_period_s / options.steps_per_sample
-    phi_R, phi_L = [np.zeros(1)], [np.zeros(1)]
-    phi_R[0][0], phi_L[0][0] = rng.uniform(-15, 15, 2)
-    path, ends = [goals[:1]], [[0, 0]]
+    phi = [rng.uniform(-15, 15, (1, 2))]
+    path, ends, before, restarts = [goals[:1]], [[0, 0]], np.zeros(2), np.zeros((0, 2))
     for j, goal in enumerate(goals):
         if j > 0:
             arcs = route(path[-1][-1], goal, keep_out, rng if stops is None else None, exact_heading=stops is not None)
             turns = wheel_turns(arcs, rR=robot.rR, rL=robot.rL, b=robot.b, max_speed=options.max_speed, step_s=step_s)
-            rolled = []
-            for phi, dphi, r in zip((phi_R, phi_L), turns, (robot.rR, robot.rL), strict=True):
-                angle = np.cumsum(np.concatenate([phi[-1][-1:], dphi]))
-                rolled.append(slipped(r * np.diff(angle), options.slip, rng))
-                phi.append(angle[1:])
-            path.append(arc_path(path[-1][-1], (rolled[0] + rolled[1]) / 2, (rolled[0] - rolled[1]) / robot.b)[1:])
+            dphi = np.stack(turns, axis=1)
+            spread = np.exp(faults.wheels.slip_spread * rng.standard_normal()) if faults.wheels.slip_spread else 1.0
+            distance, before = rolled(robot, faults.wheels, phi[-1][-1], dphi, before)
+            travel = np.stack([slipped(d, float(spread) * faults.wheels.slip, rng) for d in distance.T], axis=1)
+            path.append(driven_path(path[-1][-1], travel, robot.b, faults.wheels, j - 1))
+            if faults.wheels.restart is not None and faults.wheels.restart[0] == j - 1:
+                restarts = np.array([[ends[-1][1] + len(dphi) // 2, faults.wheels.restart[1]]])
+            phi.append(np.cumsum(np.concatenate([phi[-1][-1:], dphi]), axis=0)[1:])
         stand = max(round(rng.uniform(*options.stand_s) / step_s), 1)
-        begun = ends[-1][1] + len(phi_R[-1]) * (j > 0)
-        for part in (phi_R, phi_L, path):
+        begun = ends[-1][1] + len(phi[-1]) * (j > 0)
+        for part in (phi, path):
             part.append(np.repeat(part[-1][-1:], stand, axis=0))
         ends.append([begun, begun + stand])
-    return _drive(
-        robot,
-        options,
-        phi_R=np.concatenate(phi_R),
-        phi_L=np.concatenate(phi_L),
-        path=np.concatenate(path),
-        ends=np.array(ends[1:]),
-    )
+    scene = make_scene(robot, faults, len(goals), rng)
+    wheels = _Wheels(phi=np.concatenate(phi), restarts=restarts)
+    return _drive(options, faults, scene, wheels, path=np.concatenate(path), ends=np.array(ends[1:]))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Wheels:
+    """True wheel angles (M, 2), rad, right and left, and where the encoders lost an angle: (step, rad) rows."""
+
+    phi: Array
+    restarts: Array
 
 
 def _check(goals: Array, keep_out: KeepOut) -> None:
@@ -172,21 +203,29 @@ def _check(goals: Array, keep_out: KeepOut) -> None:
         )
 
 
-def _drive(robot: Robot, options: DriveOptions, *, phi_R: Array, phi_L: Array, path: Array, ends: Ids) -> Drive:
+def _drive(
+    options: DriveOptions, faults: Imperfections, scene: Scene, wheels: _Wheels, *, path: Array, ends: Ids
+) -> Drive:
     step_ns = options.joint_period_s / options.steps_per_sample * _NS
     t_ns = options.t0_ns + np.rint(np.arange(len(path)) * step_ns).astype(np.int64)
     at = slice(None, None, options.steps_per_sample)
+    seen = wheels.phi.copy()
+    for row, lost in wheels.restarts:
+        seen[int(row) :] -= lost
+    read = _read(seen[at], options.encoder_step) * faults.wheels.counts
     poses = path[ends[:, 0]]
     return Drive(
         t_ns=t_ns[at],
-        phi_R=_read(phi_R[at], options.encoder_step),
-        phi_L=_read(phi_L[at], options.encoder_step),
+        phi_R=read[:, 0].copy(),
+        phi_L=read[:, 1].copy(),
         stop_t_ns=t_ns[ends],
         stop_poses=poses,
-        stop_phi=np.stack([phi_R[ends[:, 0]], phi_L[ends[:, 0]]], axis=1),
-        T_box_cam=np.stack([planar(*pose) @ robot.T_body_cam for pose in poses]),
+        stop_phi=wheels.phi[ends[:, 0]],
+        T_box_cam=np.stack([scene.T_box_cam(j, pose) for j, pose in enumerate(poses)]),
         path_t_ns=t_ns,
         path=path,
+        scene=scene,
+        faults=faults,
     )
 
 
@@ -211,13 +250,13 @@ def exact_correspondences(
     if sigma_px > 0 and rng is None:
         raise CalibError(f"noise of {sigma_px:g} px was asked for without a random generator", remedy="pass rng")
     stops = []
-    for (t_start, t_end), T_box_cam in zip(drive.stop_t_ns, drive.T_box_cam, strict=True):
+    for (t_start, t_end), T_box_cam, camera in zip(drive.stop_t_ns, drive.T_box_cam, drive.scene.cameras, strict=True):
         first = int(np.searchsorted(drive.t_ns, t_start, side="left"))
         last = int(np.searchsorted(drive.t_ns, t_end, side="right")) - 1
-        ids = decodable_tags(robot, target, T_box_cam)
+        ids = decodable_tags(replace(robot, camera=camera), target, T_box_cam)
         p_box = target.tag_corners[np.searchsorted(target.tag_ids, ids)].reshape(-1, 3)
         T_cam_box = inverse(T_box_cam)
-        uv_px = project(robot.camera, p_box @ T_cam_box[:3, :3].T + T_cam_box[:3, 3])
+        uv_px = project(camera, p_box @ T_cam_box[:3, :3].T + T_cam_box[:3, 3])
         if sigma_px > 0 and rng is not None:
             uv_px = uv_px + sigma_px * rng.standard_normal(uv_px.shape)
         stops.append(

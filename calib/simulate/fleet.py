@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from multiprocessing import get_context
 from pathlib import Path
 
@@ -10,11 +10,13 @@ import cv2
 import numpy as np
 
 from boxcal.calib.errors import CalibError
+from boxcal.calib.simulate.asked_faults import AskedFaults
 from boxcal.calib.simulate.drive import DriveOptions, simulate_drive
 from boxcal.calib.simulate.recorder import RecordOptions, write_log
-from boxcal.calib.simulate.robot import VGA, random_robot
+from boxcal.calib.simulate.robot import VGA, random_robot, with_camera
 from boxcal.calib.simulate.truth import truth_bytes
 from boxcal.target.box import Target
+from boxcal.target.camera.camera_model import CameraKind
 from boxcal.target.errors import TargetError
 from boxcal.target.files.atomic_write import write_atomically
 
@@ -35,6 +37,10 @@ class Job:
         The box, the drive and the log.
     image_size
         Of its camera, px.
+    kind
+        Of its camera model.
+    faults
+        What is not exact.
     """
 
     folder: Path
@@ -44,6 +50,8 @@ class Job:
     drive: DriveOptions
     record: RecordOptions
     image_size: tuple[int, int] = VGA
+    kind: CameraKind = CameraKind.RADIAL
+    faults: AskedFaults = field(default_factory=AskedFaults)
 
     @property
     def name(self) -> str:
@@ -80,11 +88,12 @@ def simulate_robot(job: Job) -> Done:
     threads = cv2.getNumThreads()
     cv2.setNumThreads(1)
     try:
-        of_robot, of_drive, of_log = np.random.default_rng([job.seed, job.number]).spawn(3)
-        robot = random_robot(job.name, of_robot, job.image_size)
-        drive = simulate_drive(robot, job.target, job.drive, of_drive)
+        of_robot, of_drive, of_log, of_faults = np.random.default_rng([job.seed, job.number]).spawn(4)
+        robot = with_camera(random_robot(job.name, of_robot, job.image_size), job.kind, of_faults)
+        faults = job.faults.draw(robot, job.drive, of_faults)
+        drive = simulate_drive(robot, job.target, job.drive, of_drive, faults=faults)
         names, frames = write_log(log, robot, job.target, drive, job.record, rng=of_log)
-        truth = truth_bytes(robot, drive, job.drive, job.record, names)
+        truth = truth_bytes(robot, drive, job.drive, job.record, names, note=job.faults.note)
         write_atomically(job.folder / f"{job.name}.truth.json", truth)
     except (CalibError, TargetError) as error:
         return Done(log=log, error=str(error))

@@ -1,21 +1,23 @@
 """One drive as a log: which pictures are taken when, and all messages in the order in which a recorder gets them."""
 
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from math import atan2, hypot
 from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from boxcal.calib.errors import CalibError
-from boxcal.calib.geometry.so3_se3 import inverse, planar
+from boxcal.calib.geometry.so3_se3 import inverse
+from boxcal.calib.simulate.as_built import flat_as_built
 from boxcal.calib.simulate.drive import Drive
+from boxcal.calib.simulate.imperfections import Imperfections
 from boxcal.calib.simulate.mcap_writer import LogWriter
 from boxcal.calib.simulate.robot import Robot
-from boxcal.target.arrays import Array, Ids
+from boxcal.target.arrays import Array, Ids, Image
 from boxcal.target.box import Target
-from boxcal.target.camera.camera_model import project
+from boxcal.target.camera.camera_model import CameraModel, project
 from boxcal.target.render.renderer import encode_jpeg, render
 from boxcal.target.render.sensor import MAX_PSF_PX, SensorModel
 
@@ -28,6 +30,7 @@ _JOINTS_LATE_NS = 2e6
 _CAMERA_LATE_NS = 30e6
 _BEFORE_CAMERA = np.array([0.0, 0.0, 0.6])
 _NEARBY_NS = 1_000_000
+_SOUND = Imperfections().box
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -87,7 +90,8 @@ def write_log(
 ) -> tuple[tuple[str, str], int]:
     """Write a drive's log; return the joints' names in the order of the messages, and the number of pictures.
 
-    Header stamps are the true times. Log times are later, by some 2 ms for joints and 30 ms for pictures.
+    Header stamps are the true times, but for a fault of the camera's clock. Log times are later, by some 2 ms for
+    joints and 30 ms for pictures.
 
     Raises
     ------
@@ -105,6 +109,7 @@ def write_log(
         _JOINTS_LATE_NS + rng.exponential(0.2e6, len(drive.t_ns)),
         _CAMERA_LATE_NS + rng.exponential(2e6, len(frames)),
     )
+    stamps = frames + stamps_late_ns(drive, frames)
     joints_log, frames_log = drive.t_ns + late[0].astype(np.int64), frames + late[1].astype(np.int64)
     order = np.argsort(np.concatenate([joints_log, frames_log]), kind="stable")
     with LogWriter(path, compression=options.compression) as log:
@@ -115,34 +120,52 @@ def write_log(
             else:
                 k = row - len(joints_log)
                 picture = take_picture(robot, target, drive, int(frames[k]), options=options, rng=rng)
-                _write_picture(log, picture, int(frames[k]), int(frames_log[k]), options)
+                _write_picture(log, picture, int(stamps[k]), int(frames_log[k]), options)
     return names, len(frames)
+
+
+def stamps_late_ns(drive: Drive, t_ns: Ids) -> Ids:
+    """Return how late, ns, the camera's clock stamps pictures taken at times (N,), ns."""
+    faults = drive.faults.camera
+    since = t_ns - drive.path_t_ns[0]
+    return np.asarray(np.rint(faults.late * 1e9 + faults.drift * since), dtype=np.int64)
 
 
 def take_picture(
     robot: Robot, target: Target, drive: Drive, t_ns: int, *, options: RecordOptions, rng: np.random.Generator
-) -> NDArray[np.uint8]:
-    """Return the picture (H, W) that the robot takes at a time, with the blur of its motion."""
-    around = drive.pose_at(np.array([t_ns - _NEARBY_NS, t_ns, t_ns + _NEARBY_NS]))
-    T_box_cam = [planar(*pose) @ robot.T_body_cam for pose in around]
-    streak = _motion_px(robot, T_box_cam) * (options.exposure_s * 1e9 / (2 * _NEARBY_NS))
+) -> Image:
+    """Return the picture (H, W) that the robot takes at a time, ns, of the box as it was built and placed then.
+
+    A picture on the move is blurred along the path of a point 0.6 m before the camera.
+    """
+    stop, box = drive.stop_at(t_ns), drive.faults.box
+    camera = drive.scene.cameras[stop]
+    T_box_cam = drive.T_box_cam_at(np.array([t_ns - _NEARBY_NS, t_ns, t_ns + _NEARBY_NS]), stop)
+    streak = _motion_px(camera, T_box_cam) * (options.exposure_s * 1e9 / (2 * _NEARBY_NS))
     sensor = replace(
         options.sensor, motion_blur_px=min(hypot(*streak), MAX_PSF_PX), motion_angle=atan2(streak[1], streak[0])
     )
-    return render(target, robot.camera, inverse(T_box_cam[1]), robot.image_size, sensor, rng)
+    a, b, c, d = box.bow
+    built = target if box is _SOUND else _as_built(target, drive.faults)
+    T_cam_box = inverse(T_box_cam[1])
+    T_cam_floor = None if box.standing is None else T_cam_box @ drive.scene.T_box_floor[stop]
+    return render(built, camera, T_cam_box, robot.image_size, sensor, rng, bow=(a, b, c, d), T_cam_floor=T_cam_floor)
 
 
-def _motion_px(robot: Robot, T_box_cam: list[Array]) -> Array:
+@lru_cache(maxsize=4)
+def _as_built(target: Target, faults: Imperfections) -> Target:
+    return flat_as_built(target, faults.box)
+
+
+def _motion_px(camera: CameraModel, T_box_cam: Array) -> Array:
     """Return how far a point before the camera moves in the picture from the first of three poses to the last, px."""
     p_box = T_box_cam[1][:3, :3] @ _BEFORE_CAMERA + T_box_cam[1][:3, 3]
     ends = [inverse(T) for T in (T_box_cam[0], T_box_cam[2])]
-    before, after = (project(robot.camera, T[:3, :3] @ p_box + T[:3, 3]) for T in ends)
+    before, after = (project(camera, T[:3, :3] @ p_box + T[:3, 3]) for T in ends)
     return np.asarray(after - before)
 
 
-def _write_picture(
-    log: LogWriter, picture: NDArray[np.uint8], stamp_ns: int, log_ns: int, options: RecordOptions
-) -> None:
+def _write_picture(log: LogWriter, picture: Image, stamp_ns: int, log_ns: int, options: RecordOptions) -> None:
     if options.image == "raw":
         log.image(options.camera_topic, stamp_ns, log_ns, picture, "mono8")
         return

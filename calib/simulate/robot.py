@@ -1,13 +1,13 @@
 """The robots that are driven: their true wheels, cameras and mountings."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import atan2, radians
 
 import numpy as np
 
 from boxcal.calib.geometry.so3_se3 import nearest_rotation, rigid, rot_y, rot_z
 from boxcal.target.arrays import Array
-from boxcal.target.camera.camera_model import CameraModel
+from boxcal.target.camera.camera_model import CameraKind, CameraModel
 
 VGA = (640, 480)
 
@@ -133,5 +133,40 @@ def random_robot(name: str, rng: np.random.Generator, image_size: tuple[int, int
             x=rng.uniform(0.0, 0.08) * np.cos(side),
             y=rng.uniform(0.0, 0.06) * np.sin(side) + rng.uniform(-0.015, 0.015),
             z=z,
+        ),
+    )
+
+
+def with_camera(robot: Robot, kind: CameraKind, rng: np.random.Generator) -> Robot:
+    """Return the robot with a camera of a kind: its own, with more coefficients drawn, or a fisheye of some 150 deg.
+
+    The coefficients are of the size that calibrations of webcams and of small fisheyes find.
+    """
+    if kind is CameraKind.RADIAL:
+        return robot
+    camera = robot.camera
+    if kind is CameraKind.FISHEYE:
+        f = 0.36 * max(robot.image_size) * rng.uniform(0.97, 1.03)
+        k = (rng.uniform(0.0, 0.04), rng.uniform(-0.015, 0.0), rng.uniform(0.0, 0.005), rng.uniform(-1e-3, 0.0))
+        values = np.array([f, f * rng.uniform(0.995, 1.005), camera.cu, camera.cv, *k])
+        return replace(robot, camera=CameraModel.from_values(kind, values))
+    k2, p1, p2, k3 = 0.3 * camera.kr**2 + rng.normal(0, 0.02), *rng.normal(0, 6e-4, 2), rng.normal(0, 0.005)
+    if kind is CameraKind.BROWN:
+        return replace(robot, camera=replace(camera, kind=kind, k2=k2, p1=p1, p2=p2, k3=k3))
+    # numerator and denominator share a factor, as fitted rational models nearly do, so that nothing else changes much
+    a = rng.uniform(0.1, 0.4)
+    return replace(
+        robot,
+        camera=replace(
+            camera,
+            kind=kind,
+            kr=camera.kr + a,
+            k2=k2 + a * camera.kr,
+            p1=p1,
+            p2=p2,
+            k3=k3 + a * k2,
+            k4=a,
+            k5=0.0,
+            k6=0.0,
         ),
     )

@@ -20,7 +20,7 @@ _GRAIN = 0.03
 
 
 def background(
-    rays: Reals, shape: tuple[int, int], T_cam_box: Array, *, focal_px: float, box: Box, room: bool
+    rays: Reals, shape: tuple[int, int], T_cam_floor: Array, *, focal_px: float, box: Box, room: bool
 ) -> Reals:
     """Return the light of floor and wall (H, W) along the rays.
 
@@ -30,8 +30,8 @@ def background(
         Directions (xc/zc, yc/zc, 1), row by row.
     shape
         (H, W).
-    T_cam_box : (4, 4), m
-        Pose of the box; its z = 0 plane is the floor, seen from above only.
+    T_cam_floor : (4, 4), m
+        Pose of the floor, its plane z = 0, seen from above only; the box stands about its origin.
     focal_px : px
         Mean focal length, which sets where the floor's pattern fades.
     box
@@ -39,8 +39,8 @@ def background(
     room
         Whether floor and wall carry a pattern.
     """
-    R = T_cam_box[:3, :3]
-    centre = -R.T @ T_cam_box[:3, 3]
+    R = T_cam_floor[:3, :3]
+    centre = -R.T @ T_cam_floor[:3, 3]
     dx, dy, dz = (R.T.astype(np.float32) @ rays).reshape(3, *shape)
     on_floor = dz < 0 if centre[2] > 0 else np.zeros(shape, dtype=bool)
     wall = _wall(dx, dy, dz) if room and not on_floor.all() else np.full(shape, WALL, dtype=np.float32)

@@ -38,6 +38,7 @@ def render(  # noqa: PLR0917 - the noise source last, as a simulation's other st
     rng: np.random.Generator | None = None,
     *,
     bow: tuple[float, float, float, float] = FLAT,
+    T_cam_floor: Array | None = None,
 ) -> Image:
     """Return the grey picture (H, W) that a camera takes of the box.
 
@@ -58,6 +59,9 @@ def render(  # noqa: PLR0917 - the noise source last, as a simulation's other st
     bow : m
         How far the middle of each face's sheet stands out from the plane of its tags' corners: a parabola over the
         face's width, zero at its upright edges.
+    T_cam_floor : (4, 4), m, optional
+        Pose of the floor (its z = 0) before the camera, where the box does not stand on it; only what is behind the
+        box depends on it.
 
     Raises
     ------
@@ -79,12 +83,13 @@ def render(  # noqa: PLR0917 - the noise source last, as a simulation's other st
     scene = _Scene(width * height)
     for side in sides_seen(target, T_cam_box, sensor, bow):
         scene.add(side, rays, sensor.supersample)
+    T_cam_floor = T_cam_box if T_cam_floor is None else T_cam_floor
     behind = np.zeros(width * height, dtype=np.float32)
     if scene.least_cover() < 1:
         focal = (camera.fu + camera.fv) / 2
         room = sensor.background == "room"
         behind = background(
-            rays.directions, (height, width), T_cam_box, focal_px=focal, box=target.box, room=room
+            rays.directions, (height, width), T_cam_floor, focal_px=focal, box=target.box, room=room
         ).ravel()
     coarse, at, fine = scene.over(behind)
     if rays.dark is not None:
