@@ -1,5 +1,7 @@
 """Undistortion: normalised coordinates from distorted ones, or NaN; never a wrong answer."""
 
+from functools import lru_cache
+
 import numpy as np
 
 from boxcal.target.arrays import Array, Mask
@@ -40,11 +42,16 @@ def radius_limit(kind: CameraKind, k: Array) -> float:
     It ends where ``d(rho g)/d rho`` is zero or at a pole of a rational model, whichever comes first; both are roots of
     polynomials in rho^2 (a fisheye: in the square of the angle, and never beyond a right angle).
     """
+    return _radius_limit(kind, tuple(float(c) for c in k))
+
+
+@lru_cache(maxsize=64)
+def _radius_limit(kind: CameraKind, k: tuple[float, ...]) -> float:
     if kind is CameraKind.FISHEYE:
         slope = np.polynomial.Polynomial([1.0, 3 * k[0], 5 * k[1], 7 * k[2], 9 * k[3]])
         angle = np.sqrt(_first_positive_root(slope))
         return float(np.tan(angle)) if angle < np.pi / 2 else np.inf
-    padded = np.concatenate([k, np.zeros(8 - len(k))])
+    padded = np.pad(k, (0, 8 - len(k)))
     top = np.polynomial.Polynomial([1.0, padded[0], padded[1], padded[4]])
     bottom = np.polynomial.Polynomial([1.0, padded[5], padded[6], padded[7]])
     s = np.polynomial.Polynomial([0.0, 1.0])

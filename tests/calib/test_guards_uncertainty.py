@@ -33,7 +33,9 @@ SIZE = (640, 480)
 def drive(seed: int, stops: int, step_deg: float = 0.1302, slip: float = 3e-4) -> tuple[Correspondences, Truth]:
     """A drive of the Khepera, and its truth."""
     robot, rng = khepera(), np.random.default_rng([seed, stops])
-    options = DriveOptions(stops=stops, slip=slip, encoder_step=radians(step_deg), steps_per_sample=2)
+    options = DriveOptions(
+        stops=stops, slip=slip, encoder_step=radians(step_deg), joint_period_s=0.08, steps_per_sample=2
+    )
     driven = simulate_drive(robot, TARGET, options, rng)
     truth = Truth(
         camera=robot.camera, rR=robot.rR, rL=robot.rL, b=robot.b, T_body_cam=robot.T_body_cam,
