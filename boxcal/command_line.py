@@ -56,6 +56,14 @@ class CommandParser(argparse.ArgumentParser):
         super().error(message)
 
 
+def probability(text: str) -> float:
+    """Return an option's value as a probability, between 0 and 1; argparse says what is wrong with another."""
+    value = float(text)
+    if not 0 < value < 1:
+        raise argparse.ArgumentTypeError(f"{value:g} is not between 0 and 1")
+    return value
+
+
 def did_you_mean(word: str, known: Iterable[str]) -> str:
     """Return a question that names the known word most like this one, or an empty text if none is like it."""
     close = get_close_matches(word.partition("=")[0], list(known), n=1)

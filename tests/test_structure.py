@@ -27,6 +27,14 @@ WIDE: dict[str, str] = {
 """Functions of more arguments, and why."""
 
 
+SAME_LINES = 6
+TWICE: dict[str, str] = {
+    "detect/alignment/backend.py": "two backends of the same functions, which the type checker holds to one signature",
+    "calib/results/build.py": "to be merged",
+}
+"""Files that share code, and why."""
+
+
 def _sources() -> Iterator[tuple[str, ast.Module]]:
     for part in PARTS:
         for path in sorted((ROOT / part).rglob("*.py")):
@@ -63,6 +71,29 @@ def test_functions_are_short() -> None:
 def test_functions_take_few_arguments() -> None:
     found = {name for name, node in _functions() if _arguments(node) > MAX_ARGUMENTS and not name.startswith(KERNELS)}
     assert found == set(WIDE)
+
+
+def _statements(tree: ast.Module, source: str) -> list[str]:
+    """Lines of code without imports, docstrings, comments, declared fields and lone brackets."""
+    left_out: set[int] = set()
+    for node in ast.walk(tree):
+        text = isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str)
+        declared = isinstance(node, ast.AnnAssign) and node.value is None
+        if text or declared or isinstance(node, (ast.Import, ast.ImportFrom)):
+            left_out |= set(range(node.lineno, (node.end_lineno or 0) + 1))
+    lines = [line.strip() for n, line in enumerate(source.splitlines(), 1) if n not in left_out]
+    return [line for line in lines if re.search(r"\w", line) and not line.startswith("#")]
+
+
+def test_no_code_stands_twice() -> None:
+    """No six lines of code are the same in two places, but for those that are listed with a reason."""
+    places: dict[tuple[str, ...], list[str]] = {}
+    for name, tree in _sources():
+        lines = _statements(tree, (ROOT / name).read_text())
+        for k in range(len(lines) - SAME_LINES + 1):
+            places.setdefault(tuple(lines[k : k + SAME_LINES]), []).append(name)
+    twice = {" and ".join(sorted(set(names))) for names in places.values() if len(names) > 1}
+    assert twice == set(TWICE)
 
 
 @pytest.mark.parametrize("part", ["target", "detect", "calib"])

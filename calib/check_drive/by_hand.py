@@ -1,6 +1,6 @@
 """A check drive by hand: distance and turn by the calibrated wheels, against a tape and a mark on the floor."""
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from math import erfc, sqrt
 
 import numpy as np
@@ -122,12 +122,7 @@ def _blind(stop: Stop) -> StopObservation:
     """Return a stop at which nothing was seen."""
     none = np.zeros(0)
     return StopObservation(
-        t_start_ns=stop.t_start_ns,
-        t_end_ns=stop.t_end_ns,
-        first_sample=stop.first_sample,
-        last_sample=stop.last_sample,
-        phi_R=stop.phi_R,
-        phi_L=stop.phi_L,
+        **asdict(stop),
         landmark_ids=none.astype(np.int64),
         p_box=none.reshape(0, 3),
         uv_px=none.reshape(0, 2),

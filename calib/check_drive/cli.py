@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from boxcal.command_line import CommandParser
+from boxcal.command_line import CommandParser, probability
 
 if TYPE_CHECKING:
     from boxcal.calib.results.calibration import Calibration
@@ -46,7 +46,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--mark-sigma-deg", type=_positive, default=0.5, metavar="DEG", help="how well, one sigma (0.5)"
     )
-    parser.add_argument("--level", type=_level, default=0.01, metavar="P", help="significance level (0.01)")
+    parser.add_argument("--level", type=probability, default=0.01, metavar="P", help="significance level (0.01)")
     return _run(parser.parse_args(argv))
 
 
@@ -54,13 +54,6 @@ def _positive(text: str) -> float:
     value = float(text)
     if not 0 < value < float("inf"):
         raise argparse.ArgumentTypeError(f"{value:g} is not a positive number")
-    return value
-
-
-def _level(text: str) -> float:
-    value = float(text)
-    if not 0 < value < 1:
-        raise argparse.ArgumentTypeError(f"{value:g} is not between 0 and 1")
     return value
 
 

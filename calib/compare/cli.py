@@ -5,7 +5,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from boxcal.command_line import CommandParser
+from boxcal.command_line import CommandParser, probability
 
 _EPILOG = """\
 example:
@@ -31,17 +31,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("a", type=Path, metavar="A.json", help="the robot's calibration")
     parser.add_argument("b", type=Path, metavar="B.json", help="another of its calibrations")
-    parser.add_argument("--level", type=_level, default=0.05, metavar="P", help="chance of a false alarm (0.05)")
+    parser.add_argument("--level", type=probability, default=0.05, metavar="P", help="chance of a false alarm (0.05)")
     parser.add_argument("--any-robot", action="store_true", help="compare even if the robots' names differ")
     args = parser.parse_args(argv)
     return _run(args)
-
-
-def _level(text: str) -> float:
-    value = float(text)
-    if not 0 < value < 1:
-        raise argparse.ArgumentTypeError(f"{value:g} is not between 0 and 1")
-    return value
 
 
 def _run(args: argparse.Namespace) -> int:
