@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from boxcal.detect.errors import DetectError
+from boxcal.detect.log.encoder import gaps_covered, without_strays
 from boxcal.detect.log.recording import Recording
 from boxcal.detect.log.wheel_samples import Flags, JointUnit, WheelSamples, WheelUnits
 from boxcal.target.arrays import Array, Ids
@@ -306,9 +307,11 @@ def _wheels(data: Any, header: dict[str, Any]) -> WheelSamples:
     if "encoder_steps" in header:
         right, left = header["encoder_steps"]
         known["encoder_steps"] = (float(right), float(left))
+    t_ns, phi_R, phi_L = data["t_ns"], data["phi_R"], data["phi_L"]
     if "covered" in data:
-        known["covered"] = data["covered"].astype(np.bool_)
-    return WheelSamples(t_ns=data["t_ns"], phi_R=data["phi_R"], phi_L=data["phi_L"], **known)
+        return WheelSamples(t_ns=t_ns, phi_R=phi_R, phi_L=phi_L, covered=data["covered"].astype(np.bool_), **known)
+    covered = gaps_covered(t_ns, phi_R) & gaps_covered(t_ns, phi_L)
+    return without_strays(WheelSamples(t_ns=t_ns, phi_R=phi_R, phi_L=phi_L, covered=covered, **known))[0]
 
 
 def faces_by_normal(landmark_ids: Ids, p_box: Array) -> Ids:

@@ -3,7 +3,8 @@
 A *stand* is a run of samples in which each wheel stays within a band of a little more than one encoder step, for long
 enough. Slow creep seen through a coarse encoder looks like a stand too, until the next step comes; what tells them
 apart needs no speed: a robot that stood leaves the place (several bands away) in less time than it stood there, a
-creeping one never does. Everything is scale-free but the shortest stand and the smallest band.
+creeping one never does. Everything is scale-free but the shortest stand and the smallest band. Noise of the
+readings widens the band: it is read off the quietest part of the drive.
 """
 
 from dataclasses import dataclass
@@ -15,6 +16,11 @@ from boxcal.detect.log.wheel_samples import WheelSamples
 from boxcal.target.arrays import Array
 
 _BAND_STEPS = 1.5
+_BAND_SIGMAS = 8.0
+"""From the lowest to the highest of some thousand readings with normal noise."""
+_QUIET = 0.2
+"""Part of the time that a robot stands at least: noise is read off the quietest of its readings."""
+_FEWEST_READINGS = 8
 _AWAY_BANDS = 3.0
 _CREEP_RATIO = 1.25
 _AT_END_RATIO = 0.5
@@ -79,12 +85,40 @@ def find_stops(wheels: WheelSamples, settings: StopSettings | None = None) -> tu
     settings = settings or StopSettings()
     if len(wheels) < 2:
         return ()
-    band = np.maximum(settings.max_angle, _BAND_STEPS * np.array(wheels.encoder_steps))
     t = (wheels.t_ns - wheels.t_ns[0]) / 1e9
+    noise = np.array([rest_noise(t, phi, settings.min_stand) for phi in (wheels.phi_R, wheels.phi_L)])
+    band = np.maximum.reduce(
+        [np.full(2, settings.max_angle), _BAND_STEPS * np.array(wheels.encoder_steps), _BAND_SIGMAS * noise]
+    )
     q = np.stack([wheels.phi_R, wheels.phi_L], axis=1) / band  # in bands: still means a range of at most 1
     runs = [run for run in _still_runs(t, q, settings.min_stand) if t[run[1]] - t[run[0]] >= settings.min_stand]
     runs = [run for run in _joined(q, runs) if _left_faster_than_stood(t, q, run)]
     return tuple(_stop(wheels, first, last) for first, last in _longest_of_nudged(t, q, runs))
+
+
+def rest_noise(t: Array, phi: Array, min_stand: float) -> float:
+    """Return the standard deviation of one wheel's readings while it stands, rad.
+
+    Second differences of readings do not see steady motion; of windows half as long as the shortest stop the quietest
+    fifth counts. A clean encoder that stands reads the same: zero.
+
+    Parameters
+    ----------
+    t : (S,), s
+    phi : (S,), rad
+    min_stand : s
+        Shortest stop.
+    """
+    if phi.size < 5 * _FEWEST_READINGS:
+        return 0.0
+    window = max(int(min_stand / 2 / float(np.median(np.diff(t)))), _FEWEST_READINGS)
+    bend = phi[2:] - 2 * phi[1:-1] + phi[:-2]
+    count = bend.size // window
+    if count < 5:
+        return 0.0
+    squares = np.mean(bend[: count * window].reshape(count, window) ** 2, axis=1)
+    quiet = np.sort(squares)[: max(int(_QUIET * count), 1)]
+    return float(np.sqrt(np.median(quiet) / 6))  # of white noise a second difference has six times the variance
 
 
 def _stop(wheels: WheelSamples, first: int, last: int) -> Stop:

@@ -111,7 +111,8 @@ class FrameCache:
                 change = abs(float(values[now]))
             else:
                 change = float(np.ptp(values[max(before, 0) : now + 1]))
-            largest = self._largest[id(signal)] = max(self._largest.get(id(signal), 0.0), change)
+            usual = signal.fastest * _LOOK_BACK_NS if signal.quantity is not Quantity.VELOCITY else 0.0
+            largest = self._largest[id(signal)] = max(self._largest.get(id(signal), 0.0), change, usual)
             if change > _AT_REST * largest and change > 0:
                 return False
         return known

@@ -10,6 +10,10 @@ from boxcal.detect.log.wheel_names import Side
 from boxcal.target.arrays import Array, Ids
 
 
+_FEW = 4
+"""Fewer readings in a piece tell no usual speed."""
+
+
 class Quantity(StrEnum):
     """What the numbers of a signal are."""
 
@@ -33,6 +37,8 @@ class Signal:
         The wheel that the name or the message type says; None if neither does.
     ticks_per_turn
         Of a wheel, where the message type tells; None if it does not.
+    fastest
+        Change in a nanosecond at the usual speed of the fastest piece.
     stamped
         Whether the messages carry times; else those of recording are taken.
     """
@@ -47,6 +53,7 @@ class Signal:
     _log: list[Ids] = field(default_factory=list)
     _values: list[Array] = field(default_factory=list)
     count: int = 0
+    fastest: float = 0.0
     low: float = np.inf
     high: float = -np.inf
 
@@ -61,6 +68,9 @@ class Signal:
         self._log.append(log_ns)
         self._values.append(values)
         self.count += int(values.size)
+        if values.size > _FEW:
+            rates = np.abs(np.diff(values)) / np.maximum(np.diff(t_ns), 1)
+            self.fastest = max(self.fastest, float(np.quantile(rates, 0.9)))
         self.low, self.high = min(self.low, float(values.min())), max(self.high, float(values.max()))
 
     @property
