@@ -7,6 +7,7 @@ from collections.abc import Callable
 from functools import cache
 from typing import Any
 
+import numpy as np
 from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, TypesysError, get_types_from_idl, get_types_from_msg, get_typestore
 
@@ -14,9 +15,11 @@ from boxcal.detect.errors import DetectError
 from boxcal.detect.log.containers.base import Channel
 from boxcal.detect.log.containers.packing import message_unpacked
 from boxcal.detect.log.safe_text import printable
+from boxcal.target.arrays import Array
 
 _NS = 1_000_000_000
 _MAX_JSON_BYTES = 64 << 20
+_MAX_JOINTS, _MAX_NAME = 10_000, 256
 _STEP = re.compile(r"([A-Za-z_][A-Za-z0-9_]*)|\[(\d{1,6})\]|\.?")
 Decoder = Callable[[bytes], Any]
 
@@ -73,6 +76,44 @@ def value_at(message: Any, path: str) -> float:
         return float(found)
     except (ValueError, TypeError, AttributeError, LookupError) as error:
         raise DetectError(f"no number in field {printable(path)} of a message; check the field's name") from error
+
+
+def text_at(message: Any, name: str) -> str:
+    """Return a message's text field, empty if it has none; no longer than a name is."""
+    found = message.get(name, "") if isinstance(message, dict) else getattr(message, name, "")
+    return str(found)[:_MAX_NAME]
+
+
+def joints_of(message: Any) -> list[tuple[str, Array | None, Array | None]]:
+    """Return the joints of a decoded message: name, position (1,) and velocity (1,), None where there is none.
+
+    ROS' joint states hold lists of names and numbers, Foxglove's a list of joints.
+
+    Raises
+    ------
+    DetectError
+        If it is no message of joint states.
+    """
+
+    def field(of: Any, name: str) -> Any:
+        return of.get(name) if isinstance(of, dict) else getattr(of, name, None)
+
+    try:
+        joints = field(message, "joints")
+        if joints is not None:
+            rows = [(str(field(j, "name")), field(j, "position"), field(j, "velocity")) for j in joints[:_MAX_JOINTS]]
+        else:
+            names = list(field(message, "name") or [])[:_MAX_JOINTS]
+            both = [list(field(message, k) or []) for k in ("position", "velocity")]
+            where, speeds = (n if len(n) == len(names) else [None] * len(names) for n in both)
+            rows = list(zip((str(n) for n in names), where, speeds, strict=True))
+        return [(name[:_MAX_NAME], _one_number(position), _one_number(speed)) for name, position, speed in rows]
+    except (TypeError, ValueError, AttributeError) as error:
+        raise DetectError(f"no joint states ({printable(str(error))})") from error
+
+
+def _one_number(value: Any) -> Array | None:
+    return None if value is None else np.array([value], dtype=np.float64)
 
 
 def stamp_of(message: Any) -> int | None:

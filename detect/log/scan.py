@@ -12,10 +12,10 @@ from boxcal.detect.log.frame_cache import FrameCache
 from boxcal.detect.log.images import IMAGE_TYPES, ImageSeries, image_stamp_ns, raw_encoding
 from boxcal.detect.log.joint_states import JointReader
 from boxcal.detect.log.metadata import METADATA_TYPES, Metadata
-from boxcal.detect.log.ros_messages import decoder_of, stamp_of, value_at
+from boxcal.detect.log.ros_messages import decoder_of, joints_of, stamp_of, text_at, value_at
 from boxcal.detect.log.safe_text import listed, printable
 from boxcal.detect.log.signals import OdometrySignal, Quantity, Signal
-from boxcal.detect.log.tick_messages import ODOMETRY, Field, fields_of
+from boxcal.detect.log.tick_messages import FOXGLOVE_JOINTS, ODOMETRY, Field, fields_of
 from boxcal.detect.log.topics import Topics, named_field
 from boxcal.detect.log.wheel_names import drive_side, wheel_side
 from boxcal.target.arrays import Array, Ids
@@ -28,6 +28,7 @@ MAX_NAMES = 20_000
 _FARTHEST = 1e7
 """Odometry that says to be farther than this, m, is damaged."""
 _ROS = {"cdr", "ros1"}
+_POSE = ("position.x", "position.y", "orientation.x", "orientation.y", "orientation.z", "orientation.w")
 _Handler = Callable[[Batch], None]
 
 
@@ -133,10 +134,11 @@ class Scan:
         if named:
             fields = tuple(Field(path=path, name=path, quantity=Quantity.TICKS) for path in named)
             return self._fields_handler(channel, fields)
-        if kind == JOINTS and channel.encoding in {*_ROS, "json"}:
+        if kind == JOINTS or kind in FOXGLOVE_JOINTS:
             self.signals.setdefault(channel.topic, {})
-            return self._joints_handler(channel) if channel.encoding in _ROS else self._json_joints_handler(channel)
-        if kind == ODOMETRY:
+            fast = kind == JOINTS and channel.encoding in _ROS
+            return self._joints_handler(channel) if fast else self._decoded_joints_handler(channel)
+        if kind in ODOMETRY:
             return self._odometry_handler(channel)
         if kind in METADATA_TYPES:
             return self._metadata_handler(channel, kind)
@@ -184,23 +186,23 @@ class Scan:
 
         return take
 
-    def _json_joints_handler(self, channel: Channel) -> _Handler:
-        decode = decoder_of(channel)
+    def _decoded_joints_handler(self, channel: Channel) -> _Handler | None:
+        """Return what takes joint messages that are decoded one by one: JSON, and Foxglove's."""
+        try:
+            decode = decoder_of(channel)
+        except DetectError as error:
+            self._problem(channel.topic, str(error))
+            return None
 
         def take(batch: Batch) -> None:
             for data, log in _messages(batch):
                 try:
                     message = decode(data)
-                    t = np.array([stamp_of(message) or 0])
-                    rows = [
-                        np.atleast_1d(np.array(message.get(k) or [], dtype=float)) for k in ("position", "velocity")
-                    ]
-                    names = [str(n)[:256] for n in message.get("name") or []]
-                except (DetectError, ValueError, TypeError, AttributeError) as error:
+                    t, found = np.array([stamp_of(message) or 0]), joints_of(message)
+                except DetectError as error:
                     self._problem(channel.topic, str(error))
                     continue
-                for k, joint in enumerate(names):
-                    position, velocity = (r[k : k + 1] if len(r) == len(names) else None for r in rows)
+                for joint, position, velocity in found:
                     self._joint(channel.topic, joint, t, np.array([log]), position, velocity)
 
         return take
@@ -273,22 +275,13 @@ class Scan:
             self._problem(channel.topic, str(error))
             return None
         found = self.odometry.setdefault(channel.topic, OdometrySignal(topic=channel.topic))
+        path, frame = ODOMETRY[ros_type(channel.type) if channel.encoding != "protobuf" else channel.type]
 
         def take(batch: Batch) -> None:
             for data, log in _messages(batch):
                 try:
                     message = decode(data)
-                    x, y, qx, qy, qz, qw = (
-                        value_at(message, f"pose.pose.{p}")
-                        for p in (
-                            "position.x",
-                            "position.y",
-                            "orientation.x",
-                            "orientation.y",
-                            "orientation.z",
-                            "orientation.w",
-                        )
-                    )
+                    x, y, qx, qy, qz, qw = (value_at(message, path + p) for p in _POSE)
                 except DetectError as error:
                     self._problem(channel.topic, str(error))
                     continue
@@ -299,8 +292,7 @@ class Scan:
                 found.poses.append((x, y, float(np.arctan2(2 * (qw * qz + qx * qy), 1 - 2 * (qy * qy + qz * qz)))))
                 self._count(1)
             if not found.base_frame and found.poses:
-                frame = message.get("child_frame_id") if isinstance(message, dict) else message.child_frame_id
-                found.base_frame = str(frame)[:256]
+                found.base_frame = text_at(message, frame)
 
         return take
 

@@ -9,7 +9,6 @@ import numpy as np
 from boxcal.detect.log.wheel_names import Side
 from boxcal.target.arrays import Array, Ids
 
-
 _FEW = 4
 """Fewer readings in a piece tell no usual speed."""
 

@@ -5,7 +5,14 @@ from dataclasses import dataclass
 from boxcal.detect.log.signals import Quantity, Signal
 from boxcal.detect.log.wheel_names import Side, encoder_side
 
-ODOMETRY = "nav_msgs/msg/Odometry"
+ODOMETRY = {
+    "nav_msgs/msg/Odometry": ("pose.pose.", "child_frame_id"),
+    "foxglove.Odometry": ("pose.", "body_frame_id"),
+    "foxglove_msgs/msg/Odometry": ("pose.", "body_frame_id"),
+}
+"""Types of odometry: where the pose and the robot's frame stand in them."""
+FOXGLOVE_JOINTS = {"foxglove.JointStates", "foxglove_msgs/msg/JointStates"}
+"""Foxglove's types of joint states."""
 
 CREATE3_TICKS = 508.8
 """Encoder counts a turn of the wheel of iRobot's Create 3 (and so TurtleBot 4), from its documentation."""

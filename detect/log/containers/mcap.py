@@ -123,7 +123,7 @@ class McapFile:
     def read(self, places: Iterable[Place]) -> Iterator[bytes]:
         """Yield messages at places that :meth:`batches` gave (DetectError if the file changed)."""
         for record, inner in places:
-            in_chunk = record in self._chunks_seen
+            in_chunk = record in self._chunks_seen or self._is_chunk_at(record)
             if in_chunk and self._held[0] != record:
                 self._held = (record, self._chunk_content(record))
             data, at = (self._held[1], inner - _BODY_AT) if in_chunk else (self._loose_at(record + inner), 0)
@@ -160,6 +160,15 @@ class McapFile:
             return unpacked(_held(body, fields), fields.compression, fields.size)
         except (struct.error, DetectError, *ERRORS):
             return _beginning(body)
+
+    def _is_chunk_at(self, record: int) -> bool:
+        """Tell whether a record is a chunk, of a file that was opened again."""
+        self._file.seek(record)
+        found = self._file.read(1)
+        if found and found[0] not in {MESSAGE, SCHEMA, CHANNEL}:
+            self._chunks_seen.add(record)
+            return True
+        return False
 
     def _loose_at(self, start: int) -> bytes:
         """Return the message record that stands in no chunk and whose content begins at an offset of the file."""
