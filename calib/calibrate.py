@@ -95,7 +95,15 @@ def calibrate(
     ]
     look = first_look(drives, box, job.settings.camera_mode)
     result = solve(job, look)
-    return replace(result, verdict=judge(result, look.drives, look.target))
+    return _judged(result, look.drives, look.target)
+
+
+def _judged(result: Calibration, drives: Sequence[Correspondences], target: Target) -> Calibration:
+    """Return a result with what a user should know of its logs, and with its verdict."""
+    several = len(drives) > 1
+    notes = [f"{d.source.log}: {note}" if several else note for d in drives for note in d.source.notes]
+    result = replace(result, notes=(*notes, *result.notes))
+    return replace(result, verdict=judge(result, drives, target))
 
 
 def _at_box(drive: Correspondences, target: Target, *, given: bool) -> Correspondences:
@@ -128,7 +136,7 @@ def calibrate_robot(job: Job, progress: Progress | None = None) -> Calibration:
         result = solve(job, look)
     except CalibError as error:
         raise error.of(listed(job.logs)) from error
-    result = replace(result, verdict=judge(result, drives, job.target))
+    result = _judged(result, drives, job.target)
     write(job, result, drives)
     return result
 
