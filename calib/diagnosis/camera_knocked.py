@@ -1,0 +1,69 @@
+"""A camera that was knocked: it sat elsewhere on the robot before some stop; the result holds from there on."""
+
+from dataclasses import dataclass
+from math import radians
+
+import numpy as np
+
+from boxcal.calib.diagnosis.cause import Cause, Solved
+from boxcal.calib.likelihood.explanation import Columns
+from boxcal.calib.likelihood.finding import Finding
+from boxcal.calib.likelihood.problem import Problem
+from boxcal.calib.likelihood.state import State
+
+_ANGLE, _PLACE = radians(0.5), 2e-3
+
+
+@dataclass(frozen=True, slots=True)
+class CameraKnocked:
+    """Before a stop (counted over all drives) the extrinsics are moved by a right perturbation."""
+
+    stop: int
+
+    @property
+    def family(self) -> str:
+        """One family for all stops."""
+        return "camera-knocked"
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Rotation about and translation along the camera's axes, rad and m."""
+        return tuple(f"knock{self.stop}-{axis}" for axis in ("rx", "ry", "rz", "tx", "ty", "tz"))
+
+    @property
+    def prior(self) -> tuple[float, ...]:
+        """Half a degree and 2 mm about and along each axis."""
+        return (_ANGLE,) * 3 + (_PLACE,) * 3
+
+    @property
+    def in_pictures(self) -> bool:
+        """Yes."""
+        return True
+
+    def adopted(self) -> Cause:
+        """Return itself."""
+        return self
+
+    def columns(self, problem: Problem, state: State) -> Columns:
+        """Return the camera's motion at all stops before that one."""
+        corners = np.zeros((len(problem.drive), len(state.lens) + 6, 6))
+        corners[: self.stop, len(state.lens) :] = np.eye(6)
+        return Columns(corners=corners)
+
+    def finding(self, solved: Solved, problem: Problem) -> Finding:
+        """Return how far the camera was turned and shifted."""
+        turned, sigma = np.degrees(solved.length(slice(0, 3)))
+        shifted, s_shifted = (1e3 * x for x in solved.length(slice(3, 6)))
+        stop = int(problem.stop[self.stop])
+        return Finding(
+            cause=self.family,
+            text=f"before stop {stop + 1} the camera was knocked: by {turned:.3f} +- {sigma:.3f} deg and "
+            f"{shifted:.1f} +- {s_shifted:.1f} mm; the result is that after the knock",
+            advice="Fasten the camera.",
+            adopted=True,
+            stops=tuple(int(s) for s in problem.stop[: self.stop]),
+            size=float(turned),
+            sigma=float(sigma),
+            unit="deg",
+            p_value=solved.p_value,
+        )

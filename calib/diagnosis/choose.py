@@ -1,0 +1,129 @@
+"""Which explanations a drive needs: ranked by score tests, solved, and kept if the evidence says so.
+
+Tests at one solution rank the whole catalogue. The best are solved for; where the evidence, all variances found anew,
+is better by enough, the best of them stays, and the rest is ranked again; an explanation that others make needless
+goes. A drive that needs none costs no further solution.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import stats
+
+from boxcal.calib.diagnosis.catalogue import candidates
+from boxcal.calib.diagnosis.cause import Cause, Solved
+from boxcal.calib.diagnosis.evidence import log_evidence
+from boxcal.calib.diagnosis.ranking import Ranked, rank
+from boxcal.calib.likelihood.estimator import refit
+from boxcal.calib.likelihood.finding import Finding
+from boxcal.calib.likelihood.fit import Fit
+from boxcal.calib.likelihood.slip_profile import slip_profile
+from boxcal.target.arrays import Array
+
+NEEDED = 5.0
+"""Logarithm of the Bayes factor that an explanation needs, over its family.
+
+At most ``families * exp(-NEEDED)`` of faultless drives have one that good (Markov's bound);
+``benchmarks/explanations.py`` counts how many do.
+"""
+MOST = 4
+"""Explanations of one drive at most."""
+_PROMISING = 2.0
+"""An explanation is solved for where its score test comes this near what is needed."""
+_TRIED = 3
+_LEAST_LEGS = 6
+"""With fewer legs nothing is explained: a few unknowns would explain anything."""
+_NEEDLESS = 0.01
+"""An explanation goes again where the others leave it this chance of being nothing, or more."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Explained:
+    """A solution with what it needed to be explained.
+
+    Attributes
+    ----------
+    fit
+        The solution.
+    adopted
+        The explanations in it, and the logarithm of each one's Bayes factor.
+    """
+
+    fit: Fit
+    adopted: tuple[tuple[Cause, float], ...] = ()
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """What was adopted, in words."""
+        return tuple(cause.finding(_solved(self.fit, cause, gain), self.fit.problem) for cause, gain in self.adopted)
+
+
+def explain(fit: Fit, needed: float = NEEDED) -> Explained:
+    """Return the solution with the explanations that it needs.
+
+    Parameters
+    ----------
+    fit
+        A solution without explanations.
+    needed
+        Logarithm of the Bayes factor that an explanation needs.
+    """
+    if np.count_nonzero(fit.problem.leg_known) < _LEAST_LEGS:
+        return Explained(fit=fit)
+    adopted: tuple[tuple[Cause, float], ...] = ()
+    here = fit
+    for _ in range(MOST):
+        more = _next(here, adopted, needed)
+        if more is None:
+            break
+        cause, gain, legs = more
+        start = replace(fit, weights=replace(fit.weights, legs=legs))
+        adopted = (*adopted, (cause, gain))
+        here = refit(start, [c for c, _ in adopted])
+        kept = tuple(a for a in adopted if a[0] is cause or not _needless(_solved(here, *a)))
+        if len(kept) < len(adopted):
+            adopted = kept
+            here = refit(start, [c for c, _ in adopted])
+    return Explained(fit=here, adopted=adopted)
+
+
+def _next(fit: Fit, adopted: Sequence[tuple[Cause, float]], needed: float) -> tuple[Cause, float, Array] | None:
+    """Return the explanation that is needed most, its Bayes factor, and the legs' weights it was found with."""
+    have = {cause.family for cause, _ in adopted}
+    every = [cause for cause in candidates(fit) if cause.family not in have]
+    tried: list[tuple[Ranked, Fit]] = [(best, fit) for best in rank(fit, every)]
+    if np.any(fit.problem.leg_known & (fit.weights.legs == 0)):
+        whole = _with_all_legs(fit)
+        tried += [(best, whole) for best in rank(whole, [cause for cause in every if not cause.in_pictures])]
+    tried.sort(key=lambda t: -t[0].log_bayes)
+    before, best, most = log_evidence(fit), None, needed
+    for ranked, start in tried[:_TRIED]:
+        if ranked.log_bayes < needed - _PROMISING:
+            break
+        cause = ranked.cause.adopted()
+        held = replace(start, options=replace(fit.options, find_faults=False))
+        gain = log_evidence(refit(held, [cause])) - before - ranked.log_family
+        if gain > most:
+            best, most = (cause, gain, start.weights.legs), gain
+    return best
+
+
+def _with_all_legs(fit: Fit) -> Fit:
+    """Return the solution with all legs counted, not solved again: a common cause makes some look like outliers."""
+    weights = replace(fit.weights, legs=fit.problem.leg_known.astype(np.float64))
+    profile = slip_profile(fit.problem, fit.at, fit.components, weights)
+    return replace(fit, weights=weights, profile=profile)
+
+
+def _solved(fit: Fit, cause: Cause, gain: float) -> Solved:
+    first = fit.problem.names.index(cause.names[0])
+    rows = slice(first, first + len(cause.names))
+    start = first - fit.problem.explained.start
+    values = fit.state.explained[start : start + len(cause.names)]
+    return Solved(values=values, cov=fit.cov[rows, rows], p_value=float(np.exp(-gain)))
+
+
+def _needless(solved: Solved) -> bool:
+    square = float(solved.values @ np.linalg.solve(solved.cov, solved.values))
+    return bool(stats.chi2.sf(square, len(solved.values)) > _NEEDLESS)

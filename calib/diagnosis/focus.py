@@ -1,0 +1,132 @@
+"""A lens whose focus or a picture whose crop changed: from some stop on, or from stop to stop (autofocus)."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from boxcal.calib.diagnosis.cause import Cause, Reference, Solved, percent
+from boxcal.calib.likelihood.explanation import Columns
+from boxcal.calib.likelihood.finding import Finding
+from boxcal.calib.likelihood.problem import Problem
+from boxcal.calib.likelihood.state import State
+
+_LEAST = 2.0
+"""Sigmas from which on a change is worth words."""
+
+
+@dataclass(frozen=True, slots=True)
+class FocusChanged:
+    """Before a stop (counted over all drives) focal length and principal point were others."""
+
+    stop: int
+    at: Reference
+
+    @property
+    def family(self) -> str:
+        """One family for all stops."""
+        return "focus-changed"
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Focal length (relative), principal point right and down (px)."""
+        return tuple(f"focus{self.stop}-{part}" for part in ("scale", "right", "down"))
+
+    @property
+    def prior(self) -> tuple[float, ...]:
+        """One per cent and 5 px."""
+        return (0.01, 5.0, 5.0)
+
+    @property
+    def in_pictures(self) -> bool:
+        """Yes."""
+        return True
+
+    def adopted(self) -> Cause:
+        """Return itself."""
+        return self
+
+    def columns(self, problem: Problem, state: State) -> Columns:
+        """Return the camera's change at all stops before that one."""
+        corners = np.zeros((len(problem.drive), len(state.lens) + 6, 3))
+        corners[: self.stop, :2, 0] = (self.at.fu, self.at.fv)
+        corners[: self.stop, 2, 1] = corners[: self.stop, 3, 2] = 1.0
+        return Columns(corners=corners)
+
+    def finding(self, solved: Solved, problem: Problem) -> Finding:
+        """Return how the picture changed."""
+        scale, s_scale = -float(solved.values[0]), float(solved.sigma[0])
+        shift, s_shift = solved.length(slice(1, 3))
+        words = []
+        if abs(scale) > _LEAST * s_scale:
+            words.append(f"the focal length grew by {100 * scale:+.3f} +- {100 * s_scale:.3f} %")
+        if shift > _LEAST * s_shift:
+            words.append(f"the picture moved by {shift:.1f} +- {s_shift:.1f} px")
+        stop = int(problem.stop[self.stop])
+        return Finding(
+            cause=self.family,
+            text=f"before stop {stop + 1} focus or crop of the camera changed: "
+            f"{' and '.join(words) or 'a little'}; the result is that after the change",
+            advice="Switch autofocus, zoom and digital stabilisation off.",
+            adopted=True,
+            stops=tuple(int(s) for s in problem.stop[: self.stop]),
+            size=100 * scale,
+            sigma=100 * s_scale,
+            unit="%",
+            p_value=solved.p_value,
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class FocusVaries:
+    """At each stop the focal length is another: autofocus."""
+
+    stops: int
+    at: Reference
+
+    @property
+    def family(self) -> str:
+        """One family."""
+        return "focus-varies"
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Focal length at each stop, relative to their mean."""
+        return tuple(f"focus-at-{j}" for j in range(self.stops))
+
+    @property
+    def prior(self) -> tuple[float, ...]:
+        """A fifth of a per cent: what autofocus does between near and far."""
+        return (2e-3,) * self.stops
+
+    @property
+    def in_pictures(self) -> bool:
+        """Yes."""
+        return True
+
+    def adopted(self) -> Cause:
+        """Return itself."""
+        return self
+
+    def columns(self, problem: Problem, state: State) -> Columns:
+        """Return the camera's change at each stop."""
+        corners = np.zeros((len(problem.drive), len(state.lens) + 6, self.stops))
+        j = np.arange(self.stops)
+        corners[j, 0, j], corners[j, 1, j] = self.at.fu, self.at.fv
+        return Columns(corners=corners)
+
+    def finding(self, solved: Solved, problem: Problem) -> Finding:  # noqa: ARG002
+        """Return how much the focal length varies."""
+        n = self.stops
+        centred = np.eye(n) - 1 / n
+        spread = float(np.sqrt((solved.values @ centred @ solved.values + np.sum(centred * solved.cov)) / (n - 1)))
+        sigma = spread / float(np.sqrt(2 * (n - 1)))
+        return Finding(
+            cause=self.family,
+            text=f"the focal length varies by {percent(spread, sigma)} from stop to stop (autofocus)",
+            advice="Switch autofocus off and calibrate again; the result is a mean.",
+            adopted=True,
+            size=100 * spread,
+            sigma=100 * sigma,
+            unit="%",
+            p_value=solved.p_value,
+        )

@@ -1,0 +1,74 @@
+"""Ranks explanations by score tests at one solution: no new solution, one linearization of all."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.special import logsumexp
+
+from boxcal.calib.diagnosis.cause import Cause
+from boxcal.calib.likelihood.fit import Fit
+from boxcal.calib.likelihood.score_test import score_tests
+from boxcal.calib.likelihood.slip_profile import fixed_profile
+from boxcal.target.arrays import Array
+
+_LESS_LEAN = (1.0, 0.3)
+"""Shares of the lean found at which causes in the pictures are tested.
+
+A camera that was knocked makes robots seem to lean; with the cause in the model they may lean less.
+"""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Ranked:
+    """The best explanation of a family.
+
+    Attributes
+    ----------
+    cause
+        Which.
+    log_bayes
+        Logarithm of its Bayes factor, less that of how many its family tries.
+    log_family
+        The latter.
+    """
+
+    cause: Cause
+    log_bayes: float
+    log_family: float
+
+
+def rank(fit: Fit, causes: Sequence[Cause]) -> list[Ranked]:
+    """Return the best explanation of each family, the most probable first."""
+    wheels = [cause for cause in causes if not cause.in_pictures]
+    pictures = [cause for cause in causes if cause.in_pictures]
+    found = [
+        *zip(wheels, _of_wheels(fit, wheels), strict=True),
+        *zip(pictures, _of_pictures(fit, pictures), strict=True),
+    ]
+    out = []
+    for family in dict.fromkeys(cause.family for cause in causes):
+        members = [(gain, k) for k, (cause, gain) in enumerate(found) if cause.family == family]
+        gain, k = max(members)
+        many = float(np.log(len(members)))
+        out.append(Ranked(cause=found[k][0], log_bayes=gain - many, log_family=many))
+    return sorted(out, key=lambda r: -r.log_bayes)
+
+
+def _of_wheels(fit: Fit, causes: Sequence[Cause]) -> list[float]:
+    """Return the logarithms of the Bayes factors, slip averaged."""
+    return [test.log_evidence for test in score_tests(fit, causes)]
+
+
+def _of_pictures(fit: Fit, causes: Sequence[Cause]) -> list[float]:
+    """Return the logarithms of the Bayes factors, lean averaged over less of it; slip as it is."""
+    shares = _LESS_LEAN if fit.components.lean > 0 else (1.0,)
+    gains: list[Array] = []
+    first = 0.0
+    for share in shares:
+        components = replace(fit.components, lean=share * fit.components.lean)
+        profile = fixed_profile(fit.problem, fit.at, components, fit.weights)
+        first = profile.log_evidence if share == 1.0 else first
+        tests = score_tests(replace(fit, components=components, profile=profile), causes)
+        gains.append(np.array([test.log_evidence for test in tests]) + profile.log_evidence - first)
+    return [float(g) for g in logsumexp(np.array(gains), axis=0) - np.log(len(shares))] if causes else []

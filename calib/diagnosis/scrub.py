@@ -1,0 +1,114 @@
+"""Wheels that scrub in turns: the robot turns less than they roll, unlike to both sides, or slides sideways.
+
+What is lost alike in all turns cannot be told from a larger distance between the wheels: both scale every turn. So the
+test looks at what differs (one side against the other, on the spot against in bends, the drift), and where that is
+found, a loss alike in all turns is allowed for by a prior: the odometry stays as good as it is, the distance between
+the wheels becomes as unsure as it is.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from boxcal.calib.diagnosis.cause import Cause, Reference, Solved, percent
+from boxcal.calib.likelihood.explanation import Columns
+from boxcal.calib.likelihood.finding import Finding
+from boxcal.calib.likelihood.leg_model import leg_model
+from boxcal.calib.likelihood.problem import Problem
+from boxcal.calib.likelihood.state import State
+from boxcal.target.arrays import Array
+
+TYPICAL = 0.01
+"""Share of a turn that wheels scrub away, standard deviation beforehand."""
+_ON_SPOT = 0.1
+"""A turn is on the spot where the robot moves less than this share of what its rims do."""
+
+
+@dataclass(frozen=True, slots=True)
+class Scrub:
+    """Turns lose a share: to the left more than to the right, on the spot more; the robot drifts to the left.
+
+    Attributes
+    ----------
+    at
+        Reference.
+    alike
+        Whether a loss alike in all turns is an unknown too; it is left out of the test, which cannot see it.
+    """
+
+    at: Reference
+    alike: bool = False
+
+    @property
+    def family(self) -> str:
+        """One family."""
+        return "scrub"
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Left less right and on the spot (shares), drift (m/rad); and alike in all turns (share)."""
+        return ("scrub-side", "scrub-spot", "scrub-drift", *(("scrub-alike",) if self.alike else ()))
+
+    @property
+    def prior(self) -> tuple[float, ...]:
+        """Of the shares 1 %, of the drift 2 mm a radian."""
+        return (TYPICAL, TYPICAL, 2e-3, *((TYPICAL,) if self.alike else ()))
+
+    @property
+    def in_pictures(self) -> bool:
+        """No."""
+        return False
+
+    def adopted(self) -> Cause:
+        """Return itself, with a loss alike in all turns."""
+        return Scrub(at=self.at, alike=True)
+
+    def columns(self, problem: Problem, state: State) -> Columns:  # noqa: ARG002 (held at the reference)
+        """Return the travel that undoes each loss, and the legs' displacement by the drift."""
+        u, b = self.at.travel(problem), self.at.b
+        dth = (u[:, 0] - u[:, 1]) / b
+        spot = np.abs(u.mean(axis=1)) < _ON_SPOT * np.abs(u[:, 0] - u[:, 1])
+        shares = [0.5 * np.sign(dth), spot.astype(np.float64), np.zeros_like(dth)]
+        shares += [np.ones_like(dth)] if self.alike else []
+        travel = np.stack([_lost(share * dth, b) for share in shares], axis=2)
+        legs = np.zeros((len(problem.leg_stop), 3, len(shares)))
+        none = np.zeros((len(problem.leg_stop), 2))
+        aside = leg_model(problem.path, np.array([*self.at.radii, b]), none, none).by_sideways
+        if aside.shape[1]:
+            legs[:, :, 2] = np.add.reduceat(aside * np.abs(dth), problem.path.starts, axis=1).T
+        return Columns(travel=travel, legs=legs)
+
+    def finding(self, solved: Solved, problem: Problem) -> Finding:  # noqa: ARG002
+        """Return the three losses; the size is the largest in its sigmas."""
+        side, spot, drift = solved.values[:3]
+        s_side, s_spot, s_drift = solved.sigma[:3]
+        words = []
+        if abs(side) > 2 * s_side:
+            more = "left" if side > 0 else "right"
+            words.append(f"to the {more} {percent(abs(side), s_side)} more of each turn is lost than to the other side")
+        if abs(spot) > 2 * s_spot:
+            words.append(
+                f"on the spot {percent(abs(spot), s_spot)} {'more' if spot > 0 else 'less'} of each turn is lost than "
+                "in bends"
+            )
+        if abs(drift) > 2 * s_drift:
+            way = "left" if drift > 0 else "right"
+            words.append(f"the robot slides {1e3 * abs(drift):.2f} +- {1e3 * s_drift:.2f} mm to the {way} a radian")
+        text = "; ".join(words) or "turns lose unlike shares"
+        largest = int(np.argmax(np.abs(solved.values[:2]) / solved.sigma[:2]))
+        return Finding(
+            cause="scrub",
+            text=f"the wheels scrub in turns: {text}. What all turns lose alike cannot be told from the distance "
+            f"between the wheels, whose sigma allows for {TYPICAL:.0%}",
+            advice="Turn slower, on a smoother floor; wider tyres scrub more.",
+            adopted=True,
+            size=100 * float(solved.values[largest]),
+            sigma=100 * float(solved.sigma[largest]),
+            unit="%",
+            p_value=solved.p_value,
+        )
+
+
+def _lost(dth: Array, b: float) -> Array:
+    """Return the travel, (S, 2), that takes turns (S,) away."""
+    return np.stack([-b / 2 * dth, b / 2 * dth], axis=1)
