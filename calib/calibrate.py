@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from boxcal.calib.assessment.verdict import judge
+from boxcal.calib.diagnosis.explained_estimate import estimate_explained
 from boxcal.calib.diagnosis.first_look import FirstLook, first_look
 from boxcal.calib.diagnosis.last_look import last_look
 from boxcal.calib.errors import CalibError
@@ -16,7 +17,7 @@ from boxcal.calib.exports.rerun import rerun_recording
 from boxcal.calib.exports.scene import make_scene
 from boxcal.calib.exports.stop_images import draw_stops, stop_jpegs
 from boxcal.calib.four_steps.procedure import FourSteps
-from boxcal.calib.likelihood import Estimate, EstimateOptions, estimate
+from boxcal.calib.likelihood import Estimate, EstimateOptions
 from boxcal.calib.report.robot import robot_report
 from boxcal.calib.results.build import closed_form, refined
 from boxcal.calib.results.calibration import Calibration
@@ -226,8 +227,7 @@ def _likelihood(
         slip=settings.slip,
         target=job.target,
     )
-    found = estimate(drives, steps, options)
-    options = replace(options, lens=found.camera.kind)
+    found, options = estimate_explained(drives, steps, options)
     return replace(found, notes=found.notes + box_notes(job.target)), options
 
 

@@ -87,7 +87,11 @@ def estimate(
     CalibError
         If the drives do not determine the calibration: what is missing.
     """
-    found = fit(drives, start, options)
+    return reported(fit(drives, start, options), drives, options)
+
+
+def reported(found: Fit, drives: Sequence[Correspondences], options: EstimateOptions | None) -> Estimate:
+    """Return the estimate that a solution amounts to, with notes on what was assumed and chosen for it."""
     result = summarise(found, drives)
     if found.options.slip is not None and (options is None or options.slip is None):
         legs = len(found.problem.leg_stop)

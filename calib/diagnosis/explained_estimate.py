@@ -1,0 +1,41 @@
+"""The estimate with its explanations: solved, diagnosed, reported."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from boxcal.calib.diagnosis.choose import explain
+from boxcal.calib.diagnosis.leg_causes import leg_findings
+from boxcal.calib.diagnosis.target_causes import target_findings
+from boxcal.calib.four_steps.procedure import FourSteps
+from boxcal.calib.likelihood.estimate import Estimate
+from boxcal.calib.likelihood.estimator import fit, reported
+from boxcal.calib.likelihood.options import EstimateOptions
+from boxcal.detect.correspondences import Correspondences
+
+
+def estimate_explained(
+    drives: Sequence[Correspondences], start: Sequence[FourSteps] | FourSteps | None, options: EstimateOptions
+) -> tuple[Estimate, EstimateOptions]:
+    """Return the estimate with whatever explains its drives, and options to solve parts of them alike.
+
+    The options name the camera model that was chosen, and the explanations that hold for any part of the drives: those
+    that begin at a stop do not.
+
+    Parameters
+    ----------
+    drives, start, options
+        As for :func:`boxcal.calib.likelihood.estimate`.
+
+    Raises
+    ------
+    CalibError
+        If the drives do not determine the calibration: what is missing.
+    """
+    first = fit(drives, start, options)
+    explained = explain(first)
+    solved = replace(explained.fit, camera_scores=first.camera_scores)
+    found = reported(solved, drives, options)
+    findings = (*explained.findings, *leg_findings(solved, found, drives), *target_findings(solved))
+    of_wheels = tuple(cause for cause, _ in explained.adopted if not cause.in_pictures)
+    options = replace(options, lens=found.camera.kind, explanations=(*options.explanations, *of_wheels))
+    return replace(found, findings=findings), options

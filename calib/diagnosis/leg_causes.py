@@ -1,0 +1,107 @@
+"""What happened on legs that were left out: a slip, a pushed box, a robot carried, encoders that jumped or fell silent.
+
+A leg that was left out is a leg whose displacement was solved for: three unknowns of its own. A box that was pushed and
+a robot that was carried look alike to camera and wheels; how far tells which is likelier.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from boxcal.calib.likelihood.estimate import Estimate, FlaggedLeg
+from boxcal.calib.likelihood.finding import Finding
+from boxcal.calib.likelihood.fit import Fit
+from boxcal.detect.correspondences import Correspondences
+
+CARRIED_MM, CARRIED_DEG = 50.0, 5.0
+"""A pushed box moves by less than this; a robot that was lifted or pushed along by more, mostly."""
+_JUMP_RAD = 0.5
+"""Wheel travel within one sample (20 ms, usually) that no motor makes."""
+_SILENT_S = 0.5
+_JUMP_SHARE = 10.0
+"""And so many times as much as the largest but a few of its kind."""
+
+
+def leg_findings(fit: Fit, found: Estimate, drives: Sequence[Correspondences]) -> tuple[Finding, ...]:
+    """Return what is said of each leg that was left out.
+
+    Parameters
+    ----------
+    fit, found
+        The solution, and the estimate made of it.
+    drives
+        What it was made from.
+    """
+    by_start = {(int(fit.problem.drive[i]), int(fit.problem.stop[i])): k for k, i in enumerate(fit.problem.leg_stop)}
+    out = []
+    for leg in found.flagged_legs:
+        k = by_start[leg.drive, leg.leg]
+        out.append(_finding(leg, fit, k, drives[leg.drive]) if fit.problem.leg_known[k] else _unknown(leg))
+    return tuple(out)
+
+
+def _finding(leg: FlaggedLeg, fit: Fit, k: int, drive: Correspondences) -> Finding:
+    difference, cov = fit.tests.difference[k], fit.tests.covariance[k]
+    size = float(np.hypot(*difference[:2]))
+    along = difference[:2] / size if size > 0 else np.array([1.0, 0.0])
+    sigma = float(np.sqrt(along @ cov[:2, :2] @ along))
+    where = f"between stop {leg.leg + 1} and stop {leg.next_stop + 1}"
+    moved = (
+        f"{1e3 * size:.1f} +- {1e3 * sigma:.1f} mm and {leg.turn_deg:+.2f} +- {np.degrees(np.sqrt(cov[2, 2])):.2f} deg"
+    )
+    pushed = float(np.hypot(*leg.box_moved_mm))
+    jump, silent = _jump(drive, leg)
+    if silent is not None:
+        cause, text = "wheels-silent", f"{where} the wheels' readings are missing for {silent:.1f} s"
+        advice = "Look for lost joint messages."
+    elif jump is not None:
+        cause, text = "encoder-restart", f"{where} the wheels' readings jump by {jump:.2f} rad within one sample"
+        advice = "Look for a restart of the driver or of its counters."
+    elif leg.slip_explains:
+        cause, text = "leg-slipped", f"{where} a wheel slipped: wheels and images differ by {moved}"
+        advice = "Drive slower, with gentle starts, on a dry floor without sills or cables."
+    elif 1e3 * size > CARRIED_MM or abs(leg.turn_deg) > CARRIED_DEG:
+        cause, text = "robot-carried", f"{where} the robot was carried or pushed: wheels and images differ by {moved}"
+        advice = "Do not move the robot by hand during the drive."
+    else:
+        cause = "box-moved"
+        text = (
+            f"{where} the box was pushed by {pushed:.1f} +- {1e3 * sigma:.1f} mm and {leg.box_turned_deg:+.2f} deg, or "
+            f"the robot was: wheels and images differ by {moved}, no slip of one wheel explains it"
+        )
+        advice = "Fasten the box to the floor (tape will do) and keep clear of it."
+    return Finding(
+        cause=cause,
+        text=f"{text}; the leg was left out",
+        advice=advice,
+        adopted=True,
+        stops=(leg.leg, leg.next_stop),
+        size=pushed if cause == "box-moved" else 1e3 * size,
+        sigma=1e3 * sigma,
+        unit="mm",
+        p_value=leg.p_value,
+    )
+
+
+def _unknown(leg: FlaggedLeg) -> Finding:
+    return Finding(
+        cause="leg-without-wheels",
+        text=f"between stop {leg.leg + 1} and stop {leg.next_stop + 1} the wheels' travel is not known; the leg was "
+        "left out",
+        advice="Look for missing joint messages or a restart of the driver.",
+        adopted=True,
+        stops=(leg.leg, leg.next_stop),
+    )
+
+
+def _jump(drive: Correspondences, leg: FlaggedLeg) -> tuple[float | None, float | None]:
+    """Return the largest travel within one sample of a leg, rad, and the longest time without one, s, if unusual."""
+    t_ns = drive.wheels.t_ns
+    every = np.abs(np.diff(np.stack([drive.wheels.phi_R, drive.wheels.phi_L]), axis=1)).max(axis=0)
+    first, last = drive.stops[leg.leg].last_sample, drive.stops[leg.next_stop].first_sample
+    largest = float(every[first:last].max(initial=0.0))
+    usual = float(np.quantile(every, 0.99)) if every.size else 0.0
+    dt = np.diff(t_ns[first : last + 1]) * 1e-9
+    longest = float(dt.max(initial=0.0))
+    silent = longest if longest > max(_SILENT_S, _JUMP_SHARE * float(np.median(np.diff(t_ns))) * 1e-9) else None
+    return (largest if largest > max(_JUMP_RAD, _JUMP_SHARE * usual) else None), silent
