@@ -10,7 +10,7 @@ from boxcal.calib.likelihood.explanation import Columns
 from boxcal.calib.likelihood.finding import Finding
 from boxcal.calib.likelihood.problem import Problem
 from boxcal.calib.likelihood.state import State
-from boxcal.target.arrays import Array
+from boxcal.target.arrays import Array, Ids
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +57,7 @@ class Backlash:
         )
 
 
-def _reversals(dphi: Array, drive: Array) -> Array:
+def _reversals(dphi: Array, drive: Ids) -> Array:
     """Return the new way (+-1) at samples in which a wheel first turns the other way than before, else 0: (S,)."""
     out = np.zeros(len(dphi))
     for d in np.unique(drive):
