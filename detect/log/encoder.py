@@ -60,7 +60,7 @@ class Encoder:
     notes: tuple[str, ...] = ()
 
 
-def clean(t_ns: Ids, phi: Array, who: str, periods: Sequence[float] = ()) -> Encoder:
+def clean(t_ns: Ids, phi: Array, who: str, periods: Sequence[float] = (), step: float | None = None) -> Encoder:
     """Return one wheel's readings in order of their stamps, unwrapped, without strays, resets joined.
 
     Of equal stamps the last reading is kept. Single readings far off neighbours that agree are dropped. Readings modulo
@@ -78,6 +78,8 @@ def clean(t_ns: Ids, phi: Array, who: str, periods: Sequence[float] = ()) -> Enc
         Recording and joint, for messages.
     periods : rad
         Ranges of the counter that the message type tells.
+    step : rad, optional
+        Of the encoder, where it is known; else it is read off the readings.
 
     Raises
     ------
@@ -95,7 +97,7 @@ def clean(t_ns: Ids, phi: Array, who: str, periods: Sequence[float] = ()) -> Enc
             remedy="make the driver stamp its messages",
         )
     t_ns, phi = t_ns[last], phi[last]
-    step = encoder_step(phi)
+    step = encoder_step(phi) if step is None else step
     phi, period = _unwrapped(phi, step, periods)
     kept = ~strays(phi, step)
     dropped = int(np.sum(~kept))

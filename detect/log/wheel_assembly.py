@@ -8,6 +8,7 @@ import numpy as np
 from boxcal.detect.errors import DetectError
 from boxcal.detect.log.clocks import usable_stamps
 from boxcal.detect.log.encoder import MAX_ANGLE, Encoder, averaged, clean, join
+from boxcal.detect.log.encoder_step import encoder_step
 from boxcal.detect.log.odometry import ASSUMED_RADIUS, ASSUMED_SEPARATION, virtual_wheels
 from boxcal.detect.log.safe_text import printable
 from boxcal.detect.log.signals import OdometrySignal, Quantity, Signal
@@ -139,7 +140,10 @@ def _encoder(name: str, signal: Signal, factor: float, notes: list[str]) -> Enco
     if signal.quantity is Quantity.VELOCITY:
         t_ns, values = _integrated(t_ns, values)
     periods = tuple(c * abs(factor) for c in _COUNTERS) if signal.quantity is Quantity.TICKS else ()
-    encoder = clean(t_ns, values * factor, who, periods)
+    step = None
+    if signal.quantity is Quantity.TICKS and np.array_equal(values, np.round(values)):
+        step = max(round(encoder_step(values)), 1) * abs(factor)  # exact, however large the counter is
+    encoder = clean(t_ns, values * factor, who, periods, step)
     if signal.quantity is Quantity.VELOCITY:
         encoder = replace(encoder, step=0.0)
     added = [f"{printable(signal.name)}: {note}" for note in encoder.notes]
