@@ -134,7 +134,16 @@ def _summary(tags: "DetectorOutput", target: "Target") -> str:
     figures = f"corners to {sigma:.3f} px"
     if np.isfinite(tags.blur_px).all():
         figures += f", blur {np.median(tags.blur_px):.2f} px, {tags.response} response curve"
+    if tags.contradicting_faces:
+        figures += "; " + other_box(tags.contradicting_faces)
     return f"{len(tags.ids)} {noun} ({by_face}); {figures}"
+
+
+def other_box(faces: Sequence[int]) -> str:
+    """Return a phrase about faces that are seen where the box cannot have them."""
+    noun, verb = ("face", "is") if len(faces) == 1 else ("faces", "are")
+    which = ", ".join(map(str, faces))
+    return f"{noun} {which} {verb} seen where this box cannot have them (a second box, or a print on the wall?)"
 
 
 def _document(path: Path, image: Any, tags: "DetectorOutput") -> dict[str, Any]:

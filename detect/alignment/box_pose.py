@@ -16,6 +16,8 @@ from boxcal.detect.alignment.backend import backend
 from boxcal.detect.alignment.box_refinement import CAMERA, FITTED
 from boxcal.detect.alignment.homography import least_squares_homography
 from boxcal.detect.alignment.radial_camera import (
+    A1,
+    PER_RADIUS,
     depth,
     fisheye_distortion,
     local_undistortion,
@@ -36,9 +38,9 @@ FISHEYES = (0.32, 0.45)
 """Focal lengths of the fisheyes that are tried where no ordinary camera explains the tags, image widths."""
 LEAST_SIGMA_PX = 0.05
 LEAST_DEPTH = 0.02
-_PRIORS = np.array([0.7, 0.05, 0.05, 0.15, 0.05, 0.02])
-"""Deviations of log f, centre (image widths), a1, a2 and a3 of a camera of which nothing is known."""
-_LEAST_PRIORS = np.array([0.003, 0.003, 0.003, 0.003, 0.001, 0.0005])
+_PRIORS = np.array([0.7, 0.05, 0.05, 0.15, 0.05, 0.02, 0.03, 0.003, 0.003, 0.003])
+"""Deviations of log f, centre (image widths), a1 to a3, log aspect, skew and tangential terms of an unknown camera."""
+_LEAST_PRIORS = np.array([0.003, 0.003, 0.003, 0.003, 0.001, 0.0005, 0.001, 0.001, 0.001, 0.001])
 """The same of a camera that took an earlier picture: as well as that picture told, and no better."""
 
 
@@ -49,10 +51,10 @@ class CameraPrior:
     Attributes
     ----------
     focal_px : px
-    lens : (6,)
+    lens : (10,)
         See :mod:`boxcal.detect.alignment.radial_camera`.
-    deviation : (6,)
-        Of log f, centre px, a1, a2 and a3.
+    deviation : (10,)
+        Of log f, centre px, a1, a2, a3, log aspect, skew and two tangential terms.
     """
 
     focal_px: float
@@ -61,7 +63,7 @@ class CameraPrior:
 
     @property
     def expected(self) -> Array:
-        """Log f, centre px, a1, a2 and a3, (6,)."""
+        """Log f and what of the lens is fitted, (10,)."""
         return np.array([np.log(self.focal_px), *self.lens[FITTED]])
 
 
@@ -72,13 +74,13 @@ class BoxFit:
     Attributes
     ----------
     focal_px : px
-    lens : (6,)
+    lens : (10,)
         See :mod:`boxcal.detect.alignment.radial_camera`.
     T_cam_box : (4, 4), m
     prior
         What was known of the camera before any tag was seen.
-    information : (12, 12)
-        Of those six and the pose (left perturbation, rotation then translation), by px of residual.
+    information : (16, 16)
+        Of those ten and the pose (left perturbation, rotation then translation), by px of residual.
     sigma_px : px
         Robust deviation of the corners from the fit.
     off_px : (N,)
@@ -101,7 +103,7 @@ class BoxFit:
     def camera(self, width: int) -> CameraPrior:
         """Return what this picture, ``width`` px wide, tells of the camera, for the next picture that it takes."""
         deviation = 3 * self.sigma_px * np.sqrt(np.diag(np.linalg.inv(self.information))[:CAMERA])
-        scale = np.array([1, width, width, 1, 1, 1])
+        scale = _widths(width)
         return CameraPrior(
             focal_px=self.focal_px,
             lens=self.lens,
@@ -145,7 +147,7 @@ def fit_box(
     refine = partial(_refine, target, rows, corners_px, sigma_px=sigma_px)
     if start is not None:
         fit = refine(start.focal_px, start.lens, start.T_cam_box, prior=start.prior, fair=FAIR * sigma_px)
-        if np.median(fit.off_px) < FAIR * sigma_px or abs(fit.lens[2]) < PLAIN:
+        if np.median(fit.off_px) < FAIR * sigma_px or abs(fit.lens[A1]) < PLAIN:
             return fit
     faces, counts = np.unique(target.tag_faces[rows], return_counts=True)
     main = target.tag_faces[rows] == faces[counts.argmax()]
@@ -154,9 +156,15 @@ def fit_box(
     for focal, lens, prior in _cameras(image_size, camera):
         T = _start(target, rows[main], corners_px[main], lens, focal)
         fits.append(refine(focal, lens, T, prior=prior))
-        if np.median(fits[-1].off_px) < GOOD * sigma_px and (prior is camera or abs(fits[-1].lens[2]) < PLAIN):
+        if np.median(fits[-1].off_px) < GOOD * sigma_px and (prior is camera or abs(fits[-1].lens[A1]) < PLAIN):
             break
     return min(fits, key=lambda fit: float(np.median(fit.off_px)))
+
+
+def _widths(width: int) -> Array:
+    scale = np.ones(CAMERA)
+    scale[1:3] = width
+    return scale
 
 
 def _cameras(image_size: tuple[int, int], known: CameraPrior | None) -> Iterator[tuple[float, Array, CameraPrior]]:
@@ -164,7 +172,7 @@ def _cameras(image_size: tuple[int, int], known: CameraPrior | None) -> Iterator
     if known is not None:
         yield known.focal_px, known.lens, known
     width, straight = max(image_size), no_distortion(image_size)
-    deviation = _PRIORS * (1, width, width, 1, 1, 1)
+    deviation = _PRIORS * _widths(width)
     usual = CameraPrior(focal_px=1.1 * width, lens=straight, deviation=deviation)
     for focal in FOCAL_LENGTHS:
         yield focal * width, straight, usual
@@ -230,7 +238,7 @@ def _refine(  # noqa: PLR0917 - the state by position
 def _bring_forward(focal: float, lens: Array, T_cam_box: Array, p_box: Array, uv: Array) -> None:
     """Move a box, whose tags may not be on one plane as its start took them, until all are before the camera."""
     d = uv - lens[:2]
-    g, slope, D = depth(lens, np.sum(d * d, axis=1) * lens[4] ** 2)
+    g, slope, D = depth(lens, np.sum(d * d, axis=1) * lens[PER_RADIUS] ** 2)
     rays = np.column_stack([d, focal * g])
     away = np.mean(rays / np.linalg.norm(rays, axis=1, keepdims=True), axis=0)
     across = np.column_stack([-focal * slope[:, None] * d, np.ones(len(d))]) / D[:, None]

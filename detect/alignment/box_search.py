@@ -9,7 +9,7 @@ from boxcal.detect.alignment.box_pose import FISHEYES, GOOD, BoxFit, CameraPrior
 from boxcal.detect.alignment.candidates import TagCandidates
 from boxcal.detect.alignment.homography import least_squares_homography, map_points
 from boxcal.detect.alignment.pyramid import Pyramid, align_coarsely, align_midway
-from boxcal.detect.alignment.radial_camera import fisheye_distortion, undistort_locally
+from boxcal.detect.alignment.radial_camera import LOG_ASPECT, fisheye_distortion, undistort_locally
 from boxcal.detect.alignment.registration.tag_alignments import TagAlignments
 from boxcal.detect.alignment.tag_patterns import Index, Patterns
 from boxcal.detect.alignment.verification import Limits, convex, module_px, verified
@@ -28,6 +28,10 @@ RIGID_TOLERANCE_MODULES, RIGID_TOLERANCE_PX = 0.5, 0.75
 ROUNDS = 4
 ENOUGH = 0.8
 """Share of a face's candidates whose agreement ends the search for a larger one."""
+FACE_TAGS, FACE_KEPT = 6, 0.34
+"""A face of which so many tags were seen, but less than this fraction of them on the box, contradicts it."""
+SQUARE = 0.02
+"""Largest log aspect of a pixel that counts as square; cameras with square pixels keep to a few thousandths."""
 _PAIRS = 24
 
 
@@ -42,11 +46,14 @@ class PredictedRegions:
     corners_px : (N, 4, 2), px
     fit
         The box that they lie on.
+    contradicting_faces
+        Faces of which tags are seen where no such box has them: on another box, or on a print on the wall.
     """
 
     rows: Index
     corners_px: Array
     fit: BoxFit
+    contradicting_faces: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -62,11 +69,14 @@ class BoxDetection:
     lost_module_px
         How wide the modules are seen at most of tags that the box turns to the camera, but that were not found; 0 if
         there are none, infinite where the fit is too poor to say which those are.
+    contradicting_faces
+        See :class:`PredictedRegions`.
     """
 
     tags: TagAlignments
     fit: BoxFit
     lost_module_px: float
+    contradicting_faces: tuple[int, ...] = ()
 
 
 def consistent_candidates(target: Target, candidates: TagCandidates, image_size: tuple[int, int]) -> TagCandidates:
@@ -77,11 +87,17 @@ def consistent_candidates(target: Target, candidates: TagCandidates, image_size:
     them.
     """
     kept: list[int] = []
+    twice: list[int] = []
     faces = target.tag_faces[candidates.rows]
     for face in np.unique(faces):
         at = np.flatnonzero(faces == face)
         here = candidates.take(at)
         agree = _largest_agreement(target, int(face), here)
+        again = _second_sighting(target, int(face), here, agree)
+        if again is not None:
+            twice.append(int(face))
+            kept += [int(k) for k in at[again]]
+            continue
         for focal in FISHEYES:
             if agree.sum() >= ENOUGH * len(at):
                 break
@@ -93,7 +109,24 @@ def consistent_candidates(target: Target, candidates: TagCandidates, image_size:
         kept += [int(k) for k in at[agree]]
     chosen = np.array(kept, dtype=np.int64)
     rows, count = np.unique(candidates.rows[chosen], return_counts=True)
-    return candidates.take(chosen[np.isin(candidates.rows[chosen], rows[count == 1])])
+    once = candidates.take(chosen[np.isin(candidates.rows[chosen], rows[count == 1])])
+    return replace(once, seen_twice=tuple(twice))
+
+
+def _second_sighting(
+    target: Target, face: int, candidates: TagCandidates, agree: NDArray[np.bool_]
+) -> NDArray[np.bool_] | None:
+    """Return which candidates are the larger sighting of a face that is seen twice; None if it is seen once."""
+    rest = np.flatnonzero(~agree)
+    if len(rest) < FACE_TAGS or agree.sum() < FACE_TAGS:
+        return None
+    other = rest[_largest_agreement(target, face, candidates.take(rest))]
+    if len(other) < FACE_TAGS or np.isin(candidates.rows[other], candidates.rows[agree]).mean() < 0.5:
+        return None
+    larger = np.zeros(len(candidates), dtype=np.bool_)
+    larger[other] = True
+    sides = np.linalg.norm(candidates.corners_px - np.roll(candidates.corners_px, -1, axis=1), axis=2).mean(axis=1)
+    return larger if np.median(sides[larger]) > np.median(sides[agree]) else agree
 
 
 def _largest_agreement(target: Target, face: int, candidates: TagCandidates) -> NDArray[np.bool_]:
@@ -144,19 +177,75 @@ def predict_regions(
     camera: CameraPrior | None = None,
 ) -> PredictedRegions:
     """Return the regions to search: at the candidates that one rigid box explains, and where it predicts more tags."""
-    fit = fit_box(
-        target, candidates.rows, candidates.corners_px, image_size=image_size, sigma_px=sigma_px, camera=camera
-    )
-    fit, rows, corners = _consistent(
-        target, patterns, candidates.rows, candidates.corners_px, image_size=image_size, sigma_px=sigma_px, fit=fit
-    )
+    fit, rows, corners = _fitted(target, patterns, candidates, image_size, sigma_px, camera)
+    others = _outvoted(target, candidates, rows[_good(target, patterns, fit, rows, corners, sigma_px)])
+    if others:
+        # faces contradict each other: the box is what the largest part of the picture agrees on
+        groups = [
+            candidates.take(target.tag_faces[candidates.rows] == f)
+            for f in np.unique(target.tag_faces[candidates.rows])
+        ]
+        fit, rows, corners = max(
+            (_grown_from(target, patterns, groups, k, image_size, sigma_px, camera) for k in range(len(groups))),
+            key=lambda found: float(np.sum(module_px(patterns, found[2]) ** 2)),
+        )
+        others = _outvoted(target, candidates, rows)
     # where many candidates agree, the box says better than each of them where its corners are
     uv, spread = fit.predict(target.tag_corners[rows].reshape(-1, 3))
     surer = (spread.reshape(-1, 4).max(axis=1) < sigma_px) & (fit.off_px < 4 * sigma_px)
     corners = np.where(surer[:, None, None], uv.reshape(-1, 4, 2), corners)
     more, more_corners, sure = predicted(target, patterns, fit, rows, image_size)
     rows, corners = np.concatenate([rows, more[sure]]), np.concatenate([corners, more_corners[sure]])
-    return PredictedRegions(rows=rows, corners_px=corners, fit=fit)
+    return PredictedRegions(
+        rows=rows, corners_px=corners, fit=fit, contradicting_faces=tuple(sorted({*others, *candidates.seen_twice}))
+    )
+
+
+def _fitted(  # noqa: PLR0917
+    target: Target,
+    patterns: Patterns,
+    candidates: TagCandidates,
+    image_size: tuple[int, int],
+    sigma_px: float,
+    camera: CameraPrior | None,
+) -> tuple[BoxFit, Index, Array]:
+    """Return the box through candidates, and which of them lie on it."""
+    fit = fit_box(
+        target, candidates.rows, candidates.corners_px, image_size=image_size, sigma_px=sigma_px, camera=camera
+    )
+    return _consistent(
+        target, patterns, candidates.rows, candidates.corners_px, image_size=image_size, sigma_px=sigma_px, fit=fit
+    )
+
+
+def _outvoted(target: Target, candidates: TagCandidates, rows: Index) -> tuple[int, ...]:
+    """Return the faces of which many tags were seen, but hardly any where the box has them."""
+    seen = np.bincount(target.tag_faces[candidates.rows], minlength=1)
+    kept = np.bincount(target.tag_faces[rows], minlength=len(seen))
+    return tuple(int(f) for f in np.flatnonzero((seen >= FACE_TAGS) & (kept < FACE_KEPT * seen)))
+
+
+def _grown_from(  # noqa: PLR0917
+    target: Target,
+    patterns: Patterns,
+    groups: list[TagCandidates],
+    first: int,
+    image_size: tuple[int, int],
+    sigma_px: float,
+    camera: CameraPrior | None,
+) -> tuple[BoxFit, Index, Array]:
+    """Return the box through the tags of one face and of those that agree with it."""
+    chosen = groups[first]
+    found = _fitted(target, patterns, chosen, image_size, sigma_px, camera)
+    for k, group in enumerate(groups):
+        if k == first:
+            continue
+        both = chosen.merged(group)
+        trial = _fitted(target, patterns, both, image_size, sigma_px, camera)
+        good = _good(target, patterns, trial[0], trial[1], trial[2], sigma_px)
+        if good.sum() >= len(found[1]) + FACE_KEPT * len(group) and not _outvoted(target, both, trial[1][good]):
+            chosen, found = both, trial
+    return found
 
 
 def _consistent(
@@ -169,13 +258,21 @@ def _consistent(
     sigma_px: float,
     fit: BoxFit,
 ) -> tuple[BoxFit, Index, Array]:
-    """Return the box refitted until all its tags lie on it, and those tags."""
+    """Return the box refitted until all its tags lie on it and face the camera, and those tags."""
     while True:
-        good = fit.off_px <= _tolerance(patterns, corners_px, sigma_px)
+        good = _good(target, patterns, fit, rows, corners_px, sigma_px)
         if good.all() or not good.any() or len(rows) < 3:
             return fit, rows, corners_px
         rows, corners_px = rows[good], corners_px[good]
         fit = fit_box(target, rows, corners_px, image_size=image_size, sigma_px=sigma_px, start=fit)
+
+
+def _good(  # noqa: PLR0917
+    target: Target, patterns: Patterns, fit: BoxFit, rows: Index, corners_px: Array, sigma_px: float
+) -> NDArray[np.bool_]:
+    """Return which of the tags (N,) that were fitted lie on the box and face the camera."""
+    on_box = fit.off_px <= _tolerance(patterns, corners_px, sigma_px)
+    return on_box & fit.faces_camera(target.tag_corners[rows])
 
 
 def _tolerance(patterns: Patterns, corners_px: Array, sigma_px: float) -> Array:
@@ -241,5 +338,12 @@ def grow_from_pose(
             break
         tags = tags.joined(new)
     # a box that is turned wrongly hides faces that the camera sees
-    told = len(tags) > 0 and np.median(fit.off_px) < GOOD * ALIGNED_SIGMA_PX
-    return BoxDetection(tags=tags, fit=fit, lost_module_px=lost if told else np.inf)
+    told = len(tags) > 0 and bool(np.median(fit.off_px) < GOOD * ALIGNED_SIGMA_PX)
+    # pixels that are not square can stand for that: they need two faces that say so
+    told = told and (abs(fit.lens[LOG_ASPECT]) < SQUARE or len(np.unique(target.tag_faces[tags.rows])) > 1)
+    return BoxDetection(
+        tags=tags,
+        fit=fit,
+        lost_module_px=lost if told else np.inf,
+        contradicting_faces=search.contradicting_faces,
+    )

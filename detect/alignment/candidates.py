@@ -36,11 +36,14 @@ class TagCandidates:
         In the order of the tag's corners.
     score : (N,)
         Correlation of the modules with the pattern's.
+    seen_twice
+        Faces of which many tags were seen in a second place; the larger sighting is kept.
     """
 
     rows: Index
     corners_px: Array
     score: Array
+    seen_twice: tuple[int, ...] = ()
 
     def __len__(self) -> int:
         return len(self.rows)

@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from boxcal.detect.alignment.backend import Backend, backend
+from boxcal.detect.alignment.box_refinement import CAMERA
 from boxcal.detect.alignment.radial_camera import no_distortion
 from boxcal.detect.alignment.registration.align import align
 from boxcal.detect.alignment.registration.tag_batch import Batch, Frame
@@ -78,8 +79,8 @@ def _box(compute: Backend) -> None:
     points, uv = np.random.default_rng(1).uniform(1, 2, (4, 3)), np.zeros((4, 2))
     lens = no_distortion((_SIZE, _SIZE))
     start = (30.0, lens, np.eye(4))
-    compute.levenberg_marquardt(points, uv, start, np.ones(6), np.zeros(6), 1.0, 1.0)
-    compute.predict(points, 30.0, lens, np.eye(4), np.eye(12))
+    compute.levenberg_marquardt(points, uv, start, np.ones(CAMERA), np.zeros(CAMERA), 1.0, 1.0)
+    compute.predict(points, 30.0, lens, np.eye(4), np.eye(CAMERA + 6))
 
 
 def _batch() -> Batch:

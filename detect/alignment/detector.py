@@ -110,6 +110,8 @@ class DetectorOutput:
         The response curve that was used.
     camera
         For the next picture of the same camera; None where too little was seen to tell, and in a preview.
+    contradicting_faces
+        Faces of which tags are seen where the box that was found cannot have them: on another box, or on a print.
     """
 
     ids: Index
@@ -120,6 +122,7 @@ class DetectorOutput:
     residual: Array
     response: str
     camera: KnownCamera | None = None
+    contradicting_faces: tuple[int, ...] = ()
 
 
 def nothing(response: str) -> DetectorOutput:
@@ -206,7 +209,7 @@ def detect_in_grey(
             frame = replace(frame, lens=fit.lens)
             tags = align(frame, patterns, tags.rows, tags.corners_px, start=tags, side_px=FINE_SIDE_PX, stop_px=STOP_PX)
     tags = _on_the_box(target, patterns, tags, fit)
-    located = _located(frame, patterns, tags)
+    located = replace(_located(frame, patterns, tags), contradicting_faces=found.contradicting_faces)
     if len(tags) < FEW_TAGS:
         return located
     imaging = replace(imaging, kurtosis=float(np.median(tags.theta[:, KURTOSIS])))

@@ -5,6 +5,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
+from boxcal.detect.alignment.radial_camera import PER_RADIUS
 from boxcal.detect.alignment.registration.align import align
 from boxcal.detect.alignment.registration.parameters import LOG_PSF
 from boxcal.detect.alignment.registration.tag_alignments import TagAlignments
@@ -50,7 +51,7 @@ class Pyramid:
             self._greys.append(grey)
         lens = self._frame.lens.copy()
         lens[:2] = (lens[:2] + 0.5) / 2**level - 0.5
-        lens[4] *= 2**level
+        lens[PER_RADIUS] *= 2**level
         return Frame(grey=self._greys[level], response=self._frame.response, lens=lens)
 
 

@@ -22,55 +22,91 @@ LEAST_SLOPE = 0.05
 FAR = 30.0
 
 
+CENTRE_X, CENTRE_Y, A1, A2, PER_RADIUS, A3, LOG_ASPECT, SKEW, P1, P2 = range(10)
+"""What stands where in a lens: the centre, px; the radial terms about 1 / radius, 1 / px; the logarithm of height over
+width of a square's picture, and its skew; two tangential terms (Brown 1966), which only the box's fit knows."""
+RADIAL = [A1, A2, A3]
+
+
 def no_distortion(image_size: tuple[int, int]) -> Array:
-    """Return the lens (6,) without distortion of an image: centre (x, y) px, a1, a2, 1 / radius px, a3."""
+    """Return the lens (10,) without distortion of an image (width, height) with square pixels."""
     width, height = image_size
-    return np.array([(width - 1) / 2, (height - 1) / 2, 0.0, 0.0, 2 / max(width, height), 0.0])
+    lens = np.zeros(10)
+    lens[[CENTRE_X, CENTRE_Y, PER_RADIUS]] = (width - 1) / 2, (height - 1) / 2, 2 / max(width, height)
+    return lens
 
 
 def fisheye_distortion(image_size: tuple[int, int], focal_px: float) -> Array:
-    """Return the lens (6,) whose rays' angles t grow as the radius: ``t cot t`` to thousandths up to 90 degrees."""
+    """Return the lens (10,) whose rays' angles t grow as the radius: ``t cot t`` to thousandths up to 90 degrees."""
     lens = no_distortion(image_size)
-    t2 = (1 / (lens[4] * focal_px)) ** 2
-    lens[[2, 3, 5]] = t2 / 3, t2**2 / 45, 0.0028 * t2**3
+    t2 = (1 / (lens[PER_RADIUS] * focal_px)) ** 2
+    lens[RADIAL] = t2 / 3, t2**2 / 45, 0.0028 * t2**3
     return lens
+
+
+def square(lens: Array, d: Array) -> Array:
+    """Return pixels (..., 2) from the centre as a camera with square pixels without skew would have them."""
+    return np.stack([d[..., 0] - lens[SKEW] * d[..., 1], np.exp(lens[LOG_ASPECT]) * d[..., 1]], axis=-1)
+
+
+def unsquare(lens: Array, d: Array) -> Array:
+    """Return the inverse of :func:`square`, (..., 2)."""
+    y = np.exp(-lens[LOG_ASPECT]) * d[..., 1]
+    return np.stack([d[..., 0] + lens[SKEW] * y, y], axis=-1)
+
+
+def tangential(lens: Array, d: Array) -> Array:
+    """Return what the two tangential terms add to pixels (..., 2) from the centre: linear in the terms, px."""
+    x, y = d[..., 0], d[..., 1]
+    both, xx, yy = 2 * x * y, 3 * x * x + y * y, x * x + 3 * y * y
+    moved = np.stack([lens[P1] * both + lens[P2] * xx, lens[P1] * yy + lens[P2] * both], axis=-1)
+    return np.asarray(lens[PER_RADIUS] * moved)
+
+
+def distorted(lens: Array, d: Array) -> Array:
+    """Return pixels (..., 2) from the centre with the tangential terms, by a step of fixed-point iteration."""
+    s = square(lens, d)
+    once = s - tangential(lens, s)
+    return unsquare(lens, s - tangential(lens, once))
 
 
 def depth(lens: Array, q: Array) -> tuple[Array, Array, Array]:
     """Return g at squared radii q, its slope ``dg/dd = slope d``, and ``g - d dg/dd``."""
-    a1, a2, a3 = lens[2], lens[3], lens[5]
+    a1, a2, a3 = lens[A1], lens[A2], lens[A3]
     g = 1 - q * (a1 + q * (a2 + q * a3))
-    slope = -2 * lens[4] ** 2 * (a1 + q * (2 * a2 + q * (3 * a3)))
+    slope = -2 * lens[PER_RADIUS] ** 2 * (a1 + q * (2 * a2 + q * (3 * a3)))
     return g, slope, 1 + q * (a1 + q * (3 * a2 + q * (5 * a3)))
 
 
 def to_pixels(lens: Array, rays: Array) -> Array:
     """Return the pixels (..., 2) that see along rays (..., 3) of any length (z in units of the focal length); else NaN.
 
+    Without the tangential terms.
+
     Newton's method on ``s z = g(s^2) rho``, s the radius, from the root for a1 alone.
     """
-    rho, z = np.hypot(rays[..., 0], rays[..., 1]) * lens[4], rays[..., 2]
+    rho, z = np.hypot(rays[..., 0], rays[..., 1]) * lens[PER_RADIUS], rays[..., 2]
     size = np.hypot(rho, z)
-    down = z + np.sqrt(np.maximum(z * z + 4 * lens[2] * rho * rho, 0))
+    down = z + np.sqrt(np.maximum(z * z + 4 * lens[A1] * rho * rho, 0))
     seen = down > 1e-3 * size
     s = 2 * rho / np.where(seen, down, 1)
     least = LEAST_SLOPE * np.maximum(size, 1e-300)
     for _ in range(STEPS):
         q = s * s
         g, slope, _ = depth(lens, q)
-        moved = (s * z - g * rho) / np.maximum(z - slope * s * rho / lens[4] ** 2, least)
+        moved = (s * z - g * rho) / np.maximum(z - slope * s * rho / lens[PER_RADIUS] ** 2, least)
         s = np.clip(s - moved, 0, FAR)
         if not np.any(np.abs(moved[seen]) > STILL):
             break
     seen &= np.abs(moved) < 1e-3
     scale = np.where(rho > 1e-12 * size, s / np.maximum(rho, 1e-300), 1 / np.where(z > 0, z, 1))
-    return np.where(seen[..., None], lens[:2] + rays[..., :2] * scale[..., None], np.nan)
+    return np.where(seen[..., None], lens[:2] + unsquare(lens, rays[..., :2] * scale[..., None]), np.nan)
 
 
 def local_undistortion(lens: Array, centre_px: Array) -> tuple[Array, Array]:
     """Return b (..., 2) and D (...) of the charts about pixels (..., 2)."""
-    d = centre_px - lens[:2]
-    _, slope, D = depth(lens, np.sum(d * d, axis=-1) * lens[4] ** 2)
+    d = square(lens, centre_px - lens[:2])
+    _, slope, D = depth(lens, np.sum(d * d, axis=-1) * lens[PER_RADIUS] ** 2)
     return np.asarray(slope[..., None] * d), D
 
 
@@ -82,8 +118,9 @@ def undistort_locally(lens: Array, normalisation: Array, uv_px: Array) -> Array:
     normalisation = normalisation.reshape(normalisation.shape[:1] + (1,) * (uv_px.ndim - 2) + (3,))
     b, D = local_undistortion(lens, normalisation[..., :2])
     d = uv_px - lens[:2]
-    g, _, _ = depth(lens, np.sum(d * d, axis=-1) * lens[4] ** 2)
-    f = D / (g - np.sum(b * d, axis=-1))
+    s = square(lens, d)
+    g, _, _ = depth(lens, np.sum(s * s, axis=-1) * lens[PER_RADIUS] ** 2)
+    f = D / (g - np.sum(b * s, axis=-1))
     return np.asarray((d * f[..., None] + (lens[:2] - normalisation[..., :2])) * normalisation[..., 2:])
 
 
@@ -92,8 +129,9 @@ def distort_locally(lens: Array, normalisation: Array, xy: Array) -> Array:
     normalisation = normalisation.reshape(normalisation.shape[:1] + (1,) * (xy.ndim - 2) + (3,))
     b, D = local_undistortion(lens, normalisation[..., :2])
     e = xy / normalisation[..., 2:] + (normalisation[..., :2] - lens[:2])
-    z = D + np.sum(b * e, axis=-1)
-    return to_pixels(lens, np.concatenate([e, z[..., None]], axis=-1))
+    s = square(lens, e)
+    z = D + np.sum(b * s, axis=-1)
+    return to_pixels(lens, np.concatenate([s, z[..., None]], axis=-1))
 
 
 def sagitta_difference_px(lens: Array, other: Array, corners_px: Array) -> float:
@@ -109,9 +147,12 @@ def distortion_jacobian(lens: Array, normalisation: Array, uv_px: Array) -> Arra
     """Return how pixels (N, P, 2) move with their places on charts, in px of both: (N, P, 2, 2)."""
     b, D = local_undistortion(lens, normalisation[:, None, :2])
     d = uv_px - lens[:2]
-    g, slope, _ = depth(lens, np.sum(d * d, axis=-1) * lens[4] ** 2)
-    f = D / (g - np.sum(b * d, axis=-1))
-    by_d = -((f * f / D)[..., None]) * (slope[..., None] * d - b)
+    s = square(lens, d)
+    g, slope, _ = depth(lens, np.sum(s * s, axis=-1) * lens[PER_RADIUS] ** 2)
+    f = D / (g - np.sum(b * s, axis=-1))
+    by_s = -((f * f / D)[..., None]) * (slope[..., None] * s - b)
+    by_y = np.exp(lens[LOG_ASPECT]) * by_s[..., 1] - lens[SKEW] * by_s[..., 0]
+    by_d = np.stack([by_s[..., 0], by_y], axis=-1)
     J = f[..., None, None] * np.eye(2) + d[..., :, None] * by_d[..., None, :]
     determinant = J[..., 0, 0] * J[..., 1, 1] - J[..., 0, 1] * J[..., 1, 0]
     J[~(np.abs(determinant) > 1e-6)] = np.eye(2)

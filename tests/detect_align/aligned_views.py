@@ -18,8 +18,8 @@ CAMERA = CameraModel(fu=700.0, fv=700.0, cu=325.0, cv=236.0, kr=-0.1)
 PLAIN = SensorModel(noise=2.0, psf_px=0.6)
 TARGET = make_target(Box())
 PATTERNS = target_patterns(TARGET)
-LENS = np.array([325.0, 236.0, 0.012, 0.001, 1 / 320, 0.002])
-BENT = np.array([340.0, 220.0, 0.5, 0.1, 1 / 320, 0.02])
+LENS = np.array([325.0, 236.0, 0.012, 0.001, 1 / 320, 0.002, 0.05, 0.01, 0.0, 0.0])
+BENT = np.array([340.0, 220.0, 0.5, 0.1, 1 / 320, 0.02, -0.1, 0.02, 0.0, 0.0])
 
 
 def pose(azimuth_deg=20.0, distance=0.7, elevation_deg=12.0, roll_deg=5.0):

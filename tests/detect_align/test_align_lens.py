@@ -7,20 +7,23 @@ from fisheye_views import aimed, fisheye, fisheye_truth, fisheye_view
 
 from boxcal.detect.alignment.backend import numba_backend
 from boxcal.detect.alignment.box_pose import fit_box
-from boxcal.detect.alignment.box_refinement import Tangent, levenberg_marquardt, moved_by, predict
+from boxcal.detect.alignment.box_refinement import FITTED, Tangent, levenberg_marquardt, moved_by, predict
 from boxcal.detect.alignment.detector import detect_tags
 from boxcal.detect.alignment.homography import least_squares_homography, map_points
 from boxcal.detect.alignment.radial_camera import (
     depth,
     distort_locally,
+    distorted,
     distortion_jacobian,
     fisheye_distortion,
     no_distortion,
+    square,
+    tangential,
     to_pixels,
     undistort_locally,
 )
 
-PLAIN = np.array([325.0, 236.0, 0.04, -0.01, 1 / 320, 0.002])
+PLAIN = np.array([325.0, 236.0, 0.04, -0.01, 1 / 320, 0.002, 0.05, 0.01, 0.004, -0.003])
 SIDEWAYS = fisheye_distortion(SIZE, 200.0)
 LENSES = pytest.mark.parametrize("lens", [PLAIN, SIDEWAYS], ids=["plain", "fisheye"])
 PLACES = {"centre": (320, 240), "side": (90, 265), "corner": (525, 105)}
@@ -31,7 +34,9 @@ def _pixels(count=60):
 
 
 def _rays(lens, uv):
-    d = uv - lens[:2]
+    """Return the rays of pixels, by the tangential terms too."""
+    d = square(lens, uv - lens[:2])
+    d = d + tangential(lens, d)
     return np.column_stack([d, depth(lens, np.sum(d * d, axis=1) * lens[4] ** 2)[0]])
 
 
@@ -43,6 +48,10 @@ def _charts(uv, reach_px):
 @LENSES
 def test_rays_lead_back_to_their_pixels(lens):
     uv = _pixels()
+    seen = to_pixels(lens, _rays(lens, uv) * np.linspace(0.5, 2, len(uv))[:, None])
+    np.testing.assert_allclose(lens[:2] + distorted(lens, seen - lens[:2]), uv, atol=5e-3)
+    lens = lens.copy()
+    lens[8:] = 0
     np.testing.assert_allclose(to_pixels(lens, _rays(lens, uv) * np.linspace(0.5, 2, len(uv))[:, None]), uv, atol=1e-9)
 
 
@@ -94,18 +103,19 @@ def test_a_plane_is_a_homography_on_a_chart_to_the_side_of_a_fisheye():
 
 @LENSES
 def test_derivatives_of_the_rigid_box_are_those_of_its_projection(lens):
-    focal = 200.0
+    focal, lens = 200.0, lens.copy()
+    lens[8:] = 0  # with tangential terms the centre's derivative is rounded to that without
     uv = _pixels()
     p_cam = _rays(lens, uv) * (1, 1, focal) * 0.002
     tangent = Tangent(focal, lens, p_cam, uv)
     assert tangent.before.all()
-    np.testing.assert_allclose(tangent.seen.T, uv - lens[:2], atol=1e-9)
+    np.testing.assert_allclose(tangent.off, 0, atol=1e-9)
     J = tangent.jacobian()
     for k in range(len(J)):
         seen = []
         for sign in (1, -1):
             f, moved, T = moved_by((focal, lens, np.eye(4)), sign * 1e-5 * np.eye(len(J))[k])
-            seen.append(to_pixels(moved, (p_cam @ T[:3, :3].T + T[:3, 3]) * (1, 1, 1 / f)))
+            seen.append(-Tangent(f, moved, p_cam @ T[:3, :3].T + T[:3, 3], uv).off.T)
         numeric = (seen[0] - seen[1]) / 2e-5
         np.testing.assert_allclose(J[k].T, numeric, atol=1e-6 * np.abs(numeric).max() + 1e-7)
 
@@ -148,8 +158,8 @@ def test_compiled_fit_of_the_rigid_box_is_that_in_numpy(lens, focal, off_px):
     p_box = TARGET.tag_corners[rows].reshape(-1, 3)
     uv = to_pixels(lens, (p_box @ T[:3, :3].T + T[:3, 3]) * (1, 1, 1 / focal)) + rng.normal(0, off_px, (len(p_box), 2))
     started = no_distortion(SIZE) if lens is PLAIN else fisheye_distortion(SIZE, 230.0)
-    expected = np.array([np.log(600.0), *started[[0, 1, 2, 3, 5]]])
-    prior = (0.3 / np.array([0.7, 32.0, 32.0, 0.15, 0.05, 0.02])) ** 2
+    expected = np.array([np.log(600.0), *started[FITTED]])
+    prior = (0.3 / np.array([0.7, 32.0, 32.0, 0.15, 0.05, 0.02, 0.03, 0.003, 0.003, 0.003])) ** 2
     moved = T.copy()
     moved[:3, 3] += 0.02
     arguments = (p_box, uv, (1.1 * focal, started, moved), prior, expected, 0.3, 1.5)
@@ -163,7 +173,7 @@ def test_compiled_prediction_is_that_in_numpy(lens):
     pytest.importorskip("numba", reason="numba is not installed")
     rng = np.random.default_rng(5)
     p_box = rng.uniform(-0.5, 0.5, (80, 3))
-    A = rng.normal(0, 1, (12, 40))
+    A = rng.normal(0, 1, (16, 40))
     arguments = (p_box, 300.0, lens, pose(20.0, distance=0.4), A @ A.T)
     plain, fast = predict(*arguments), numba_backend().predict(*arguments)
     assert 0 < np.isnan(plain[0][:, 0]).sum() < 80 or lens is SIDEWAYS

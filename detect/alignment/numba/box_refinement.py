@@ -7,16 +7,29 @@ from typing import Any
 
 import numpy as np
 
-from boxcal.detect.alignment.box_refinement import CAMERA, ITERATIONS, MORE_ITERATIONS, RANGE, State
+from boxcal.detect.alignment.box_refinement import CAMERA, FITTED, ITERATIONS, MORE_ITERATIONS, RANGE, State
 from boxcal.detect.alignment.numba.arrays import clear, clear_rows, median, put, put_rows
 from boxcal.detect.alignment.numba.cholesky import factor, solve_lower, solve_positive
 from boxcal.detect.alignment.numba.kernel import kernel
-from boxcal.detect.alignment.numba.radial_camera import to_pixel
+from boxcal.detect.alignment.numba.radial_camera import square, to_pixel
+from boxcal.detect.alignment.radial_camera import (
+    A1,
+    A2,
+    A3,
+    CENTRE_X,
+    CENTRE_Y,
+    LOG_ASPECT,
+    P1,
+    P2,
+    PER_RADIUS,
+    SKEW,
+)
 from boxcal.target.arrays import Array
 
 _CAMERA, _UNKNOWNS = CAMERA, CAMERA + 6
-_LONGEST = np.array([0.4, 1e3, 1e3, 1e3, 1e3, 1e3, 0.5, 0.5, 0.5, 1e3, 1e3, 1e3])
+_LONGEST = np.array([0.4, *[1e3] * (CAMERA - 1), 0.5, 0.5, 0.5, 1e3, 1e3, 1e3])
 _LEAST_W = 1e-6
+_FITTED = np.array(FITTED)
 
 
 def levenberg_marquardt(  # noqa: PLR0917 - as the reference
@@ -38,10 +51,10 @@ def predict(p_box: Array, focal: float, lens: Array, T_cam_box: Array, informati
 
 
 @kernel()
-def _refine(  # noqa: PLR0917 - arrays in, arrays out
+def _refine(  # noqa: PLR0912, PLR0917 - arrays in, arrays out
     points: Any, knowledge: Any, focal: Any, lens: Any, T: Any, information: Any, off: Any
 ) -> Any:
-    """Fit lens (6,), T_cam_box (4, 4), information (12, 12) and deviations (P,) in place; return the focal length."""
+    """Fit lens (6,), T_cam_box (4, 4), information (16, 16) and deviations (P,) in place; return the focal length."""
     p_box, uv, sigma_px, fair = points
     prior, expected = knowledge
     moved = (focal, lens.copy(), T.copy())
@@ -59,8 +72,9 @@ def _refine(  # noqa: PLR0917 - arrays in, arrays out
         now_focal, now_lens, now_T = moved
         before = _deviations(p_box, uv, now_focal, now_lens, now_T, now_off)
         scale = 3 * max(sigma_px, 1.2 * median(now_off, room))
-        camera[0], camera[1], camera[2] = np.log(now_focal), now_lens[0], now_lens[1]
-        camera[3], camera[4], camera[5] = now_lens[2], now_lens[3], now_lens[5]
+        camera[0] = np.log(now_focal)
+        for i in range(1, _CAMERA):
+            camera[i] = now_lens[_FITTED[i - 1]]
         now = 0.0
         for k in range(len(uv)):
             now += scale**2 * np.log1p((now_off[k] / scale) ** 2)
@@ -97,11 +111,13 @@ def _refine(  # noqa: PLR0917 - arrays in, arrays out
 def _moved(focal: Any, lens: Any, T: Any, step: Any) -> Any:
     """Return the state after a step: the pose turned and moved from the left."""
     lens, new = lens.copy(), T.copy()
-    lens[0] += step[1]
-    lens[1] += step[2]
-    for at, i in ((2, 3), (3, 4), (5, 5)):
-        lens[at] = min(max(lens[at] + step[i], RANGE[0]), RANGE[1])
-    x, y, z = step[6], step[7], step[8]
+    for i in range(1, _CAMERA):
+        at = _FITTED[i - 1]
+        lens[at] += step[i]
+        if i > 2:
+            high = RANGE[1] if i < 6 else -RANGE[0]
+            lens[at] = min(max(lens[at], RANGE[0]), high)
+    x, y, z = step[_CAMERA], step[_CAMERA + 1], step[_CAMERA + 2]
     angle = np.sqrt(x * x + y * y + z * z)
     a = np.sin(angle) / angle if angle > 1e-8 else 1.0
     b = (1 - np.cos(angle)) / angle**2 if angle > 1e-8 else 0.5
@@ -112,18 +128,40 @@ def _moved(focal: Any, lens: Any, T: Any, step: Any) -> Any:
     for i in range(3):
         for j in range(4):
             new[i, j] = R[i, 0] * T[0, j] + R[i, 1] * T[1, j] + R[i, 2] * T[2, j]
-        new[i, 3] += step[9 + i]
+        new[i, 3] += step[_CAMERA + 3 + i]
     return focal * np.exp(step[0]), lens, new
 
 
 @kernel()
 def _tangent(focal: Any, lens: Any, dx: Any, dy: Any) -> Any:
     """Return q, D and the row (3,) that gives a point's depth on the chart about the pixel at (dx, dy)."""
-    a1, a2, a3, per_px2 = lens[2], lens[3], lens[5], lens[4] * lens[4]
+    a1, a2, a3, per_px2 = lens[A1], lens[A2], lens[A3], lens[PER_RADIUS] * lens[PER_RADIUS]
     q = (dx * dx + dy * dy) * per_px2
     slope = -2 * per_px2 * (a1 + q * (2 * a2 + q * (3 * a3)))
     D = 1 + q * (a1 + q * (3 * a2 + q * (5 * a3)))
     return q, D, -slope / D * dx, -slope / D * dy, 1 / (focal * D)
+
+
+@kernel()
+def _ideal(lens: Any, dx: Any, dy: Any) -> Any:
+    """Return a pixel from the centre with square pixels and without tangential terms, and with square pixels alone."""
+    x, y = square(lens, dx, dy)
+    p1, p2 = lens[PER_RADIUS] * lens[P1], lens[PER_RADIUS] * lens[P2]
+    both = 2 * x * y
+    return x + p1 * both + p2 * (3 * x * x + y * y), y + p1 * (x * x + 3 * y * y) + p2 * both, x, y
+
+
+@kernel()
+def _distorted(lens: Any, u: Any, v: Any) -> Any:
+    """Return a pixel with the tangential terms added, as ``radial_camera.distorted`` does."""
+    x, y = square(lens, u - lens[CENTRE_X], v - lens[CENTRE_Y])
+    p1, p2 = lens[PER_RADIUS] * lens[P1], lens[PER_RADIUS] * lens[P2]
+    at_x, at_y = x, y
+    for _ in range(2):
+        both, xx, yy = 2 * at_x * at_y, at_x * at_x, at_y * at_y
+        at_x, at_y = x - p1 * both - p2 * (3 * xx + yy), y - p1 * (xx + 3 * yy) - p2 * both
+    at_y = np.exp(-lens[LOG_ASPECT]) * at_y
+    return lens[CENTRE_X] + at_x + lens[SKEW] * at_y, lens[CENTRE_Y] + at_y
 
 
 @kernel()
@@ -142,7 +180,7 @@ def _deviations(p_box: Any, uv: Any, focal: Any, lens: Any, T: Any, off: Any) ->
     before = True
     least = _LEAST_W / focal
     for k in range(len(uv)):
-        dx, dy = uv[k, 0] - lens[0], uv[k, 1] - lens[1]
+        dx, dy, _, _ = _ideal(lens, uv[k, 0] - lens[CENTRE_X], uv[k, 1] - lens[CENTRE_Y])
         _, _, ax, ay, az = _tangent(focal, lens, dx, dy)
         x, y, z = _point(T, p_box[k])
         w = ax * x + ay * y + az * z
@@ -154,17 +192,19 @@ def _deviations(p_box: Any, uv: Any, focal: Any, lens: Any, T: Any, off: Any) ->
 
 @kernel()
 def _differentiate(focal: Any, lens: Any, dx: Any, dy: Any, x: Any, y: Any, z: Any, J: Any) -> Any:  # noqa: PLR0917
-    """Return where a point (x, y, z) lies on the chart about (dx, dy); fill how that moves (2, 12)."""
+    """Return how far a point (x, y, z) lies from the pixel (dx, dy) on the chart there; fill how it moves (2, 16)."""
+    raw_y = dy
+    dx, dy, square_x, square_y = _ideal(lens, dx, dy)
     q, D, ax, ay, az = _tangent(focal, lens, dx, dy)
     w, least = ax * x + ay * y + az * z, _LEAST_W / focal
     per_w = 1 / (w if abs(w) > least else least)
     seen_x, seen_y = x * per_w, y * per_w
     # as box_refinement.Tangent, for one corner
-    toward = 2 * lens[4] * lens[4] * (dx * seen_x + dy * seen_y)
+    toward = 2 * lens[PER_RADIUS] * lens[PER_RADIUS] * (dx * seen_x + dy * seen_y)
     for row, seen in ((0, seen_x), (1, seen_y)):
         along = seen / D
         J[row, 0] = along * z * per_w / focal
-        J[row, 1], J[row, 2] = 1.0 - row, float(row)
+        J[row, 1], J[row, 2] = 1.0 - row, np.exp(lens[LOG_ASPECT]) if row == 1 else -lens[SKEW]
         J[row, 3] = along * (q - toward)
         J[row, 4] = along * (q * (3 * q - 2 * toward))
         J[row, 5] = along * (q * q * (5 * q - 3 * toward))
@@ -173,9 +213,14 @@ def _differentiate(focal: Any, lens: Any, dx: Any, dy: Any, x: Any, y: Any, z: A
             mx += per_w
         else:
             my += per_w
-        J[row, 9], J[row, 10], J[row, 11] = mx, my, mz
-        J[row, 6], J[row, 7], J[row, 8] = y * mz - z * my, z * mx - x * mz, x * my - y * mx
-    return seen_x, seen_y
+        J[row, _CAMERA + 3], J[row, _CAMERA + 4], J[row, _CAMERA + 5] = mx, my, mz
+        J[row, _CAMERA], J[row, _CAMERA + 1], J[row, _CAMERA + 2] = y * mz - z * my, z * mx - x * mz, x * my - y * mx
+    both, xx, yy = 2 * square_x * square_y, square_x * square_x, square_y * square_y
+    J[0, 6], J[1, 6] = 0.0, -square_y
+    J[0, 7], J[1, 7] = raw_y, 0.0
+    J[0, 8], J[1, 8] = -lens[PER_RADIUS] * both, -lens[PER_RADIUS] * (xx + 3 * yy)
+    J[0, 9], J[1, 9] = -lens[PER_RADIUS] * (3 * xx + yy), -lens[PER_RADIUS] * both
+    return dx - seen_x, dy - seen_y
 
 
 @kernel()
@@ -192,6 +237,7 @@ def _predict(  # noqa: PLR0917
         if not np.isfinite(uv[k, 0]):
             uv[k, 0], uv[k, 1], spread[k] = np.nan, np.nan, np.inf
             continue
+        uv[k, 0], uv[k, 1] = _distorted(lens, uv[k, 0], uv[k, 1])
         _differentiate(focal, lens, uv[k, 0] - lens[0], uv[k, 1] - lens[1], x, y, z, J)
         total = 0.0
         for row in range(2):
@@ -212,9 +258,8 @@ def _equations(  # noqa: PLR0917
     for k in range(len(uv)):
         dx, dy = uv[k, 0] - lens[0], uv[k, 1] - lens[1]
         x, y, z = _point(T, p_box[k])
-        seen_x, seen_y = _differentiate(focal, lens, dx, dy, x, y, z, J)
+        rx, ry = _differentiate(focal, lens, dx, dy, x, y, z, J)
         weight = 1 / (1 + (off[k] / scale) ** 2)
-        rx, ry = dx - seen_x, dy - seen_y
         for i in range(_UNKNOWNS):
             a, b = weight * J[0, i], weight * J[1, i]
             gradient[i] += a * rx + b * ry

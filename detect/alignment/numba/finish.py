@@ -7,7 +7,8 @@ import numpy as np
 from boxcal.detect.alignment.numba.arrays import put_rows
 from boxcal.detect.alignment.numba.cholesky import factor, solve_lower
 from boxcal.detect.alignment.numba.kernel import kernel
-from boxcal.detect.alignment.numba.radial_camera import depth, local_undistortion, to_pixel
+from boxcal.detect.alignment.numba.radial_camera import depth, local_undistortion, square, to_pixel
+from boxcal.detect.alignment.radial_camera import LOG_ASPECT, PER_RADIUS, SKEW
 from boxcal.detect.alignment.registration.finish import KURTOSIS_PRIOR, Finished
 from boxcal.detect.alignment.registration.image_model import Sums
 from boxcal.detect.alignment.registration.parameters import KURTOSIS, PARAMETERS
@@ -94,6 +95,7 @@ def _corner(lens: Any, h: Any, normalisation: Any, u: Any, v: Any, out: Any) -> 
         return
     bx, by, D = local_undistortion(lens, normalisation)
     ex, ey = x / normalisation[2] + normalisation[0] - lens[0], y / normalisation[2] + normalisation[1] - lens[1]
+    ex, ey = square(lens, ex, ey)
     out[0], out[1] = to_pixel(lens, ex, ey, D + bx * ex + by * ey)
 
 
@@ -102,14 +104,16 @@ def moves_of(lens: Any, h: Any, normalisation: Any, corner: Any, out: Any) -> No
     """Fill how a corner, px, moves with the homography: it stays where its modules are."""
     bx, by, D = local_undistortion(lens, normalisation)
     dx, dy = corner[0] - lens[0], corner[1] - lens[1]
-    g, slope, _ = depth(lens, (dx * dx + dy * dy) * lens[4] ** 2)
-    f = D / (g - bx * dx - by * dy)
+    sx, sy = square(lens, dx, dy)
+    g, slope, _ = depth(lens, (sx * sx + sy * sy) * lens[PER_RADIUS] ** 2)
+    f = D / (g - bx * sx - by * sy)
     x, y = (
         (dx * f + lens[0] - normalisation[0]) * normalisation[2],
         (dy * f + lens[1] - normalisation[1]) * normalisation[2],
     )
     # of the place on the chart by the pixel
-    cx, cy = -f * f / D * (slope * dx - bx), -f * f / D * (slope * dy - by)
+    cx, cy = -f * f / D * (slope * sx - bx), -f * f / D * (slope * sy - by)
+    cy = np.exp(lens[LOG_ASPECT]) * cy - lens[SKEW] * cx
     xx, xy, yx, yy = f + dx * cx, dx * cy, dy * cx, f + dy * cy
     w = 1 / (h[6] * x + h[7] * y + 1)
     u, v = (h[0] * x + h[1] * y + h[2]) * w, (h[3] * x + h[4] * y + h[5]) * w

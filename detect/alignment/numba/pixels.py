@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 
 from boxcal.detect.alignment.numba.kernel import kernel
+from boxcal.detect.alignment.radial_camera import A1, A2, A3, CENTRE_X, CENTRE_Y, LOG_ASPECT, PER_RADIUS, SKEW
 from boxcal.detect.alignment.registration.image_model import LEAST_CONTRAST, MIDDLE, NEAR_SIGMAS
 
 BLOCK = 64
@@ -34,19 +35,22 @@ def widths(theta: Any, normalisation: Any) -> Any:
 def _line(lens: Any, theta: Any, normalisation: Any, first: Any, row: Any, out: Any) -> None:  # noqa: PLR0917
     """Fill x, y, u and v of the pixels of a row, from the first column on."""
     h0, h1, h2, h3, h4, h5, h6, h7 = theta[0], theta[1], theta[2], theta[3], theta[4], theta[5], theta[6], theta[7]
-    centre_x, centre_y, a1, a2, a3, per_px2 = lens[0], lens[1], lens[2], lens[3], lens[5], lens[4] * lens[4]
+    centre_x, centre_y, a1, a2, a3 = lens[CENTRE_X], lens[CENTRE_Y], lens[A1], lens[A2], lens[A3]
+    per_px2, skew, aspect = lens[PER_RADIUS] * lens[PER_RADIUS], lens[SKEW], np.exp(lens[LOG_ASPECT])
     tag_x, tag_y, scale = normalisation[0], normalisation[1], normalisation[2]
     # the chart about the tag's centre
-    dx, dy = tag_x - centre_x, tag_y - centre_y
+    dx, dy = tag_x - centre_x - skew * (tag_y - centre_y), aspect * (tag_y - centre_y)
     q = (dx * dx + dy * dy) * per_px2
     slope = -2 * per_px2 * (a1 + q * (2 * a2 + q * (3 * a3)))
     bx, by, D = slope * dx, slope * dy, 1 + q * (a1 + q * (3 * a2 + q * (5 * a3)))
     dy = row - centre_y
-    rest = 1 - by * dy
+    square_y, skewed = aspect * dy, skew * dy
+    rest = 1 - by * square_y
     for i in range(out.shape[1]):
         dx = np.float64(first + i) - centre_x
-        q = (dx * dx + dy * dy) * per_px2
-        f = D / (rest - bx * dx - q * (a1 + q * (a2 + q * a3)))
+        square_x = dx - skewed
+        q = (square_x * square_x + square_y * square_y) * per_px2
+        f = D / (rest - bx * square_x - q * (a1 + q * (a2 + q * a3)))
         x = (centre_x + dx * f - tag_x) * scale
         y = (centre_y + dy * f - tag_y) * scale
         w = 1 / (h6 * x + h7 * y + 1)

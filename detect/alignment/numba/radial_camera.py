@@ -5,44 +5,64 @@ from typing import Any
 import numpy as np
 
 from boxcal.detect.alignment.numba.kernel import kernel
-from boxcal.detect.alignment.radial_camera import FAR, LEAST_SLOPE, STEPS, STILL
+from boxcal.detect.alignment.radial_camera import (
+    A1,
+    A2,
+    A3,
+    CENTRE_X,
+    CENTRE_Y,
+    FAR,
+    LEAST_SLOPE,
+    LOG_ASPECT,
+    PER_RADIUS,
+    SKEW,
+    STEPS,
+    STILL,
+)
 
 
 @kernel()
 def depth(lens: Any, q: Any) -> tuple[float, float, float]:
     """Return g at the squared radius q, its slope and ``g - d dg/dd``, as the reference of the same name does."""
-    a1, a2, a3 = lens[2], lens[3], lens[5]
+    a1, a2, a3 = lens[A1], lens[A2], lens[A3]
     return (
         1 - q * (a1 + q * (a2 + q * a3)),
-        -2 * lens[4] ** 2 * (a1 + q * (2 * a2 + q * (3 * a3))),
+        -2 * lens[PER_RADIUS] ** 2 * (a1 + q * (2 * a2 + q * (3 * a3))),
         1 + q * (a1 + q * (3 * a2 + q * (5 * a3))),
     )
 
 
 @kernel()
+def square(lens: Any, dx: Any, dy: Any) -> tuple[float, float]:
+    """Return a pixel from the centre as a camera with square pixels without skew would have it."""
+    return dx - lens[SKEW] * dy, np.exp(lens[LOG_ASPECT]) * dy
+
+
+@kernel()
 def local_undistortion(lens: Any, normalisation: Any) -> tuple[float, float, float]:
     """Return b and D of the chart about a tag's centre, see :func:`boxcal.detect.alignment.radial_camera.chart`."""
-    dx, dy = normalisation[0] - lens[0], normalisation[1] - lens[1]
-    _, slope, D = depth(lens, (dx * dx + dy * dy) * lens[4] ** 2)
+    dx, dy = square(lens, normalisation[0] - lens[CENTRE_X], normalisation[1] - lens[CENTRE_Y])
+    _, slope, D = depth(lens, (dx * dx + dy * dy) * lens[PER_RADIUS] ** 2)
     return slope * dx, slope * dy, D
 
 
 @kernel()
 def to_pixel(lens: Any, x: Any, y: Any, z: Any) -> tuple[float, float]:
     """Return the pixel that sees along a ray, NaN if none does; the reference is ``radial_camera.to_pixels``."""
-    rho = np.hypot(x, y) * lens[4]
+    rho = np.hypot(x, y) * lens[PER_RADIUS]
     size = np.hypot(rho, z)
-    down = z + np.sqrt(max(z * z + 4 * lens[2] * rho * rho, 0.0))
+    down = z + np.sqrt(max(z * z + 4 * lens[A1] * rho * rho, 0.0))
     if not down > 1e-3 * size:
         return np.nan, np.nan
     s, moved = 2 * rho / down, np.inf
     for _ in range(STEPS):
         g, slope, _ = depth(lens, s * s)
-        moved = (s * z - g * rho) / max(z - slope * s * rho / lens[4] ** 2, LEAST_SLOPE * size)
+        moved = (s * z - g * rho) / max(z - slope * s * rho / lens[PER_RADIUS] ** 2, LEAST_SLOPE * size)
         s = min(max(s - moved, 0.0), FAR)
         if abs(moved) <= STILL:
             break
     if not abs(moved) < 1e-3:
         return np.nan, np.nan
     scale = s / rho if rho > 1e-12 * size else 1 / z
-    return lens[0] + x * scale, lens[1] + y * scale
+    y = np.exp(-lens[LOG_ASPECT]) * y
+    return lens[CENTRE_X] + (x + lens[SKEW] * y) * scale, lens[CENTRE_Y] + y * scale
