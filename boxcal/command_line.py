@@ -37,23 +37,26 @@ class CommandParser(argparse.ArgumentParser):
             allow_abbrev=False,
         )
         self.add_argument("--version", action=_Version)
+        self._words: list[str] = []
 
     def parse_args(self, args: Sequence[str] | None = None, namespace: None = None) -> argparse.Namespace:  # type: ignore[override]
         """Return the arguments; an unknown option ends the program with status 2 and a suggestion."""
-        found, unknown = self.parse_known_args(args, namespace)
+        self._words = list(sys.argv[1:] if args is None else args)
+        found, unknown = self.parse_known_args(self._words, namespace)
         if unknown:
-            known = [option for action in self._actions for option in action.option_strings]
-            hints = [hint for word in unknown if word.startswith("-") if (hint := did_you_mean(word, known))]
-            self.error("; ".join([f"unrecognized arguments: {' '.join(unknown)}", *hints]))
+            self.error(f"unrecognized arguments: {' '.join(unknown)}")
         return found
 
     def error(self, message: str) -> NoReturn:
-        """Print usage and the message, with a suggestion where a choice was mistyped, and exit with status 2."""
+        """Print usage and the message, with a suggestion for what was mistyped, and exit with status 2."""
         choice = re.search(r"invalid choice: '(.*)' \(choose from (.*)\)$", message, flags=re.DOTALL)
         if choice:
-            hint = did_you_mean(choice[1], [word.strip(" '") for word in choice[2].split(",")])
-            message += f"; {hint}" if hint else ""
-        super().error(message)
+            hints = [did_you_mean(choice[1], [word.strip(" '") for word in choice[2].split(",")])]
+        else:
+            known = [option for action in self._actions for option in action.option_strings]
+            options = [word.partition("=")[0] for word in self._words if word.startswith("--")]
+            hints = [did_you_mean(word, known) for word in options if word not in known]
+        super().error("; ".join([message, *filter(None, hints)]))
 
 
 def probability(text: str) -> float:

@@ -104,6 +104,8 @@ def test_the_umbrella_runs_every_installed_command_and_its_short_names(capsys: p
         (["calibrate", "a.mcap", "--sameroot"], "did you mean --same-robot?"),
         (["simulate", "robots", "--slipp=0.1"], "did you mean --slip?"),
         (["detect", "a.png", "--tone", "sgrb"], "did you mean srgb?"),
+        (["detect", "--helo"], "did you mean --help?"),
+        (["compare", "a.json", "--levl=0.1"], "did you mean --level?"),
     ],
 )
 def test_mistyped_words_are_answered_with_the_one_that_was_meant(

@@ -105,12 +105,12 @@ def _by_hand(calibration: "Calibration", args: argparse.Namespace) -> tuple[str,
 
 def _wheels(calibration: "Calibration", log: Path) -> "WheelSamples":
     from boxcal.detect.correspondences import load_correspondences
-    from boxcal.detect.log.recording import open_recording
+    from boxcal.detect.log.recording import read_wheels
 
     if log.suffix == ".npz":
         return load_correspondences(log).wheels
     settings = _as_recorded(calibration)
-    return open_recording(log, settings.topics, settings.wheel_units).wheels
+    return read_wheels(log, settings.topics, settings.wheel_units)
 
 
 def _as_recorded(calibration: "Calibration") -> "Settings":
