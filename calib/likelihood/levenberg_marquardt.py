@@ -25,7 +25,7 @@ CONVERGED = 1e-6
 """A step that promises less than this (in units of the weighted sum of squares) is the last: 1e-3 sigma."""
 MAX_ITERATIONS = 60
 _FIRST_DAMPING = 1e-12
-_SLIGHT_DAMPING = 1e-6
+_SLIGHT_DAMPING, _MOST_DAMPING = 1e-6, 1e10
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -164,21 +164,21 @@ def maximise(
     while steps < MAX_ITERATIONS:
         steps += 1
         step = solve(normal.damped(lam))
+        promised = float(step.decrease)
+        if promised < tolerance and (lam < _SLIGHT_DAMPING or lam > _MOST_DAMPING):
+            break
         state = moved(problem, at.state, components, (step.d_shared, step.d_stops, step.d_local))
         trial = linearize(problem, state, weights)
         trial_normal, trial_cost = equations(problem, trial, components, information)
-        promised = float(step.decrease)
         if trial.valid and trial_cost <= cost * (1 + 1e-12):
             # Nielsen's damping: less where the promise was kept, more where it was not.
             kept = float(cost - trial_cost) / max(promised, 1e-30)
             at, normal, cost = trial, trial_normal, trial_cost
             lam, growth = max(lam * max(1 / 10, 1 - (2 * min(kept, 1.0) - 1) ** 3), _FIRST_DAMPING), 2.0
-            if promised < tolerance and lam < _SLIGHT_DAMPING:
-                break
         elif promised < tolerance:
             break  # rounding hides what is left
         else:
             lam, growth = max(lam, _SLIGHT_DAMPING) * growth, 2 * growth
-            if lam > 1e10:
+            if lam > _MOST_DAMPING:
                 break
     return at, steps

@@ -15,15 +15,20 @@ from boxcal.calib.likelihood.normal_equations import Solution
 from boxcal.calib.likelihood.problem import Problem
 from boxcal.calib.likelihood.residuals import shared_values
 from boxcal.calib.likelihood.target_deformation import HAND_MADE
+from boxcal.target.arrays import Array
 
 SMALLEST_PX = 1e-5
 """No corner is taken as better than this (px, standard deviation): exact data end here."""
-USUAL = {"lean": float(np.radians(0.03)), "height": 1e-4, "growth": 0.003, **HAND_MADE}
-"""Where the estimate starts, and where it stays if the data tell nothing: rad, m, px; see ``HAND_MADE``."""
+USUAL = {"lean": float(np.radians(0.03)), "height": 1e-4, "growth": 0.003}
+"""Where the estimate starts, and where it stays if the data tell nothing: rad, m, px."""
 _LEAST = 1e-4
 """Smallest standard deviation, as a share of the usual one: so small that it moves nothing, yet can grow again."""
+_BEST_TARGET = 0.02
+"""The same for the target: no print is better than some 6 um, 3e-5 and 0.003 deg."""
 _PRIOR_WEIGHT = 1e-4
 """Weight of the usual variance, in degrees of freedom."""
+_SHARED_WEIGHT = 1.0
+"""The same for what the target's other components say of one."""
 
 
 def first_components(problem: Problem, noise_scale: float, slip: float) -> VarianceComponents:
@@ -60,24 +65,40 @@ def updated(
     for name, columns in (("lean", [0, 1]), ("height", [2]), ("growth", [3])):
         sigma = float(s[columns[0]])
         if sigma > 0:
-            found[name] = _fixed_point(
-                name, sigma, float(np.sum(unit[:, columns] ** 2)), float(np.sum(left[:, columns]))
-            )
+            square, freedom = float(np.sum(unit[:, columns] ** 2)), max(float(np.sum(left[:, columns])), 0.0)
+            estimate = _fixed_point(sigma, square, freedom, USUAL[name], _PRIOR_WEIGHT)
+            found[name] = max(estimate, _LEAST * USUAL[name])
     value = shared_values(problem, at.state) + solution.d_shared
-    variance = np.diag(solution.cov)
-    target = dict(components.target)
-    for name, sigma in components.target.items():
+    return replace(components, **found, target=_target(problem, components.target, value, np.diag(solution.cov)))
+
+
+def _target(problem: Problem, before: dict[str, float], value: Array, variance: Array) -> dict[str, float]:
+    """Return the target's variance components after one step.
+
+    Some tell little of themselves (two print scales, of which one is the unit of length): each is drawn, with a weight
+    of one degree of freedom, towards what it would be on a target made as carefully as the others say. That care is
+    the mean over all components of the logarithm of what they are of a hand-made box's.
+    """
+    own: dict[str, tuple[float, float]] = {}
+    for name, sigma in before.items():
         rows = [k for k, component in enumerate(problem.component) if component == name]
-        own = np.square(sigma * problem.unit[rows])
-        square, freedom = float(np.sum(value[rows] ** 2 / own)), float(np.sum(1 - variance[rows] / own))
-        target[name] = _fixed_point(name, sigma, square, freedom)
-    return replace(components, **found, target=target)
+        unit = np.square(sigma * problem.unit[rows])
+        freedom = max(float(np.sum(1 - variance[rows] / unit)), 0.0)
+        own[name] = float(np.sum(value[rows] ** 2 / unit)), freedom
+    told = sum(freedom for _, freedom in own.values()) + _PRIOR_WEIGHT
+    care = max(
+        _BEST_TARGET,
+        np.exp(sum(freedom * np.log(before[name] / HAND_MADE[name]) for name, (_, freedom) in own.items()) / told),
+    )
+    found = {}
+    for name, (square, freedom) in own.items():
+        estimate = _fixed_point(before[name], square, freedom, float(care) * HAND_MADE[name], _SHARED_WEIGHT)
+        found[name] = max(estimate, _BEST_TARGET * HAND_MADE[name])
+    return found
 
 
-def _fixed_point(name: str, sigma: float, square: float, freedom: float) -> float:
-    usual = USUAL[name]
-    variance = (sigma**2 * square + _PRIOR_WEIGHT * usual**2) / (max(freedom, 0.0) + _PRIOR_WEIGHT)
-    return max(float(np.sqrt(variance)), _LEAST * usual)
+def _fixed_point(sigma: float, square: float, freedom: float, usual: float, weight: float) -> float:
+    return float(np.sqrt((sigma**2 * square + weight * usual**2) / (freedom + weight)))
 
 
 def smallest_scale(problem: Problem) -> float:
