@@ -73,7 +73,7 @@ def leg_tests(
     """
     i, s = problem.leg_stop, profile.solution
     K, N = len(profile.slip), len(i)
-    cov = _leg_unknowns(problem, s)
+    cov = leg_unknowns(problem, s)
     d = np.concatenate(
         [np.broadcast_to(s.d_shared[:, None, 5:8], (K, N, 3)), s.d_stops[:, i], s.d_stops[:, i + 1]], axis=2
     )
@@ -125,7 +125,7 @@ def _survival(square: Array, freedom: Array, tail: float) -> Array:
     return np.asarray(stats.f.sf(square / freedom, freedom, tail))
 
 
-def _leg_unknowns(problem: Problem, s: Solution) -> Array:
+def leg_unknowns(problem: Problem, s: Solution) -> Array:
     """Return the covariance of what each leg depends on, (K, N, 13, 13): wheels and the unknowns of its two stops."""
     i = problem.leg_stop
     own, cross = s.stop_blocks()

@@ -23,10 +23,13 @@ LARGEST_SLIP = 0.3
 """Slip beyond this (m/sqrt(m)) is not considered: a wheel that slips by a third of a metre in one."""
 SMALLEST_SLIP = 1e-8
 """What counts as no slip at all where the encoder has no step (m/sqrt(m)); exact data end here."""
-LITTLE_SLIP = 1.5e-4
-"""What a careful drive on a hard floor slips at least (m/sqrt(m)); counts where a coarse encoder cannot tell."""
-_LITTLE = 0.3
-"""Little slip is taken as this share of what equals the quantisation, but not as more than ``LITTLE_SLIP``."""
+LITTLE_SLIP = 2.5e-4
+"""What a careful drive on a hard floor slips (m/sqrt(m)); counts where a coarse encoder cannot tell."""
+_SPREAD = np.linspace(-1.0, 1.0, 7)
+_SPREAD_WEIGHT = np.exp(-2 * _SPREAD**2) / np.sum(np.exp(-2 * _SPREAD**2))
+"""Little slip is only known to a factor of 1.65: logarithms of slip about its middle, and their probabilities."""
+_FINE = 1e-4
+"""Where the quantisation equals less slip than this (m/sqrt(m)), little slip is taken as a small share of that."""
 _NO_SLIP = 3.0
 """Prior weight of little slip, in units of one in the logarithm of the variance.
 
@@ -109,9 +112,11 @@ def quiet_slip(problem: Problem, at: Linearization) -> float:
     return max(float(np.sqrt(step**2 / 6 / distance)), 10 * SMALLEST_SLIP)
 
 
-def least_slip(problem: Problem, at: Linearization) -> float:
-    """Return what stands for little slip, m/sqrt(m): where the encoders are fine it changes nothing."""
-    return max(min(_LITTLE * quiet_slip(problem, at), LITTLE_SLIP), SMALLEST_SLIP)
+def least_slip(problem: Problem, at: Linearization) -> Array:
+    """Return what stands for little slip, ascending, m/sqrt(m): where the encoders are fine it changes nothing."""
+    quiet = quiet_slip(problem, at)
+    middle = max(min(quiet**2 / (quiet + _FINE), LITTLE_SLIP), SMALLEST_SLIP)
+    return np.asarray(middle * np.exp(_SPREAD))
 
 
 def slip_profile(problem: Problem, at: Linearization, components: VarianceComponents, weights: Weights) -> SlipProfile:
@@ -119,16 +124,18 @@ def slip_profile(problem: Problem, at: Linearization, components: VarianceCompon
 
     Starts with all levels and closes in on those that are probable.
     """
-    quiet, least = quiet_slip(problem, at), least_slip(problem, at)
+    quiet, little = quiet_slip(problem, at), least_slip(problem, at)
+    least = float(little[0])
     low, high = 2 * np.log(quiet), np.log(LARGEST_SLIP**2 + quiet**2)
     u = np.linspace(low, high, _POINTS + 4)
     system = _system(problem, at, components, weights)
     for zoom in range(_ZOOMS + 1):
         step = u[1] - u[0]
-        slip = np.append(least, np.sqrt(np.maximum(np.exp(u) - quiet**2, least**2)))
-        prior = np.append(_NO_SLIP / step, np.ones(len(u)))
+        slip = np.append(little, np.sqrt(np.maximum(np.exp(u) - quiet**2, least**2)))
+        prior = np.append(_NO_SLIP / step * _SPREAD_WEIGHT, np.ones(len(u)))
         profile = _profile(system, slip, prior)
-        slipping = profile.weight[1:] / profile.weight[1:].sum()
+        slipping = np.exp(profile.log_weight[len(little) :] - profile.log_weight[len(little) :].max())
+        slipping /= slipping.sum()
         spread = float(np.sqrt(slipping @ (u - slipping @ u) ** 2))
         if zoom == _ZOOMS or step < 0.6 * spread:
             break
