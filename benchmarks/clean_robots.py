@@ -20,8 +20,8 @@ import numpy as np
 
 from boxcal.calib.calibrate import calibrate
 from boxcal.calib.compare.ground_truth import load_truth
+from boxcal.calib.geometry.parameters import ORDER
 from boxcal.calib.geometry.so3_se3 import log_so3
-from boxcal.calib.results.diagnostics import ORDER
 from boxcal.calib.simulate.drive import DriveOptions
 from boxcal.calib.simulate.fleet import Job, simulate_robot
 from boxcal.calib.simulate.recorder import RecordOptions

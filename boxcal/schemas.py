@@ -146,9 +146,11 @@ def calibration_schema() -> Schema:
 
 def _of_likelihood() -> dict[str, Schema]:
     """Return the schemas of the fields that the likelihood adds to a calibration."""
+    from boxcal.calib.geometry.parameters import ORDER
     from boxcal.calib.likelihood.estimate import FlaggedCorner, FlaggedLeg, NoiseLevels
     from boxcal.calib.likelihood.finding import Finding
-    from boxcal.calib.results.diagnostics import ORDER, Detail, Ground, Growth, HeldOut, Leg
+    from boxcal.calib.results.diagnostics import Detail, Ground, HeldOut, Leg
+    from boxcal.calib.uncertainty.convergence import ConvergencePoint
 
     said = attributes(Detail)
 
@@ -180,7 +182,7 @@ def _of_likelihood() -> dict[str, Schema]:
         },
         "findings": many(Finding, said["findings"]),
         "held_out": many(HeldOut, said["held_out"]),
-        "growth": many(Growth, said["growth"]),
+        "growth": many(ConvergencePoint, said["growth"]),
     }
 
 

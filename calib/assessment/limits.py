@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from math import isfinite
 
-from boxcal.calib.results.diagnostics import ORDER
+from boxcal.calib.geometry.parameters import ORDER
 from boxcal.calib.results.verdict import Level, Reason
 
 SYMBOLS = frozenset((*ORDER, "a1", "a2", "a3", "aR", "aL"))

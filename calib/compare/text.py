@@ -7,8 +7,8 @@ import numpy as np
 from boxcal.calib.compare.difference import STRAIGHT, Difference
 from boxcal.calib.compare.ground_truth import Errors
 from boxcal.calib.console.tables import table
+from boxcal.calib.geometry.parameters import ORDER
 from boxcal.calib.results.calibration import Calibration
-from boxcal.calib.results.diagnostics import ORDER
 from boxcal.detect.log.safe_text import printable
 
 _LARGEST = 3

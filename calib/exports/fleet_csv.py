@@ -6,8 +6,8 @@ from collections.abc import Iterable
 
 from boxcal.calib.exports.text import number
 from boxcal.calib.geometry.euler import quaternion
+from boxcal.calib.geometry.parameters import ORDER
 from boxcal.calib.results.calibration import Calibration
-from boxcal.calib.results.diagnostics import ORDER
 
 _UNIT = dict(zip(ORDER, ["_px"] * 4 + [""] + ["_m"] * 3 + ["_rad"] * 3 + ["_m"] * 3, strict=True))
 _COMMENT = (

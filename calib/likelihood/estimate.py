@@ -7,6 +7,7 @@ import numpy as np
 from boxcal.calib.geometry.parameters import ORDER
 from boxcal.calib.likelihood.components import VarianceComponents
 from boxcal.calib.likelihood.finding import Finding
+from boxcal.calib.likelihood.leave_one_out import Jackknife
 from boxcal.target.arrays import Array, Mask
 from boxcal.target.camera.camera_model import CameraModel
 
@@ -194,6 +195,13 @@ class Estimate:
         What the user should know.
     components
         Variance components found.
+    jackknife
+        Leave-one-out standard deviations beside the likelihood's. Where they are larger beyond chance, ``cov`` is
+        enlarged to them, and something is not as the model has it (``jackknife.unexplained``).
+    scale_sigma
+        Standard deviation, relative, of the size of the target as a whole, which is not in ``cov``: every length
+        (radii, wheel separation, translation) is only as good as the print. 0 where the target was measured: then that
+        is in ``cov``.
     iterations
         Steps of the solver, all rounds.
     cost
@@ -220,6 +228,8 @@ class Estimate:
     directions: tuple[Direction, ...]
     notes: tuple[str, ...]
     components: VarianceComponents
+    jackknife: Jackknife
+    scale_sigma: float
     iterations: int
     cost: float
     log_likelihood: float

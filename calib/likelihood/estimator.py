@@ -127,8 +127,18 @@ def fit(
         state = with_camera(known.problem, known.state, kind)
         return solve_likelihood(problem, state, replace(known.options, lens=kind), known)
 
-    found, scores = choose_camera(solve_with, drives[0].image_size)
+    try:
+        found, scores = choose_camera(solve_with, drives[0].image_size)
+    except np.linalg.LinAlgError as error:
+        raise _unsolvable(sum(len(k) for k in cameras.kept), error) from error
     return replace(found, camera_scores=scores)
+
+
+def _unsolvable(stops: int, error: Exception) -> CalibError:
+    return CalibError(
+        f"the equations of {stops} stops cannot be solved ({error}): a stop is held by neither images nor wheels",
+        remedy="leave out stops that show few tags",
+    )
 
 
 def fit_cameras(drives: Sequence[Correspondences], cameras: CameraStart, options: EstimateOptions, step: float) -> Fit:
@@ -143,10 +153,7 @@ def fit_cameras(drives: Sequence[Correspondences], cameras: CameraStart, options
     try:
         fits = [solve_likelihood(problem, state, options) for state in states]
     except np.linalg.LinAlgError as error:
-        raise CalibError(
-            f"the equations of {count} stops cannot be solved ({error}): a stop is held by neither images nor wheels; "
-            "leave out stops that show few tags"
-        ) from error
+        raise _unsolvable(count, error) from error
     forward = [found for found in fits if np.all(found.state.wheels > 0)]
     if not forward:
         raise CalibError(

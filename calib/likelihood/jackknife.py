@@ -2,64 +2,34 @@
 
 Each stop's picture and each leg is left out in turn, by a downdate of the normal equations about one state (cluster
 deletion), so nothing is solved again. (A picture is left out of what it says of the shared unknowns; where it puts its
-stop is what the legs beside it are compared with, and these are left out themselves.) The sum of the squared changes is a covariance that holds whatever makes
-the data of one stop or one leg err together (Efron and Stein 1981, DOI 10.1214/aos/1176345462). Where it exceeds the
-likelihood's by more than chance allows, something is not as the model has it.
+stop is what the legs beside it are compared with, and these are left out themselves.) The sum of the squared changes
+is a covariance that holds whatever makes the data of one stop or one leg err together (Efron and Stein 1981,
+DOI 10.1214/aos/1176345462). Where it exceeds the likelihood's by more than chance allows, something is not as the
+model has it.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
-from boxcal.calib.geometry.parameters import COUNT, ORDER, TRANSLATION, WHEELS
+from boxcal.calib.geometry.parameters import COUNT, TRANSLATION, WHEELS
 from boxcal.calib.likelihood.fit import Fit
+from boxcal.calib.likelihood.leave_one_out import Jackknife
 from boxcal.calib.likelihood.levenberg_marquardt import equations, leg_information
 from boxcal.calib.likelihood.normal_equations import Solution, solve
 from boxcal.calib.likelihood.outliers import leg_unknowns
 from boxcal.calib.likelihood.residuals import Corners, corner_residuals, explained_columns
-from boxcal.target.arrays import Array
+from boxcal.target.arrays import Array, Ids
 
-BEYOND_CHANCE = 3.0
-"""How many times the likelihood's sigma a parameter's may be by chance, at the fewest stops that are tested.
-
-Of 200 faultless simulated drives each with 8, 14 and 20 stops, one in a hundred has any parameter beyond it.
-"""
 ENOUGH_STOPS = 8
 """With fewer stops leaving one out changes what is determined at all, and the comparison says nothing."""
+_MANY, _FEW = 2.7, 20.0
+"""How many times the likelihood's sigma a parameter's may be by chance with P stops: ``_MANY + _FEW / P``.
+
+Of 60 faultless simulated drives each with 9 and with 14 stops, none has any parameter beyond it.
+"""
 _SINGULAR = 1e-9
 """A picture or leg that holds a direction alone to this share cannot be left out: its change is not counted."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Jackknife:
-    """Leave-one-out standard deviations beside the likelihood's.
-
-    Attributes
-    ----------
-    sigma : (14,)
-        In the order and the units of the reported parameters.
-    ratio : (14,)
-        Over the likelihood's; 1 where it was not tested.
-    changes : (C, 14)
-        Of the parameters with each picture, then each leg left out.
-    unexplained
-        Whether any is beyond chance: something is not as the model has it.
-    """
-
-    sigma: Array
-    ratio: Array
-    changes: Array
-    unexplained: bool
-
-    @property
-    def inflation(self) -> Array:
-        """What the likelihood's sigmas are multiplied by, (14,): 1 where nothing speaks against them."""
-        return np.where(self.ratio > BEYOND_CHANCE, self.ratio, 1.0)
-
-    @property
-    def worst(self) -> str:
-        """Name of the parameter whose sigma is exceeded most."""
-        return ORDER[int(np.argmax(self.ratio))]
 
 
 def jackknife(fit: Fit) -> Jackknife:
@@ -77,7 +47,8 @@ def jackknife(fit: Fit) -> Jackknife:
     sigma = np.sqrt(np.sum(changes**2, axis=0))
     tested = len(fit.problem.drive) >= ENOUGH_STOPS
     ratio = np.divide(sigma, own, out=np.ones(COUNT), where=own > 0) if tested else np.ones(COUNT)
-    return Jackknife(sigma=sigma, ratio=ratio, changes=changes, unexplained=bool(np.any(ratio > BEYOND_CHANCE)))
+    limit = _MANY + _FEW / len(fit.problem.drive)
+    return Jackknife(limit=limit, sigma=sigma, ratio=ratio, changes=changes, unexplained=bool(np.any(ratio > limit)))
 
 
 def _without_pictures(fit: Fit, solution: Solution) -> Array:
@@ -142,7 +113,7 @@ def _without_legs(fit: Fit, s: Solution, W: Array) -> Array:
     return np.where((alone | ~used)[:, None], 0.0, change)
 
 
-def _with_legs(first: Array, s: Solution) -> Array:
+def _with_legs(first: Ids, s: Solution) -> Array:
     """Return the covariances of all shared unknowns with those that each leg depends on, (N, n, 13)."""
     with_stops = np.swapaxes(-s.Y @ s.cov, 1, 2)  # (P, n, 5)
     wheels = np.broadcast_to(s.cov[:, WHEELS], (len(first), len(s.cov), 3))

@@ -8,11 +8,14 @@ from boxcal.calib.geometry.parameters import CAMERA, COUNT, TRANSLATION, WHEELS
 from boxcal.calib.geometry.so3_se3 import inverse, rigid
 from boxcal.calib.likelihood.estimate import DriveEstimate, Estimate, FlaggedCorner, FlaggedLeg, NoiseLevels
 from boxcal.calib.likelihood.fit import Fit
+from boxcal.calib.likelihood.jackknife import jackknife
+from boxcal.calib.likelihood.leave_one_out import Jackknife
 from boxcal.calib.likelihood.leg_outliers import flagged_legs
+from boxcal.calib.likelihood.observability import open_directions
 from boxcal.calib.likelihood.problem import Problem
 from boxcal.calib.likelihood.residuals import leg_covariance, shared_values
 from boxcal.calib.likelihood.state import State, camera_motions
-from boxcal.calib.uncertainty.observability import open_directions
+from boxcal.calib.likelihood.target_deformation import HAND_MADE
 from boxcal.detect.correspondences import Correspondences
 from boxcal.target.arrays import Array, Mask
 from boxcal.target.camera.camera_model import CameraModel
@@ -25,7 +28,9 @@ def summarise(fit: Fit, drives: Sequence[Correspondences]) -> Estimate:
     problem, state = fit.problem, fit.state
     best = int(np.argmax(fit.profile.log_weight))
     directions, unknown = open_directions(problem, state, fit.profile.solution.information[best])
+    left_out = jackknife(fit)
     cov = reported_cov(fit.cov, state, unknown)
+    cov[:COUNT, :COUNT] *= np.outer(left_out.inflation, left_out.inflation)
     used = fit.weights.legs > 0
     legs = flagged_legs(problem, state, fit.tests, used, list(drives))
     return Estimate(
@@ -50,12 +55,21 @@ def summarise(fit: Fit, drives: Sequence[Correspondences]) -> Estimate:
         flagged_legs=legs,
         flagged_corners=_flagged_corners(fit, drives),
         directions=directions,
-        notes=_notes(fit, legs, cov),
+        notes=_notes(fit, legs, cov, left_out),
         components=fit.components,
+        jackknife=left_out,
+        scale_sigma=scale_sigma(fit),
         iterations=fit.iterations,
         cost=fit.cost,
         log_likelihood=_log_likelihood(fit),
     )
+
+
+def scale_sigma(fit: Fit) -> float:
+    """Return what the size of the target as a whole adds to every length, relative; see :class:`Estimate`."""
+    target = fit.options.target
+    measured = target is not None and target.measured is not None and fit.options.measured_sizes
+    return 0.0 if measured or fit.options.size_sigma > 0 else HAND_MADE["print"] / float(np.sqrt(2))
 
 
 def reported_cov(cov: Array, state: State, unknown: Mask) -> Array:
@@ -137,7 +151,7 @@ def _flagged_corners(fit: Fit, drives: Sequence[Correspondences]) -> tuple[Flagg
     return tuple(found)
 
 
-def _notes(fit: Fit, legs: tuple[FlaggedLeg, ...], cov: Array) -> tuple[str, ...]:
+def _notes(fit: Fit, legs: tuple[FlaggedLeg, ...], cov: Array, left_out: Jackknife) -> tuple[str, ...]:
     problem = fit.problem
     notes = [leg.text for leg in legs]
     out = int(np.sum(fit.weights.corners == 0))
@@ -152,6 +166,11 @@ def _notes(fit: Fit, legs: tuple[FlaggedLeg, ...], cov: Array) -> tuple[str, ...
         sigma = float(np.sqrt(cov[k, k]))
         if not problem.component[k] and sigma > _PRIOR_ONLY * problem.prior[k]:
             notes.append(f"{problem.names[k]} is hardly determined by the drive: its prior decides")
+    if left_out.unexplained:
+        notes.append(
+            f"leaving out single stops and legs moves the answer by {left_out.ratio.max():.1f} times what noise "
+            f"explains ({left_out.worst} most): something is not as the model has it; sigmas are enlarged to that"
+        )
     if not fit.converged:
         notes.append("the noise levels had not settled when the rounds ended; take the sigmas with care")
     return tuple(notes)

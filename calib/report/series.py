@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from boxcal.calib.results.diagnostics import ORDER, Detail
+from boxcal.calib.geometry.parameters import ORDER
+from boxcal.calib.results.diagnostics import Detail
 from boxcal.calib.results.stop_residuals import stop_label
 
 _GROWTH = (

@@ -9,7 +9,8 @@ from boxcal.calib.geometry.diff_drive import legs_between
 from boxcal.calib.geometry.so3_se3 import inverse
 from boxcal.calib.likelihood import Estimate
 from boxcal.calib.results.calibration import Calibration, Provenance, Quality, StopResult, Wheels
-from boxcal.calib.results.diagnostics import Covariance, Detail, Ground, Growth, HeldOut, Leg
+from boxcal.calib.results.diagnostics import Covariance, Detail, Ground, HeldOut, Leg
+from boxcal.calib.uncertainty.convergence import ConvergencePoint
 from boxcal.calib.uncertainty.cross_validation import Validation
 from boxcal.calib.uncertainty.propagation import camera_covariance, ground_uncertainty
 from boxcal.detect.correspondences import Correspondences
@@ -54,7 +55,7 @@ def refined(
     provenance: Provenance,
     *,
     validation: Validation | None = None,
-    growth: tuple[Growth, ...] = (),
+    growth: tuple[ConvergencePoint, ...] = (),
 ) -> Calibration:
     """Return the result of the likelihood, with all that it says about itself.
 

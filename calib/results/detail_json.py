@@ -7,9 +7,11 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from boxcal.calib.geometry.parameters import ORDER
 from boxcal.calib.likelihood.estimate import Direction, FlaggedCorner, FlaggedLeg, NoiseLevels
 from boxcal.calib.likelihood.finding import Finding
-from boxcal.calib.results.diagnostics import ORDER, SIDE, Covariance, Detail, Ground, Growth, HeldOut, Leg
+from boxcal.calib.results.diagnostics import SIDE, Covariance, Detail, Ground, HeldOut, Leg
+from boxcal.calib.uncertainty.convergence import ConvergencePoint
 from boxcal.target.arrays import Array
 
 T = TypeVar("T")
@@ -64,7 +66,7 @@ def read_detail(document: Mapping[str, Any]) -> Detail | None:
         directions=tuple(_direction(d) for d in document["directions"]),
         findings=tuple(_finding(f) for f in document.get("findings", ())),
         held_out=_many(HeldOut, document["held_out"]),
-        growth=_many(Growth, document["growth"]),
+        growth=_many(ConvergencePoint, document["growth"]),
     )
 
 

@@ -5,12 +5,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from boxcal.calib.geometry.parameters import ORDER
 from boxcal.calib.likelihood.estimate import Direction, FlaggedCorner, FlaggedLeg, NoiseLevels
 from boxcal.calib.likelihood.finding import Finding
+from boxcal.calib.uncertainty.convergence import ConvergencePoint
 from boxcal.target.arrays import Array
 
-ORDER = ("fu", "fv", "cu", "cv", "kr", "rR", "rL", "b", "rx", "ry", "rz", "tx", "ty", "tz")
-"""Order of the covariance (px, px, px, px, 1, m, m, m, rad, rad, rad, m, m, m)."""
 CAMERA, WHEELS, MOUNTING = ORDER[:5], ORDER[5:8], ORDER[8:]
 """What of it belongs to the camera, to the wheels and to the camera extrinsics (rotation, then translation)."""
 SIDE = (
@@ -131,23 +131,6 @@ class HeldOut:
     sigma: tuple[float, float, float]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Growth:
-    """The estimate from the first stops only (the paper's figures 8 and 9).
-
-    Attributes
-    ----------
-    stops
-        How many were used.
-    values, sigma : (14,)
-        In the order of ``ORDER``; for rx, ry, rz the difference from the final mounting.
-    """
-
-    stops: int
-    values: tuple[float, ...]
-    sigma: tuple[float, ...]
-
-
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Detail:
     """All that the likelihood adds to a calibration.
@@ -189,6 +172,6 @@ class Detail:
     directions: tuple[Direction, ...]
     ground: Ground
     held_out: tuple[HeldOut, ...] = ()
-    growth: tuple[Growth, ...] = ()
+    growth: tuple[ConvergencePoint, ...] = ()
     findings: tuple[Finding, ...] = ()
     camera_covariance: Covariance | None = None

@@ -1,15 +1,15 @@
 """How the estimate grew with the drive: estimates from its first stops only (the paper's figures 8 and 9)."""
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from boxcal.calib.errors import CalibError
 from boxcal.calib.four_steps.procedure import FourSteps
+from boxcal.calib.geometry.parameters import ORDER
 from boxcal.calib.geometry.so3_se3 import log_so3
 from boxcal.calib.likelihood import Estimate, EstimateOptions, estimate
-from boxcal.calib.results.diagnostics import ORDER, Growth
 from boxcal.detect.correspondences import Correspondences, StopObservation
 from boxcal.target.arrays import Array
 
@@ -17,7 +17,26 @@ STEPS = 6
 """How many numbers of stops are tried: estimates of all would cost more than the calibration itself."""
 
 
-def grow(drive: Correspondences, steps: FourSteps, final: Estimate, options: EstimateOptions) -> tuple[Growth, ...]:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ConvergencePoint:
+    """The estimate from the first stops only (the paper's figures 8 and 9).
+
+    Attributes
+    ----------
+    stops
+        How many were used.
+    values, sigma : (14,)
+        In the order of ``ORDER``; for rx, ry, rz the difference from the final mounting.
+    """
+
+    stops: int
+    values: tuple[float, ...]
+    sigma: tuple[float, ...]
+
+
+def grow(
+    drive: Correspondences, steps: FourSteps, final: Estimate, options: EstimateOptions
+) -> tuple[ConvergencePoint, ...]:
     """Return estimates from the first 3, ... and all stops of a drive, in growing steps.
 
     Numbers of stops that do not determine the calibration are left out.
@@ -60,9 +79,9 @@ def _start(steps: FourSteps, count: int) -> FourSteps:
     return replace(steps, camera=few)
 
 
-def _point(count: int, found: Estimate, final: Estimate) -> Growth:
+def _point(count: int, found: Estimate, final: Estimate) -> ConvergencePoint:
     turn = log_so3(final.T_body_cam[:3, :3].T @ found.T_body_cam[:3, :3])
     c, t = found.camera, found.T_body_cam[:3, 3]
     values: Array = np.array([c.fu, c.fv, c.cu, c.cv, c.kr, found.rR, found.rL, found.b, *turn, *t])
     sigma = found.sigma
-    return Growth(stops=count, values=tuple(values.tolist()), sigma=tuple(sigma[name] for name in ORDER))
+    return ConvergencePoint(stops=count, values=tuple(values.tolist()), sigma=tuple(sigma[name] for name in ORDER))

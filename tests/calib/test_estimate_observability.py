@@ -10,11 +10,11 @@ from boxcal.calib.errors import CalibError
 from boxcal.calib.geometry.parameters import ORDER
 from boxcal.calib.likelihood import estimate
 from boxcal.calib.likelihood.estimator import fit
+from boxcal.calib.likelihood.observability import open_directions
 from boxcal.calib.likelihood.options import EstimateOptions
 from boxcal.calib.likelihood.problem import build_problem
 from boxcal.calib.simulate.drive import DriveOptions, exact_correspondences, simulate_drive
 from boxcal.calib.simulate.robot import khepera
-from boxcal.calib.uncertainty.observability import open_directions
 from boxcal.detect.correspondences import Correspondences
 from boxcal.target.box import make_target
 

@@ -11,13 +11,15 @@ import pytest
 from boxcal.calib.compare.ground_truth import compare, load_truth
 from boxcal.calib.errors import CalibError
 from boxcal.calib.exports.lens_models import ros_distortion
+from boxcal.calib.geometry.parameters import ORDER
 from boxcal.calib.geometry.so3_se3 import exp_so3, rigid
 from boxcal.calib.likelihood.estimate import Direction, FlaggedCorner, FlaggedLeg, NoiseLevels
 from boxcal.calib.likelihood.finding import Finding
 from boxcal.calib.results.calibration import Calibration, Provenance, Quality, StopResult, Wheels
-from boxcal.calib.results.diagnostics import ORDER, Covariance, Detail, Ground, Growth, HeldOut, Leg
+from boxcal.calib.results.diagnostics import Covariance, Detail, Ground, HeldOut, Leg
 from boxcal.calib.results.json_format import load_calibration, save_calibration
 from boxcal.calib.results.verdict import Level, Reason, Verdict
+from boxcal.calib.uncertainty.convergence import ConvergencePoint
 from boxcal.target.camera.camera_model import CameraKind, CameraModel
 
 
@@ -85,7 +87,7 @@ def _detail() -> Detail:
             projection_mean_px=0.1, projection_worst_px=0.3,
         ),
         held_out=(HeldOut(drive=0, stop=1, error=(1e-3, 2e-3, 3e-3), sigma=(1e-3, 1e-3, 1e-3)),),
-        growth=(Growth(stops=3, values=tuple(range(14)), sigma=(*range(13), np.inf)),),
+        growth=(ConvergencePoint(stops=3, values=tuple(range(14)), sigma=(*range(13), np.inf)),),
     )  # fmt: skip
 
 

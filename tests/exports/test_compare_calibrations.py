@@ -13,9 +13,9 @@ from made_up import EVIL, SIGMA, calibration, camera, detail
 from boxcal.calib.compare.cli import main
 from boxcal.calib.compare.difference import difference, projection_shift
 from boxcal.calib.errors import CalibError
+from boxcal.calib.geometry.parameters import ORDER
 from boxcal.calib.geometry.so3_se3 import exp_so3, rigid
 from boxcal.calib.results.calibration import Calibration, Wheels
-from boxcal.calib.results.diagnostics import ORDER
 from boxcal.calib.results.json_format import save_calibration
 from boxcal.target.arrays import Array
 from boxcal.target.camera.camera_model import CameraModel

@@ -20,9 +20,9 @@ from boxcal.calib.exports.fleet_csv import fleet_csv
 from boxcal.calib.exports.ros_diff_drive import diff_drive
 from boxcal.calib.exports.text import number, ros_name
 from boxcal.calib.geometry.diff_drive import Legs, unit_path
+from boxcal.calib.geometry.parameters import ORDER
 from boxcal.calib.geometry.so3_se3 import exp_so3, inverse, rigid
 from boxcal.calib.results.calibration import Calibration, Wheels
-from boxcal.calib.results.diagnostics import ORDER
 from boxcal.calib.settings import Nominal
 from boxcal.target.arrays import Array
 

@@ -6,13 +6,14 @@ from dataclasses import replace
 import numpy as np
 
 from boxcal.calib.four_steps.procedure import solve_four_steps
+from boxcal.calib.geometry.parameters import ORDER
 from boxcal.calib.geometry.so3_se3 import inverse, log_so3, planar
 from boxcal.calib.likelihood import Estimate, EstimateOptions, estimate
 from boxcal.calib.results.build import refined
 from boxcal.calib.results.calibration import Calibration, Provenance
-from boxcal.calib.results.diagnostics import ORDER, Growth
 from boxcal.calib.simulate.drive import DriveOptions, exact_correspondences, simulate_drive
 from boxcal.calib.simulate.robot import Robot, turtlebot
+from boxcal.calib.uncertainty.convergence import ConvergencePoint
 from boxcal.calib.uncertainty.cross_validation import validate
 from boxcal.detect.correspondences import Correspondences, Source
 from boxcal.target.box import Target, make_target
@@ -130,11 +131,11 @@ def calibrated(
     )
 
 
-def growth_point(drive: Correspondences, count: int, final: Estimate) -> Growth:
+def growth_point(drive: Correspondences, count: int, final: Estimate) -> ConvergencePoint:
     """The estimate from the first stops."""
     part = replace(drive, stops=drive.stops[:count])
     e = estimate([part])
     off = log_so3(final.T_body_cam[:3, :3].T @ e.T_body_cam[:3, :3])
     k = e.camera
     values = [k.fu, k.fv, k.cu, k.cv, k.kr, e.rR, e.rL, e.b, *off, *e.T_body_cam[:3, 3]]
-    return Growth(stops=count, values=tuple(map(float, values)), sigma=tuple(e.sigma[name] for name in ORDER))
+    return ConvergencePoint(stops=count, values=tuple(map(float, values)), sigma=tuple(e.sigma[name] for name in ORDER))

@@ -11,13 +11,14 @@ import pytest
 from boxcal.calib.assessment.gauges import slip_on_top
 from boxcal.calib.assessment.print_scale import find_print_scale
 from boxcal.calib.geometry.euler import yaw_pitch_roll, yaw_pitch_roll_sigma
+from boxcal.calib.geometry.parameters import ORDER
 from boxcal.calib.geometry.so3_se3 import exp_so3, inverse
 from boxcal.calib.likelihood.estimate import FlaggedCorner
 from boxcal.calib.report.drawing import projection_data, residual_data, scene_data
 from boxcal.calib.report.parameters import Row, parameter_groups
 from boxcal.calib.report.tables import face_row, rms
 from boxcal.calib.results.calibration import Calibration, StopResult
-from boxcal.calib.results.diagnostics import ORDER, Covariance
+from boxcal.calib.results.diagnostics import Covariance
 from boxcal.calib.results.stop_residuals import stops_seen
 from boxcal.calib.results.trajectory import driven_legs, floor_pose
 from boxcal.calib.simulate.drive import exact_correspondences, exact_options, simulate_drive
