@@ -75,11 +75,7 @@ def test_an_encoder_that_counts_from_elsewhere_or_backwards_tells_the_same_trave
 
 
 def encoder(t_ns: Ids, phi: Array, step: float) -> Encoder:
-    return replace_step(clean(t_ns, phi, "log"), step)
-
-
-def replace_step(found: Encoder, step: float) -> Encoder:
-    return found._replace(step=step)
+    return replace(clean(t_ns, phi, "log"), step=step)
 
 
 @given(seeds)
@@ -94,6 +90,7 @@ def test_wheels_on_one_time_base_keep_every_reading_and_their_side(seed: int) ->
     found, swapped = join(right, left, "log"), join(left, right, "log")
     assert np.all(np.diff(found.t_ns) > 0)
     assert found.encoder_steps == (0.01, 0.02) == swapped.encoder_steps[::-1]
+    assert np.all(found.covered)
     np.testing.assert_array_equal(found.phi_R, swapped.phi_L)
     np.testing.assert_array_equal(found.phi_L, swapped.phi_R)
     for own, joined in ((right, found.phi_R), (left, found.phi_L)):
@@ -103,6 +100,26 @@ def test_wheels_on_one_time_base_keep_every_reading_and_their_side(seed: int) ->
         np.testing.assert_allclose(joined[at], own.phi[inside], rtol=0, atol=1e-12)
         between = np.interp(found.t_ns - T0_NS, own.t_ns - T0_NS, own.phi)
         np.testing.assert_allclose(joined, between, rtol=0, atol=1e-9)
+
+
+@given(seeds)
+def test_travel_that_one_wheel_does_not_know_is_unknown_for_both(seed: int) -> None:
+    """A joined sample is covered if no unknown stretch of either wheel reaches into the time since the one before."""
+    rng = np.random.default_rng(seed)
+    sides = []
+    for _ in range(2):
+        phi = rolled(rng, 60)
+        one = encoder(stamps(rng, len(phi)) + int(rng.integers(0, 10_000_000)), phi, 0.0)
+        covered = np.concatenate([[True], rng.random(len(one.phi) - 1) < 0.9])
+        sides.append(replace(one, covered=covered))
+    found = join(*sides, "log")
+    for k in range(1, len(found.t_ns)):
+        unknown = [
+            e.t_ns[j - 1] < found.t_ns[k] and found.t_ns[k - 1] < e.t_ns[j]
+            for e in sides
+            for j in np.flatnonzero(~e.covered)
+        ]
+        assert found.covered[k] == (not any(unknown)), k
 
 
 @given(seeds)
