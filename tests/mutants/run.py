@@ -78,6 +78,8 @@ def survivors(mutants: Sequence[Mutant]) -> list[Mutant]:
     """Print for each mutant whether its tests notice it, and return those that they do not."""
     out = []
     with copied_project() as copy:
+        for mutant in mutants:
+            mutant.apply((copy / mutant.file).read_text())  # before any test runs: each still has its place
         sound, failed = passes(copy, sorted({test for m in mutants for test in m.tests}))
         if not sound:
             raise ValueError(f"the tests fail without any bug: {failed}")
