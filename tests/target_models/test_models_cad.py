@@ -327,15 +327,35 @@ def read_3mf(content: bytes) -> dict[str, Any]:
     reader.ReadFromBuffer(content)
     assert reader.GetWarningCount() == 0
     assert model.GetUnit() == lib3mf.ModelUnit.MilliMeter
-    found, objects = {}, model.GetMeshObjects()
-    while objects.MoveNext():
-        mesh = objects.GetCurrentMeshObject()
-        assert mesh.IsManifoldAndOriented(), mesh.GetName()
-        vertices = np.array([list(v.Coordinates) for v in mesh.GetVertices()], dtype=np.float32)
-        triangles = np.array([list(t.Indices) for t in mesh.GetTriangleIndices()], dtype=np.uint32)
-        body = m3.Manifold(m3.Mesh(vertices, triangles))
+    objects = model.GetMeshObjects()
+    assert objects.MoveNext()
+    mesh = objects.GetCurrentMeshObject()
+    assert not objects.MoveNext(), "more than one object: slicers move them apart"
+    assert mesh.IsManifoldAndOriented()
+    vertices = np.array([list(v.Coordinates) for v in mesh.GetVertices()], dtype=np.float32)
+    triangles = np.array([list(t.Indices) for t in mesh.GetTriangleIndices()], dtype=np.uint32)
+    found = {}
+    for name, first, last, extruder in volumes_3mf(content):
+        material = {mesh.GetTriangleProperties(k).PropertyIDs[0] for k in range(first, last + 1)}
+        assert len(material) == 1
+        assert extruder == len(found) + 1
+        used, rows = np.unique(triangles[first : last + 1], return_inverse=True)
+        body = m3.Manifold(m3.Mesh(vertices[used], rows.reshape(-1, 3).astype(np.uint32)))
         assert body.status() == m3.Error.NoError
-        found[mesh.GetName()] = body
+        found[name] = body
+    return found
+
+
+def volumes_3mf(content: bytes) -> list[tuple[str, int, int, int]]:
+    """Name, first and last triangle, and extruder of each volume, as PrusaSlicer is told."""
+    with zipfile.ZipFile(io.BytesIO(content)) as archive:
+        config = ET.fromstring(archive.read("Metadata/Slic3r_PE_model.config"))
+    found = []
+    for volume in config.iter("volume"):
+        data = {m.get("key"): m.get("value") or "" for m in volume.iter("metadata")}
+        found.append(
+            (data["name"], int(volume.get("firstid") or 0), int(volume.get("lastid") or 0), int(data["extruder"]))
+        )
     return found
 
 
@@ -400,9 +420,15 @@ def test_3mf_is_a_package_that_slicers_open() -> None:
     assert colours == ["#FFFFFFFF", "#000000FF"]
     (item,) = model.iter(f"{core}item")
     assert (item.get("transform") or "").split()[-3:] == ["128", "128", "0"]
-    (whole,) = [o for o in model.iter(f"{core}object") if o.find(f"{core}components") is not None]
+    (whole,) = model.iter(f"{core}object")
     assert whole.get("id") == item.get("objectid")
-    assert len(list(whole.iter(f"{core}component"))) == 2
+    assert not list(model.iter(f"{core}component"))
+    triangles = len(list(whole.iter(f"{core}triangle")))
+    (_, first, split, one), (_, after, last, two) = volumes_3mf(content)
+    assert (first, after, last) == (0, split + 1, triangles - 1)
+    assert (one, two) == (1, 2)
+    application = [m.text or "" for m in model.iter(f"{core}metadata") if m.get("name") == "Application"]
+    assert "PrusaSlicer" in application[0], "Bambu Studio and OrcaSlicer read the volumes only then"
 
 
 def test_a_box_too_large_for_the_bed_says_so() -> None:
