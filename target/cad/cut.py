@@ -1,4 +1,4 @@
-"""Panels and net as DXF in millimetres, layers CUT, FOLD and ENGRAVE, for laser cutters and plotters."""
+"""Panels and net as DXF in millimetres, layers CUT, FOLD, ENGRAVE and NUMBER, for laser cutters and plotters."""
 
 import io
 from collections.abc import Iterator
@@ -19,8 +19,8 @@ from boxcal.target.print.net import make_net
 if TYPE_CHECKING:
     from ezdxf.document import Drawing
 
-LAYERS = {"CUT": 1, "FOLD": 5, "ENGRAVE": 7}
-"""Layers and their colours by AutoCAD's index: red, blue, black."""
+LAYERS = {"CUT": 1, "FOLD": 5, "ENGRAVE": 7, "NUMBER": 3}
+"""Layers and their colours by AutoCAD's index: red, blue, black, green. Tags are areas, numbers lines."""
 _BETWEEN = 0.010
 _MM = 1e3
 
@@ -94,14 +94,14 @@ def _face(document: "Drawing", target: Target, face: int, middle: Array) -> None
     if number is not None:
         place, height = number
         for line in strokes(face, height):
-            _line(document, "ENGRAVE", line + place + middle, closed=False)
+            _line(document, "NUMBER", line + place + middle, closed=False)
 
 
 def _lid_numbers(document: "Drawing", target: Target, middle: Array) -> None:
     for face in range(FACES):
         T = T_box_lid_number(target.box, face)
         for line in strokes(face, lid_number_height(target.box)):
-            _line(document, "ENGRAVE", line @ T[:2, :2].T + T[:2, 3] + middle, closed=False)
+            _line(document, "NUMBER", line @ T[:2, :2].T + T[:2, 3] + middle, closed=False)
 
 
 def _document() -> "Drawing":
@@ -121,6 +121,15 @@ def _line(document: "Drawing", layer: str, points: Array, *, closed: bool) -> No
 
 
 def _bytes(document: "Drawing") -> bytes:
+    """Return the file, with the extents that programs zoom to and place it by."""
+    from ezdxf import bbox  # noqa: PLC0415 - extra
+
+    extents = bbox.extents(document.modelspace(), fast=True)
+    document.header["$EXTMIN"], document.header["$EXTMAX"] = tuple(extents.extmin), tuple(extents.extmax)
+    document.modelspace().dxf_layout.dxf.extmin, document.modelspace().dxf_layout.dxf.extmax = (
+        extents.extmin,
+        extents.extmax,
+    )
     text = io.StringIO()
     document.write(text)
     return text.getvalue().encode()

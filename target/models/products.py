@@ -47,7 +47,7 @@ def products(*, dpi: float = 300.0) -> tuple[Product, ...]:
             make=lambda target: _faces(target, dpi),
         ),
         Product(name="box.glb", extra="", what="textured model, binary glTF (Blender, Isaac Sim, web)", make=_glb),
-        Product(name="obj", extra="", what="textured model, Wavefront OBJ with a picture a face", make=_obj),
+        Product(name="obj", extra="", what="textured model, Wavefront OBJ with a picture a face, y up", make=_obj),
         Product(name="landmark_box", extra="", what="model folder for Gazebo (SDF)", make=_sdf),
         Product(name="mujoco", extra="", what="model for MuJoCo (MJCF)", make=_mjcf),
         Product(name="kalibr", extra="", what="the faces as grids in the manner of Kalibr (YAML)", make=_kalibr),

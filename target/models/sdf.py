@@ -18,7 +18,7 @@ def box_sdf(target: Target) -> Mapping[str, bytes]:
     ``model://landmark_box``.
     """
     files = {"model.config": _config(target_sha256(target)), "model.sdf": _sdf(target)}
-    return files | {f"meshes/{name}": content for name, content in box_obj(target).items()}
+    return files | {f"meshes/{name}": content for name, content in box_obj(target, y_up=False).items()}
 
 
 def _sdf(target: Target) -> bytes:

@@ -225,6 +225,10 @@ def polylines(content: bytes) -> dict[str, list[Array]]:
     for entity in document.modelspace():
         assert entity.dxftype() == "LWPOLYLINE"
         points = np.array([(x, y) for x, y, *_ in entity.get_points()])
+        low, high = document.header["$EXTMIN"], document.header["$EXTMAX"]
+        assert np.all(points >= np.array(low)[:2] - 1e-6)
+        assert np.all(points <= np.array(high)[:2] + 1e-6)
+        assert entity.closed == (entity.dxf.layer in {"CUT", "ENGRAVE"})
         found.setdefault(entity.dxf.layer, []).append(np.vstack([points, points[:1]]) if entity.closed else points)
     return found
 
@@ -277,7 +281,7 @@ def test_net_folds_up_to_the_target(case: str, wrong_target: Target) -> None:
     target = make_target(SMALL) if case == "small" else wrong_target
     box = target.box
     layers = polylines(net_dxf(target))
-    assert set(layers) == {"CUT", "FOLD", "ENGRAVE"}
+    assert set(layers) == {"CUT", "FOLD", "ENGRAVE", "NUMBER"}
     (outline,) = layers["CUT"]
     w, d, h = size_mm(box)
     assert abs(signed_area(outline)) > 2 * (w + d) * h + 2 * w * d
@@ -293,7 +297,7 @@ def test_net_folds_up_to_the_target(case: str, wrong_target: Target) -> None:
 def test_panels_to_cut_carry_their_tags_in_place(wrong_target: Target) -> None:
     box, build = wrong_target.box, Build()
     layers = polylines(panels_dxf(wrong_target))
-    assert set(layers) == {"CUT", "ENGRAVE"}
+    assert set(layers) == {"CUT", "ENGRAVE", "NUMBER"}
     assert len(layers["CUT"]) == 6
     wanted = {
         panel.name: abs(signed_area(np.vstack([panel.outline, panel.outline[:1]]))) * 1e6

@@ -39,11 +39,14 @@ def load_glb(content: bytes) -> Any:
     return scene
 
 
-def load_obj(files: Mapping[str, bytes], folder: Path) -> Any:
+def load_obj(files: Mapping[str, bytes], folder: Path, *, y_up: bool) -> Any:
     trimesh = pytest.importorskip("trimesh")
     for name, content in files.items():
         (folder / name).write_bytes(content)
-    return trimesh.load(folder / "box.obj", force="scene")
+    scene = trimesh.load(folder / "box.obj", force="scene")
+    if y_up:
+        scene.apply_transform(np.block([[BOX_GLTF, np.zeros((3, 1))], [np.zeros((1, 3)), np.ones((1, 1))]]))
+    return scene
 
 
 def grey_at(scene: Any, p_box: Array) -> Array:
@@ -79,9 +82,11 @@ def module_points(target: Target, tag_id: int) -> Array:
 
 READERS: dict[str, Callable[[Target, Path], Any]] = {
     "glb": lambda target, _: load_glb(box_glb(target)),
-    "obj": lambda target, folder: load_obj(box_obj(target), folder),
+    "obj": lambda target, folder: load_obj(box_obj(target), folder, y_up=True),
     "sdf": lambda target, folder: load_obj(
-        {k.removeprefix("meshes/"): v for k, v in box_sdf(target).items() if k.startswith("meshes/")}, folder
+        {k.removeprefix("meshes/"): v for k, v in box_sdf(target).items() if k.startswith("meshes/")},
+        folder,
+        y_up=False,
     ),
 }
 
