@@ -11,7 +11,7 @@ TREE := build/tree
 EXTRAS ?= dev,docs,cad,models-test
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable
 
-.PHONY: demo test mutants lint format docs outputs walk schemas pictures printables dist docker clean
+.PHONY: demo test clients mutants lint format docs outputs walk schemas pictures printables dist docker clean
 
 # The main job without hardware: print files, three simulated robots and their logs, three calibrations.
 demo: $(INSTALLED)
@@ -38,6 +38,11 @@ lint: $(ALL_INSTALLED) $(TREE)
 format: $(ALL_INSTALLED)
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
+
+# Files opened in the programs that they are for, installed from Debian where this user may; the tests say what is missing.
+clients: $(ALL_INSTALLED)
+	-test "$$(id -u)" != 0 || { apt-get update -qq && apt-get install -y -qq prusa-slicer; }
+	$(BIN)/python -m pytest tests/clients
 
 # The documentation, strict: a dead link fails. The pages are build/docs/*.html.
 docs: $(ALL_INSTALLED) $(TREE)

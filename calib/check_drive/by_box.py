@@ -43,6 +43,9 @@ class CheckedLeg:
         Squared error over its predicted covariance; 3 on average where the prediction holds.
     p_value
         Probability of an error at least as large where the prediction holds.
+    corner_rms
+        Reprojection errors at the leg's ends over their standard deviations (root mean square of the worse stop): about
+        1 where the camera is the calibrated one.
     """
 
     start: int
@@ -53,6 +56,7 @@ class CheckedLeg:
     sigma: Array
     chi_square: float
     p_value: float
+    corner_rms: float
 
 
 def check_drive(calibration: Calibration, drive: Correspondences) -> tuple[CheckedLeg, ...]:
@@ -92,6 +96,7 @@ def check_drive(calibration: Calibration, drive: Correspondences) -> tuple[Check
                 sigma=np.sqrt(np.diag(cov)),
                 chi_square=square,
                 p_value=float(chi2.sf(square, 3)),
+                corner_rms=max(a.corner_rms, b.corner_rms),
             )
         )
     return tuple(out)
@@ -99,11 +104,12 @@ def check_drive(calibration: Calibration, drive: Correspondences) -> tuple[Check
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Look:
-    """Floor pose (3,) at one stop, its derivatives (3, n + 6) by camera and extrinsics, and its covariance by noise."""
+    """Floor pose (3,) at one stop, its derivatives (3, n + 6) by camera and extrinsics; covariance by noise; fit."""
 
     pose: Array
     by_camera: Array
     cov: Array
+    corner_rms: float
 
 
 def _look(calibration: Calibration, detail: Detail, stop: StopObservation) -> _Look:
@@ -111,7 +117,7 @@ def _look(calibration: Calibration, detail: Detail, stop: StopObservation) -> _L
     camera = calibration.camera
     T = _pose(calibration, stop)
     p_cam = transform(T, stop.p_box)
-    _, by_camera, by_point = project_with_jacobians(camera.kind, camera.values, p_cam)
+    uv_px, by_camera, by_point = project_with_jacobians(camera.kind, camera.values, p_cam)
     by_pose = by_point @ left_pose_jacobian(p_cam)
     weight = np.linalg.inv(stop.cov_px2)
     normal = np.einsum("lai,lab,lbj->ij", by_pose, weight, by_pose)
@@ -125,9 +131,12 @@ def _look(calibration: Calibration, detail: Detail, stop: StopObservation) -> _L
         return floor_pose(inverse(move_left(T, xi[:6])), T_body_cam)
 
     by_xi = np.stack([(at(e) - at(-e)) / (2 * _STEP) for e in _STEP * np.eye(12)], axis=1)
+    off = stop.uv_px - uv_px
+    square = float(np.mean(np.einsum("la,lab,lb->l", off, weight, off))) / 2
     return _Look(
         pose=at(np.zeros(12)),
         by_camera=np.concatenate([-by_xi[:, :6] @ np.linalg.solve(normal, pull), by_xi[:, 6:]], axis=1),
+        corner_rms=square**0.5 / detail.noise.pixel_factor,
         cov=detail.noise.pixel_factor**2 * by_xi[:, :6] @ np.linalg.solve(normal, by_xi[:, :6].T),
     )
 

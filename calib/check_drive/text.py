@@ -8,6 +8,12 @@ from boxcal.calib.check_drive.by_box import CheckedLeg
 from boxcal.calib.check_drive.by_hand import Measured
 from boxcal.calib.console.tables import table
 
+_OTHER_CAMERA = 4.0
+"""Corners that err by more of their standard deviations were seen by another camera than the calibrated one."""
+_NOT_ITS_CAMERA = (
+    "not as predicted: the corners do not fit the calibration's camera; "
+    "is it another robot's log, or was the lens touched?"
+)
 _CAUSES = (
     "not as predicted: were the parameters applied (ros2 param get), did a wheel slip or the box move? "
     "Drive again; if it stays, calibrate again"
@@ -27,9 +33,9 @@ def by_box(legs: Sequence[CheckedLeg], level: float) -> tuple[str, bool]:
         )
     least = min(leg.p_value for leg in legs)
     agrees = least * len(legs) >= level  # Bonferroni: any one of the legs may be the worst
-    said = (
-        f"as predicted: all {len(legs)} legs end where the calibration says, within its sigmas" if agrees else _CAUSES
-    )
+    said = "as predicted: every leg ends where the calibration says, within its sigmas"
+    if not agrees:
+        said = _NOT_ITS_CAMERA if max(leg.corner_rms for leg in legs) > _OTHER_CAMERA else _CAUSES
     return f"odometry minus vision, with predicted sigmas\n{table(header, rows)}\n\n{said}", agrees
 
 

@@ -13,9 +13,11 @@ import boxcal
 from boxcal.calib.check_drive.by_box import check_drive
 from boxcal.calib.check_drive.by_hand import check_distance, check_turns
 from boxcal.calib.check_drive.cli import main
+from boxcal.calib.check_drive.text import by_box
 from boxcal.calib.errors import CalibError
 from boxcal.calib.settings import Settings
 from boxcal.calib.simulate.drive import DriveOptions
+from boxcal.calib.simulate.robot import khepera
 from boxcal.calib.simulate.simulated_drive import SimulatedDrive
 
 SLIP = 0.0005
@@ -42,6 +44,16 @@ def test_wheels_that_are_one_percent_off_are_noticed() -> None:
     wrong = replace(found, wheels=replace(found.wheels, rR=found.wheels.rR * 1.01))
     assert min(leg.p_value for leg in check_drive(found, drive)) > 0.01 / 3
     assert min(leg.p_value for leg in check_drive(wrong, drive)) < 1e-6
+
+
+def test_another_robots_calibration_is_named_as_such() -> None:
+    other = boxcal.simulate(khepera(), seed=3, sigma_px=0.1, options=DriveOptions(stops=4))
+    legs = check_drive(_calibrated(1), other.correspondences)
+    text, agrees = by_box(legs, 0.01)
+    assert not agrees
+    assert "another robot's log" in text
+    own = check_drive(_calibrated(1), _drive(101, stops=4).correspondences)
+    assert max(leg.corner_rms for leg in own) < 1.5
 
 
 def test_a_camera_that_was_turned_is_noticed() -> None:

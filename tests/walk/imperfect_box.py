@@ -29,7 +29,7 @@ def walk(folder: Path) -> dict[str, tuple[str, float, bool]]:
     _do(folder, "make-target", "box", "--paper", "a4")
     boxcal.save_target(boxcal.make_target(measured=TRUE), folder / "built.json")
     _do(folder, "measure-target", "box/target.json", *READ)
-    simulated = ("--seed", "5", "--target", "built.json")
+    simulated = ("--seed", "5", "--target", "built.json", "--hand-made")
     _do(folder, "simulate-fleet", "robots", "--robots", "2", "--stops", "10", *simulated)
     logs = sorted(path.name for path in (folder / "robots").glob("*.mcap"))
     _do(folder, "fleet-calibrate", *(f"robots/{log}" for log in logs), "--target", "box/target.json", "--no-report")
