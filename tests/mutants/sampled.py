@@ -14,13 +14,13 @@ from seeded import ROOT, Mutant
 FOLDERS = ("calib/four_steps", "calib/likelihood")
 TESTS = {
     "calib/four_steps": ("tests/calib/test_four_steps.py", "tests/calib/test_guards_four_steps.py"),
-    "calib/likelihood": (
-        "tests/calib/test_guards_likelihood.py",
+    "calib/likelihood": (  # the quickest and the most likely to notice first
         "tests/calib/test_estimate_jacobians.py",
+        "tests/calib/test_guards_likelihood.py",
         "tests/calib/test_estimate.py",
-        "tests/calib/test_estimate_few_stops.py",
         "tests/calib/test_estimate_options.py",
         "tests/calib/test_estimate_faults.py",
+        "tests/calib/test_estimate_few_stops.py",
     ),
 }
 _COMPARE = {ast.Lt: "<=", ast.LtE: "<", ast.Gt: ">=", ast.GtE: ">", ast.Eq: "!=", ast.NotEq: "=="}
