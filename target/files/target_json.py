@@ -50,6 +50,11 @@ def target_sha256(target: Target) -> str:
     return hashlib.sha256(target_bytes(target)).hexdigest()
 
 
+def design_sha256(target: Target) -> str:
+    """Return the hash that names a design: the same before and after its box was measured, and measured anew."""
+    return target_sha256(target if target.measured is None else make_target(target.box))
+
+
 def save_target(target: Target, path: str | Path) -> None:
     """Write ``target.json`` (atomically).
 

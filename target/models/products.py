@@ -51,6 +51,12 @@ def products(*, dpi: float = 300.0) -> tuple[Product, ...]:
         Product(name="landmark_box", extra="", what="model folder for Gazebo (SDF)", make=_sdf),
         Product(name="mujoco", extra="", what="model for MuJoCo (MJCF)", make=_mjcf),
         Product(name="kalibr", extra="", what="the faces as grids in the manner of Kalibr (YAML)", make=_kalibr),
+        Product(
+            name="localisation",
+            extra="",
+            what="the box as a landmark for OpenCV (ArUco board) and apriltag_ros (tags.yaml)",
+            make=_localisation,
+        ),
         Product(name="pictures", extra="", what="pictures of the assembled box", make=_pictures),
         Product(name="cad", extra="cad", what="body, lid, pin and jointed panels: STEP, and STL to print", make=_cad),
         Product(name="cut", extra="cad", what="panels and fold-up net for a laser cutter or plotter (DXF)", make=_cut),
@@ -97,6 +103,12 @@ def _kalibr(target: "Target") -> Mapping[str, bytes]:
     from boxcal.target.models.kalibr import face_grids  # noqa: PLC0415 - heavy
 
     return _within("kalibr", face_grids(target))
+
+
+def _localisation(target: "Target") -> Mapping[str, bytes]:
+    from boxcal.target.models.localisation import apriltag_ros_files, opencv_board  # noqa: PLC0415 - heavy
+
+    return _within("localisation", {"opencv-board.yml": opencv_board(target), **apriltag_ros_files(target)})
 
 
 def _pictures(target: "Target") -> Mapping[str, bytes]:

@@ -5,8 +5,8 @@ from collections.abc import Callable, Sequence
 from functools import cache
 from typing import TYPE_CHECKING
 
-from boxcal.target.box import Target, make_target
-from boxcal.target.files.target_json import target_sha256
+from boxcal.target.box import Target
+from boxcal.target.files.target_json import design_sha256
 from boxcal.target.print.papers import mm
 from boxcal.target.tags.families import modules_per_side, tag_modules
 from boxcal.target.tags.outline import Loop, black_outline
@@ -51,8 +51,7 @@ def write_pdf(target: Target, what: str, pages: Sequence[tuple[float, float, "Ca
 
 def design_id(target: Target) -> str:
     """Return the eight digits that name a target's design on paper, whatever was measured of it."""
-    design = target if target.measured is None else make_target(target.box)
-    return target_sha256(design)[:8]
+    return design_sha256(target)[:8]
 
 
 def face_ids(target: Target, face: int) -> str:

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from boxcal.target.box import Box, make_target
 from boxcal.target.errors import TargetError
-from boxcal.target.files.target_json import load_target, save_target, target_bytes, target_sha256
+from boxcal.target.files.target_json import design_sha256, load_target, save_target, target_bytes, target_sha256
 from boxcal.target.measure.measured_size import SIZES, Measured
 from boxcal.target.measure.size_influence import scale_influence, size_jacobian
 
@@ -147,3 +147,15 @@ def test_a_figure_is_credible_up_to_5_percent_and_not_beyond(k: int) -> None:
     make_target(BOX, measured(DESIGNED * (1 + 0.0499 * np.eye(5)[k])))
     with pytest.raises(TargetError, match="fit to page"):
         make_target(BOX, measured(DESIGNED * (1 - 0.0501 * np.eye(5)[k])))
+
+
+def test_measuring_leaves_the_design_as_it_was() -> None:
+    plain = make_target()
+    once, anew = (
+        make_target(measured=Measured(sx=s, sy=1.0, width=0.25, depth=0.2501, height=0.2, cov=np.eye(5) * 1e-8))
+        for s in (1.001, 1.002)
+    )
+    assert design_sha256(plain) == target_sha256(plain)
+    assert design_sha256(once) == design_sha256(anew) == design_sha256(plain)
+    assert len({target_sha256(t) for t in (plain, once, anew)}) == 3
+    assert design_sha256(make_target(Box(first_id=140))) != design_sha256(plain)
