@@ -111,6 +111,7 @@ def correspondences_schema() -> Schema:
 
 def calibration_schema() -> Schema:
     """Return the schema of ``calibration.json``."""
+    from boxcal.calib.likelihood.finding import Finding
     from boxcal.calib.results.calibration import Calibration, Provenance, Quality, StopResult, Wheels
     from boxcal.calib.results.diagnostics import CAMERA
     from boxcal.calib.results.json_format import SCHEMA
@@ -133,7 +134,12 @@ def calibration_schema() -> Schema:
         "method": {"enum": ["likelihood", "four-steps"], "description": said["method"]},
         "lens": _lens(),
     }
-    sometimes: dict[str, Schema] = {"verdict": of_dataclass(Verdict), **_of_likelihood()}
+    findings = {
+        "type": "array",
+        "items": of_dataclass(Finding, nullable=True),
+        "description": said["findings"],
+    }
+    sometimes: dict[str, Schema] = {"verdict": of_dataclass(Verdict), "findings": findings, **_of_likelihood()}
     return _document(
         "calibration.json",
         "The calibration of one robot; fields from sigma on are there unless method is four-steps. Null stands for "
@@ -148,7 +154,6 @@ def _of_likelihood() -> dict[str, Schema]:
     """Return the schemas of the fields that the likelihood adds to a calibration."""
     from boxcal.calib.geometry.parameters import ORDER
     from boxcal.calib.likelihood.estimate import FlaggedCorner, FlaggedLeg, NoiseLevels
-    from boxcal.calib.likelihood.finding import Finding
     from boxcal.calib.results.diagnostics import Detail, Ground, HeldOut, Leg
     from boxcal.calib.uncertainty.convergence import ConvergencePoint
 
@@ -180,7 +185,6 @@ def _of_likelihood() -> dict[str, Schema]:
             "items": record(direction, "", optional=("what", "advice")),
             "description": said["directions"],
         },
-        "findings": many(Finding, said["findings"]),
         "held_out": many(HeldOut, said["held_out"]),
         "growth": many(ConvergencePoint, said["growth"]),
     }

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ from boxcal.calib.diagnosis.explained_estimate import estimate_explained
 from boxcal.calib.diagnosis.first_look import FirstLook, first_look
 from boxcal.calib.diagnosis.last_look import last_look
 from boxcal.calib.errors import CalibError
-from boxcal.calib.exports.files import exports
+from boxcal.calib.exports.files import STALE_FILES, exports
 from boxcal.calib.exports.foxglove.results_mcap import results_mcap
 from boxcal.calib.exports.rerun import rerun_recording
 from boxcal.calib.exports.scene import make_scene
@@ -21,9 +22,9 @@ from boxcal.calib.likelihood import Estimate, EstimateOptions
 from boxcal.calib.report.robot import robot_report
 from boxcal.calib.results.build import closed_form, refined
 from boxcal.calib.results.calibration import Calibration
-from boxcal.calib.results.json_format import save_calibration
+from boxcal.calib.results.json_format import CALIBRATION, calibration_bytes
 from boxcal.calib.results.provenance import provenance
-from boxcal.calib.settings import CORRESPONDENCES, Job, Settings, listed, robot_name
+from boxcal.calib.settings import CORRESPONDENCES, Job, Progress, Settings, Stage, listed, robot_name
 from boxcal.calib.uncertainty.box_size import box_notes
 from boxcal.calib.uncertainty.convergence import grow
 from boxcal.calib.uncertainty.cross_validation import validate
@@ -32,7 +33,7 @@ from boxcal.detect.extract import ExtractSettings, extract
 from boxcal.detect.log.wheel_samples import WheelUnits
 from boxcal.one_thread import one_thread
 from boxcal.target.box import Target, make_target
-from boxcal.target.files.atomic_write import write_atomically
+from boxcal.target.files.atomic_write import write_atomically, write_together
 from boxcal.target.files.target_json import load_target, target_sha256
 
 _SAME_FOCAL, _SAME_SEPARATION = 0.03, 0.4
@@ -42,8 +43,8 @@ wheels rough."""
 _SAME_PLACE = 1e-6
 """How far a landmark may lie from where a box has it, m: rounding only."""
 
-Progress = Callable[[str], None]
-
+_READ, _SOLVED = 0.7, 0.95
+"""Shares of a robot's work, by measurement on logs of 20 stops: reading takes most of it."""
 
 Source = str | Path | Correspondences
 """What a drive is read from: a recording (MCAP), correspondences saved before (``.npz``), or correspondences."""
@@ -130,7 +131,16 @@ def calibrate_robot(job: Job, progress: Progress | None = None) -> Calibration:
     OSError
         If the result cannot be written.
     """
-    drives = [read(log, job, progress) for log in job.logs]
+
+    def tell(name: str, text: str, share: float) -> None:
+        if progress is not None:
+            progress(Stage(robot=job.robot, name=name, text=text, share=share))
+
+    drives = []
+    for k, log in enumerate(job.logs):
+        tell("read", f"reading {log.name}", _READ * k / len(job.logs))
+        drives.append(read(log, job, partial(_reading, tell, k, len(job.logs))))
+    tell("solve", f"solving {sum(len(drive.stops) for drive in drives)} stops", _READ)
     try:
         look = first_look(drives, job.target, job.settings.camera_mode)
         job, drives = replace(job, target=look.target), list(look.drives)
@@ -138,11 +148,17 @@ def calibrate_robot(job: Job, progress: Progress | None = None) -> Calibration:
     except CalibError as error:
         raise error.of(listed(job.logs)) from error
     result = _judged(result, drives, job.target)
+    tell("write", "writing the results", _SOLVED)
     write(job, result, drives)
     return result
 
 
-def read(log: Path, job: Job, progress: Progress | None = None) -> Correspondences:
+def _reading(tell: Callable[[str, str, float], None], log: int, logs: int, text: str, share: float) -> None:
+    """Tell what share of a robot's work is done once a share of one of its logs is read."""
+    tell("read", text, _READ * (log + share) / logs)
+
+
+def read(log: Path, job: Job, progress: Callable[[str, float], None] | None = None) -> Correspondences:
     """Return what a robot saw and did in one drive."""
     if log.suffix == CORRESPONDENCES:
         try:
@@ -200,8 +216,7 @@ def solve(job: Job, look: FirstLook) -> Calibration:
     _check_one_robot(job, steps)
     origin = provenance(job.command, drives, asdict(settings))
     if settings.closed_form:
-        simple = closed_form(job.robot, drives, steps, origin)
-        return replace(simple, notes=simple.notes + tuple(finding.text for finding in look.findings))
+        return closed_form(job.robot, drives, steps, origin, findings=look.findings)
     found, options = _likelihood(replace(job, target=look.target), drives, steps)
     found = replace(found, findings=(*look.findings, *found.findings, *last_look(look, found)))
     held_out = validate(drives, steps, options) if settings.validate else None
@@ -252,13 +267,9 @@ def write(job: Job, result: Calibration, drives: Sequence[Correspondences]) -> N
     settings = job.settings
     if job.out is not None:
         folder = job.out / job.robot
-        for k, drive in enumerate(drives):
-            number = f"-{k + 1}" if len(drives) > 1 else ""
-            drive.save(folder / f"correspondences{number}{CORRESPONDENCES}")
-        for name, content in exports(result, settings.nominal).items():
-            write_atomically(folder / name, content)
+        files = dict(exports(result, settings.nominal))
         if settings.report:
-            write_atomically(folder / "report.html", robot_report(result, drives, job.target))
+            files["report.html"] = robot_report(result, drives, job.target)
         if settings.draw:
             pictures = draw_stops(
                 job.logs,
@@ -268,9 +279,14 @@ def write(job: Job, result: Calibration, drives: Sequence[Correspondences]) -> N
                 calibration=result,
                 drives=drives,
             )
-            for name, content in pictures:
-                write_atomically(folder / "stops" / name, content)
-        save_calibration(result, folder / "calibration.json")
+            files |= {f"stops/{name}": content for name, content in pictures}
+        for k, drive in enumerate(drives):
+            number = f"-{k + 1}" if len(drives) > 1 else ""
+            drive.save(folder / f"correspondences{number}{CORRESPONDENCES}")
+        write_together(folder, {**files, CALIBRATION: calibration_bytes(result)})
+        for name in STALE_FILES:
+            if name not in files:
+                (folder / name).unlink(missing_ok=True)
     if settings.rerun is None and settings.results_mcap is None:
         return
     scene = make_scene(result, drives, job.target)

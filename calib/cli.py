@@ -5,13 +5,15 @@ import os
 import shlex
 import sys
 from collections.abc import Sequence
+from contextlib import closing, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from boxcal.command_line import CommandParser
 
 if TYPE_CHECKING:
-    from boxcal.calib.settings import Outcome, Settings
+    from boxcal.calib.results.calibration import Calibration
+    from boxcal.calib.settings import Job, Outcome, Settings
     from boxcal.target.box import Target
 
 _EPILOG = """\
@@ -23,8 +25,11 @@ sensor_msgs/msg/Image or CompressedImage, recorded while the robot drove around 
 three or more places (better a dozen, on several sides) with the box in view. The result of robots/r01.mcap goes to
 calibration/r01/calibration.json.
 
-exit status: 0 all robots calibrated, 1 some robot failed (its reason is printed), 2 wrong usage
+exit status: 0 all robots calibrated, 1 some robot failed (its reason is printed), 2 wrong usage, 3 with --strict if
+some verdict is not good, 130 interrupted (what was finished is kept)
 """
+NOT_GOOD, INTERRUPTED = 3, 130
+"""Exit statuses: a verdict that is not good (with ``--strict``); Ctrl-C, as shells have it."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -34,9 +39,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     words = list(sys.argv[1:] if argv is None else argv)
     try:
         return _run(args, command=shlex.join(["fleet-calibrate", *words]))
-    except BrokenPipeError:  # whoever read the output has closed it (| head); what was written is whole
+    except BrokenPipeError:  # whoever read the output has closed it (| head); all files are written
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
+    except KeyboardInterrupt:
+        _tell("fleet-calibrate: interrupted")
+        return INTERRUPTED
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -49,7 +57,12 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "logs", nargs="+", type=Path, metavar="LOG", help="recording (.mcap), or correspondences saved before (.npz)"
     )
-    parser.add_argument("--target", type=Path, metavar="FILE", help="target.json of the box (the default box if none)")
+    parser.add_argument(
+        "--target",
+        type=Path,
+        metavar="FILE",
+        help="target.json of the box (the one beside or above the logs, there or in box/; else the default box)",
+    )
     parser.add_argument(
         "--out", type=Path, default=Path("calibration"), metavar="FOLDER", help="where results go (calibration)"
     )
@@ -136,6 +149,8 @@ def _parser() -> argparse.ArgumentParser:
     )
     model.add_argument("--encoder-step-deg", type=_size, metavar="DEG", help="found from the samples if not given")
     model.add_argument("--slip-mm", type=_size, metavar="MM", help="of a wheel per root metre; estimated if not given")
+    parser.add_argument("--strict", action="store_true", help="exit with 3 unless every verdict is good")
+    parser.add_argument("--resume", action="store_true", help="skip robots whose result is in the folder already")
     parser.add_argument("--jobs", type=_positive, metavar="N", help="robots worked on at once (as many as cores)")
     parser.add_argument("--quiet", action="store_true", help="no progress, only results and errors")
     return parser
@@ -153,65 +168,6 @@ def _size(text: str) -> float:
     if not 0 <= value < 1e3:
         raise argparse.ArgumentTypeError(f"{value} is not a number from 0 on")
     return value
-
-
-def _run(args: argparse.Namespace, command: str) -> int:
-    from boxcal.calib.errors import CalibError
-    from boxcal.calib.fleet.batch import calibrate_fleet
-    from boxcal.calib.fleet.store import FLEET, check_folder, fleet_record
-    from boxcal.calib.settings import Job, listed, robot_name
-    from boxcal.detect.errors import DetectError
-    from boxcal.target.errors import TargetError
-    from boxcal.target.files.atomic_write import write_atomically
-
-    def say(line: str) -> None:
-        if not args.quiet:
-            print(line, file=sys.stderr, flush=True)
-
-    try:
-        target = _target(args.target)
-        robots = [(robot_name(log), (log,)) for log in args.logs]
-    except (TargetError, CalibError) as error:
-        print(f"fleet-calibrate: {error}", file=sys.stderr)
-        return 2
-    if args.same_robot:
-        robots = [(robots[0][0], tuple(args.logs))]
-    names = [name for name, _ in robots]
-    twice = sorted({name for name in names if names.count(name) > 1})
-    if twice:
-        print(
-            f"fleet-calibrate: several logs are named {', '.join(twice)}: a robot is called as its log; rename them, "
-            "or give --same-robot if they are drives of one robot",
-            file=sys.stderr,
-        )
-        return 2
-    if len(robots) > 1 and (args.rerun or args.results_mcap):
-        print("fleet-calibrate: --rerun and --results-mcap show one robot; give one robot's logs", file=sys.stderr)
-        return 2
-    try:
-        check_folder(args.out, target)
-        settings = _settings(args, target)
-    except (CalibError, DetectError) as error:
-        print(f"fleet-calibrate: {error}", file=sys.stderr)
-        return 2
-    jobs = [
-        Job(robot=name, logs=logs, target=target, settings=settings, out=args.out, command=command)
-        for name, logs in robots
-    ]
-    say(f"calibrating {len(jobs)} robot{'s' if len(jobs) > 1 else ''} ...")
-    outcomes = []
-    for outcome in calibrate_fleet(jobs, workers=args.jobs, progress=say):
-        outcomes.append(outcome)
-        verdict = "calibrated" if outcome.calibration else "FAILED"
-        say(f"[{len(outcomes)}/{len(jobs)}] {listed(outcome.job.logs)}: {verdict} in {outcome.seconds:.1f} s")
-    outcomes.sort(key=lambda o: names.index(o.job.robot))
-    status = _report(outcomes, out=args.out, truth=args.truth, report=settings.report)
-    try:
-        write_atomically(args.out / FLEET, fleet_record(outcomes, target, command))
-    except OSError as error:
-        print(f"fleet-calibrate: {args.out / FLEET}: {error.strerror or error}", file=sys.stderr)
-        return 1
-    return status
 
 
 def _settings(args: argparse.Namespace, target: "Target") -> "Settings":
@@ -271,62 +227,131 @@ def _has_report() -> bool:
     return True
 
 
-def _target(path: Path | None) -> "Target":
-    from boxcal.target.box import make_target
-    from boxcal.target.files.target_json import load_target
+def _run(args: argparse.Namespace, command: str) -> int:
+    if not args.quiet:  # before what takes a second to load
+        _tell(f"fleet-calibrate: {len(args.logs)} log{'s' if len(args.logs) > 1 else ''}, starting ...")
+    from boxcal.calib.console.progress import make_progress
+    from boxcal.calib.fleet.batch import calibrate_fleet
+    from boxcal.calib.fleet.plan import finished_before
+    from boxcal.target.errors import BoxcalError
 
-    return make_target() if path is None else load_target(path)
-
-
-def _write_fleet(outcomes: "list[Outcome]", out: Path, report: bool) -> bool:
-    """Write what is about all robots; tell whether that worked."""
-    from boxcal.calib.exports.fleet_csv import fleet_csv
-    from boxcal.calib.report.fleet import fleet_report
-    from boxcal.target.files.atomic_write import write_atomically
-
-    good = [o for o in outcomes if o.calibration is not None]
-    results = [o.calibration for o in good if o.calibration is not None]
     try:
-        write_atomically(out / "fleet.csv", fleet_csv(results))
-        if report:
-            failures = [o.error for o in outcomes if o.error is not None]
-            write_atomically(out / "fleet.html", fleet_report(results, failures))
-    except OSError as error:
-        print(f"fleet-calibrate: {out}: {error.strerror or error}", file=sys.stderr)
+        jobs, box = _jobs(args, command)
+    except BoxcalError as error:
+        _tell(f"fleet-calibrate: {error}")
+        return 2
+    if not args.quiet:
+        _tell(box)
+    outcomes = finished_before(jobs) if args.resume else []
+    waiting = [job for job in jobs if all(job is not o.job for o in outcomes)]
+    interrupted = False
+    try:
+        with (
+            make_progress(len(waiting), quiet=args.quiet) as progress,
+            closing(calibrate_fleet(waiting, workers=args.jobs, progress=progress.stage)) as running,
+        ):
+            for outcome in running:
+                outcomes.append(outcome)
+                progress.done(outcome)
+    except KeyboardInterrupt:
+        interrupted = True
+    status = _conclude(args, jobs, outcomes, command)
+    if interrupted:
+        return _interrupted(jobs, outcomes)
+    return status
+
+
+def _tell(line: str) -> None:
+    """Print a line on stderr; if nobody reads it, the work goes on."""
+    with suppress(OSError):
+        print(line, file=sys.stderr, flush=True)
+
+
+def _jobs(args: argparse.Namespace, command: str) -> "tuple[list[Job], str]":
+    """Return what is to be done, with all that can be said against it said before the work, and which box it is."""
+    from boxcal.calib.fleet.find_target import find_target
+    from boxcal.calib.fleet.plan import check_options, plan
+    from boxcal.calib.fleet.store import check_folder
+
+    check_options(args)
+    found = find_target(args.target, args.logs)
+    check_folder(args.out, found.target)
+    settings = _settings(args, found.target)
+    jobs = plan(
+        args.logs, target=found.target, settings=settings, out=args.out, command=command, same_robot=args.same_robot
+    )
+    return jobs, found.said
+
+
+def _interrupted(jobs: "list[Job]", outcomes: "list[Outcome]") -> int:
+    done = ", ".join(o.job.robot for o in outcomes if o.calibration is not None) or "none"
+    _tell(
+        f"fleet-calibrate: interrupted; {len(outcomes)} of {len(jobs)} robots were finished and are kept ({done}); "
+        "give the same command with --resume for the rest"
+    )
+    return INTERRUPTED
+
+
+def _conclude(args: argparse.Namespace, jobs: "list[Job]", outcomes: "list[Outcome]", command: str) -> int:
+    """Write what is about the whole folder, then print results, errors against truth and failures."""
+    from boxcal.calib.fleet.store import natural
+
+    outcomes.sort(key=lambda o: natural(o.job.robot))
+    whole = not outcomes or _write_fleet(args, jobs[0], outcomes, command)
+    good = [o.calibration for o in outcomes if o.calibration is not None]
+    failed = [o for o in outcomes if o.calibration is None]
+    if good:
+        _print_results(args, good, [o.job.robot for o in failed])
+    if args.truth:
+        whole = _print_errors(outcomes) and whole
+    for o in failed:
+        _tell(f"fleet-calibrate: {o.error}")
+        if o.details:
+            _tell(o.details)
+    if failed:
+        _tell(f"fleet-calibrate: {len(failed)} of {len(outcomes)} robots failed")
+    if failed or not whole:
+        return 1
+    not_good = [c.robot for c in good if c.verdict is None or c.verdict.level != "good"]
+    if args.strict and not_good:
+        _tell(f"fleet-calibrate: not good: {', '.join(not_good)} (--strict)")
+        return NOT_GOOD
+    return 0
+
+
+def _write_fleet(args: argparse.Namespace, job: "Job", outcomes: "list[Outcome]", command: str) -> bool:
+    """Write what is about all robots of the folder; tell whether that worked."""
+    from boxcal.calib.fleet.store import read_folder
+    from boxcal.calib.fleet.write import write_fleet
+    from boxcal.target.errors import BoxcalError
+
+    try:
+        members = read_folder(args.out, job.target, outcomes)
+        write_fleet(args.out, members, job.target, command=command, report=job.settings.report)
+    except BoxcalError as error:
+        _tell(f"fleet-calibrate: {error}")
         return False
-    print(f"\nwritten: {out}/<robot>/calibration.json and files for ROS and Kalibr, {out}/fleet.csv")
-    if report:
-        print(f"reports: {out}/fleet.html, {out}/<robot>/report.html")
+    except OSError as error:
+        _tell(f"fleet-calibrate: {args.out}: {error.strerror or error}; give another folder with --out")
+        return False
     return True
 
 
-def _report(outcomes: "list[Outcome]", *, out: Path, truth: bool, report: bool) -> int:
-    """Print results, errors against truth and failures; write what is about all robots; return the exit status."""
-    whole = True
-    if any(o.calibration is not None for o in outcomes):
-        _print_results(outcomes)
-        whole = _write_fleet(outcomes, out, report)
-    if truth:
-        whole = _print_errors(outcomes) and whole
-    failed = [o for o in outcomes if o.calibration is None]
-    for o in failed:
-        print(f"fleet-calibrate: {o.error}", file=sys.stderr)
-        if o.details:
-            print(o.details, file=sys.stderr)
-    if failed:
-        print(f"fleet-calibrate: {len(failed)} of {len(outcomes)} robots failed", file=sys.stderr)
-    return 0 if whole and not failed else 1
+def _print_results(args: argparse.Namespace, results: "list[Calibration]", failed: list[str]) -> None:
+    from boxcal.calib.console.judgement import judgement
+    from boxcal.calib.console.tables import results_tables, verdict_table
 
-
-def _print_results(outcomes: "list[Outcome]") -> None:
-    from boxcal.calib.console.tables import results_table
-
-    print(results_table([o.calibration for o in outcomes if o.calibration is not None]) + "\n")
-    for o in outcomes:
-        if o.calibration is not None and o.calibration.verdict is not None:
-            print(f"{o.calibration.robot}: {o.calibration.verdict.level} - {o.calibration.verdict.headline}")
-            for note in o.calibration.notes:
+    print(verdict_table(results, failed=failed) + "\n")
+    for c in results:
+        if c.verdict is not None:
+            print(judgement(c.robot, c.verdict))
+            for note in c.notes:
                 print(f"  {note}")
+    print("\n" + results_tables(results))
+    print(f"\nwritten: {args.out}/<robot>/calibration.json and files for ROS and Kalibr")
+    print(f"fleet:   {args.out}/fleet.csv, {args.out}/fleet.json")
+    if (args.out / "fleet.html").exists():
+        print(f"reports: {args.out}/fleet.html, {args.out}/<robot>/report.html")
 
 
 def _print_errors(outcomes: "list[Outcome]") -> bool:
@@ -342,7 +367,7 @@ def _print_errors(outcomes: "list[Outcome]") -> bool:
                 errors.append((o.calibration.robot, compare(o.calibration, load_truth(truth_path(o.job.logs[0])))))
             except CalibError as error:
                 whole = False
-                print(f"fleet-calibrate: {error}", file=sys.stderr)
+                _tell(f"fleet-calibrate: {error}")
     if errors:
         print("\n" + errors_table(errors))
     return whole

@@ -1,6 +1,6 @@
 """What is asked for: one robot, its logs, and what a user may choose."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from math import radians
 from pathlib import Path
@@ -134,6 +134,32 @@ class Job:
     settings: Settings
     out: Path | None
     command: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Stage:
+    """How far the work on one robot has come.
+
+    Attributes
+    ----------
+    robot
+        Its name.
+    name
+        Of the stage: ``read``, ``solve``, ``write``.
+    text
+        What is going on, for people.
+    share
+        Of the robot's whole work, 0 to 1.
+    """
+
+    robot: str
+    name: str
+    text: str
+    share: float
+
+
+Progress = Callable[[Stage], None]
+"""Told how far the work has come."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -29,7 +29,7 @@ from boxcal.target.files.target_json import target_sha256
 _SOME_FRAMES = 5
 _LEAST_OFFSET_NS = 300_000_000
 
-Progress = Callable[[str], None]
+Progress = Callable[[str, float], None]
 """Takes a line that says how far the work is."""
 
 
@@ -105,7 +105,7 @@ def extract(
     settings
         The defaults if None.
     progress
-        Told of each stop.
+        Told of each stop, and what share of the log is read.
 
     Raises
     ------
@@ -124,9 +124,9 @@ def extract(
     tell = progress or _silent
     recording = open_recording(path, topics, units, nominal)
     for note in recording.notes:
-        tell(f"{path.name}: {note}")
+        tell(note, 0.0)
     stops = find_stops(recording.wheels, settings.stops)
-    prepare(lambda line: tell(f"{path.name}: {line}"))
+    prepare(lambda line: tell(line, 0.0))
     found = _seen(recording, stops, target, settings, tell)
     offset = _offset_by_pictures(recording, stops, found)
     if offset is not None:
@@ -163,8 +163,9 @@ def _seen(
         detections, left_out = look.at(frames_at(recording, stop, settings.settle, settings.max_frames))
         usable = detections.tags >= settings.min_tags
         tell(
-            f"{recording.path.name}: stop {number} of {len(stops)}: {detections.frames} frames, {detections.tags} tags"
-            f"{f' (frames left out: {left_out})' if left_out else ''}{'' if usable else ', left out'}"
+            f"stop {number} of {len(stops)}: {detections.frames} frames, {detections.tags} tags"
+            f"{f' (frames left out: {left_out})' if left_out else ''}{'' if usable else ', left out'}",
+            number / len(stops),
         )
         if usable:
             seen.append((stop, detections))
@@ -249,5 +250,5 @@ def _view(stop: Stop, detections: AveragedCorners, cov_px2: Array, target: Targe
     )
 
 
-def _silent(_: str) -> None:
+def _silent(_: str, __: float) -> None:
     return

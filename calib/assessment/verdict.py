@@ -72,7 +72,7 @@ def verdict(
         found.append(_uncertainty(calibration))
     else:
         found += [reason for rule in DETAIL_RULES for reason in rule(calibration, detail)]
-        found += [finding_reason(finding) for finding in detail.findings]
+    found += [finding_reason(finding) for finding in calibration.findings]
     reasons = arrange([*found, *_print(detail, print_scale), *unchecked])
     level = max((r.level for r in reasons), key=lambda level: level.rank)
     steps = dict.fromkeys(r.advice for r in reasons if r.advice and not r.because)

@@ -6,7 +6,7 @@ import numpy as np
 
 from boxcal.calib.compare.difference import STRAIGHT, Difference
 from boxcal.calib.compare.ground_truth import Errors
-from boxcal.calib.console.tables import table
+from boxcal.calib.console.tables import shortened, table
 from boxcal.calib.geometry.parameters import ORDER
 from boxcal.calib.results.calibration import Calibration
 from boxcal.detect.log.safe_text import printable
@@ -83,17 +83,21 @@ def _listed(values: Sequence[float]) -> str:
 
 
 def errors_table(errors: list[tuple[str, Errors]]) -> str:
-    """Return how far every robot's calibration is from the truth."""
-    header = ["error against truth", "rL %", "rR %", "b %", "rotation deg", "x mm", "y mm", "z mm"]
-    header += ["fu %", "fv %", "cu px", "cv px", "kr"]
-    rows = [
-        [robot]
+    """Return how far every robot's calibration is from the truth, in two tables that fit 80 columns."""
+    wheels = [
+        [shortened(robot)]
         + [f"{100 * v:+.3f}" for v in (e.rL, e.rR, e.b)]
         + [f"{np.degrees(e.rotation):.3f}"]
         + [f"{1e3 * v:+.2f}" for v in (e.tx, e.ty, e.tz)]
+        for robot, e in errors
+    ]
+    camera = [
+        [shortened(robot)]
         + [f"{100 * v:+.3f}" for v in (e.fu, e.fv)]
         + [f"{v:+.2f}" for v in (e.cu, e.cv)]
         + [f"{e.kr:+.4f}"]
         for robot, e in errors
     ]
-    return table(header, rows)
+    title = "error against truth"
+    header = [title, "rL %", "rR %", "b %", "turn deg", "x mm", "y mm", "z mm"]
+    return table(header, wheels) + "\n\n" + table([title, "fu %", "fv %", "cu px", "cv px", "kr"], camera)

@@ -13,11 +13,11 @@ _LABEL = {"why": "why: ", "hence": "  so: ", "do": "do: ", "note": "note: ", "no
 
 def judgement(robot: str, verdict: Verdict, *, width: int = WIDTH) -> str:
     """Return a verdict with its reasons, causes first, and with what to do, wrapped to a width."""
-    lines = _wrapped(f"{robot}: ", f"{_MARK[verdict.level]} - {verdict.headline}", width)
+    lines = _wrapped(f"{robot}: ", f"{_MARK[verdict.level]} - {verdict.headline} ({verdict.count})", width)
     for label, text in verdict.lines():
         if label != "do" or verdict.level is not Level.GOOD:
             lines += _wrapped(f"  {_LABEL[label]}", text, width)
-    return "\n".join([*lines, *_wrapped("  ", f"({verdict.count})", width)])
+    return "\n".join(lines)
 
 
 def header_lines(verdict: Verdict | None) -> Iterator[str]:

@@ -10,6 +10,9 @@ from boxcal.calib.exports.ros_urdf import urdf, xacro
 from boxcal.calib.results.calibration import Calibration
 from boxcal.calib.settings import Nominal
 
+STALE_FILES = ("camchain.yaml", "FAILED.txt")
+"""What an earlier calibration of a robot may have left that this one does not write."""
+
 
 def exports(calibration: Calibration, nominal: Nominal | None = None) -> Mapping[str, bytes]:
     """Return file name -> content, for one robot's folder.

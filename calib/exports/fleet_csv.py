@@ -1,40 +1,89 @@
-"""``fleet.csv``: one line a robot, for spreadsheets."""
+"""``fleet.csv``: one line a robot, for spreadsheets and scripts; ``fleet-columns.csv`` says what its columns are."""
 
 import csv
 import io
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 
 from boxcal.calib.exports.text import number
 from boxcal.calib.geometry.euler import quaternion
 from boxcal.calib.geometry.parameters import ORDER
 from boxcal.calib.results.calibration import Calibration
+from boxcal.target.camera.distortion import DISTORTION_NAMES, CameraKind
 
 _UNIT = dict(zip(ORDER, ["_px"] * 4 + [""] + ["_m"] * 3 + ["_rad"] * 3 + ["_m"] * 3, strict=True))
-_COMMENT = (
-    "boxcal fleet; lines that begin with # are comments",
-    "T_body_cam (x_m ... qw) maps camera points (x right; y down; z forward) to the body (on the floor below the "
-    "middle of the axle; x forward; y left; z up); yaw to the left; pitch down; roll",
-    "sigma_: standard deviations; empty if not estimated; inf if the drive does not determine them; rx ry rz about the "
-    "camera's axes; straight_: error after 10 m straight ahead; turn_: after one turn on the spot",
-)
+_FURTHER = DISTORTION_NAMES[CameraKind.RATIONAL][1:]
 _FORMULA = tuple("=+-@\uff1d\uff0b\uff0d\uff20")
-_HEADER = (
-    ["robot", "stops", "landmarks", "reprojection_rms_px", "fu_px", "fv_px", "cu_px", "cv_px", "kr", "rR_m", "rL_m"]
-    + ["b_m", "x_m", "y_m", "z_m", "qx", "qy", "qz", "qw", "yaw_rad", "pitch_rad", "roll_rad"]
-    + [f"sigma_{name}{_UNIT[name]}" for name in ORDER]
-    + ["straight_position_m", "straight_heading_rad", "turn_heading_rad", "notes", "created", "version"]
-)
+_JUDGED = {
+    "robot": "name, as its log's",
+    "verdict": "good, usable or redo; failed where the robot has no calibration",
+    "why": "causes of a verdict that is not good",
+    "do": "what to do about them",
+    "noted": "what was solved for and taken into account, and what could not be checked",
+    "stale": "why the figures are none of today; empty if they are",
+    "error": "why the last log gave no calibration; empty if it did",
+}
+_FIGURES = {
+    "stops": "stops used",
+    "landmarks": "corners used, over all stops",
+    "reprojection_rms_px": "root mean square 2-D reprojection error, px",
+    "camera_model": "radial, brown, rational or fisheye (OpenCV's models)",
+    "fu_px": "focal length across, px",
+    "fv_px": "focal length down, px",
+    "cu_px": "principal point across, px; pixel (0, 0) is the centre of the top-left pixel",
+    "cv_px": "principal point down, px",
+    "kr": "first radial distortion coefficient, OpenCV's k1",
+    **{name: f"distortion coefficient {name} of OpenCV's; empty where the model has none" for name in _FURTHER},
+    "rR_m": "radius of the right wheel, m",
+    "rL_m": "radius of the left wheel, m",
+    "b_m": "wheel separation, m",
+    "x_m": "camera's place: forward of the middle of the axle, m (T_body_cam maps camera points to the body)",
+    "y_m": "to the left of it, m",
+    "z_m": "above the floor, m",
+    "qx": "orientation of the camera's optical frame (x right, y down, z forward) in the body, quaternion",
+    "qy": "",
+    "qz": "",
+    "qw": "",
+    "yaw_rad": "where the camera looks: to the left, rad",
+    "pitch_rad": "down, rad",
+    "roll_rad": "about its line of sight, rad",
+}
+_SURE = {
+    **{f"sigma_{n}{_UNIT[n]}": "standard deviation; empty if not estimated, inf if not determined" for n in ORDER},
+    "straight_position_m": "position error after 10 m straight ahead from the calibration's uncertainty, m",
+    "straight_heading_rad": "heading error after 10 m straight ahead, rad",
+    "turn_heading_rad": "heading error after one turn on the spot, rad",
+}
+_END = {"notes": "what the calibration noted", "created": "when, ISO 8601 (UTC)", "version": "of boxcal"}
+COLUMNS: Mapping[str, str] = {**_JUDGED, **_FIGURES, **_SURE, **_END}
+"""Name of each column, with its meaning and unit."""
 
 
-def fleet_csv(calibrations: Iterable[Calibration]) -> bytes:
-    """Return the table of a fleet (RFC 4180, UTF-8); no cell of text can be a formula."""
-    out = io.StringIO()
-    out.writelines(f"# {line}\r\n" for line in _COMMENT)
-    writer = csv.writer(out)
-    writer.writerow(_HEADER)
-    for calibration in calibrations:
-        writer.writerow(_row(calibration))
-    return out.getvalue().encode("utf-8", "replace")
+def fleet_csv(
+    calibrations: Iterable[Calibration],
+    *,
+    errors: Mapping[str, str] | None = None,
+    stale: Mapping[str, str] | None = None,
+) -> bytes:
+    """Return the table of a fleet (RFC 4180, UTF-8), its header in line 1; no cell of text can be a formula.
+
+    Parameters
+    ----------
+    calibrations
+        Of the robots that have one.
+    errors, stale
+        By robot: why its last log gave none; why its figures are none of today.
+    """
+    errors, stale = errors or {}, stale or {}
+    calibrations = tuple(calibrations)
+    rows = [_row(c, errors.get(c.robot, ""), stale.get(c.robot, "")) for c in calibrations]
+    without = [robot for robot in errors if all(robot != c.robot for c in calibrations)]
+    rows += [{"robot": cell(robot), "verdict": "failed", "error": cell(errors[robot])} for robot in without]
+    return _written([list(COLUMNS), *([row.get(name, "") for name in COLUMNS] for row in rows)])
+
+
+def columns_csv() -> bytes:
+    """Return the legend of the table: column, meaning."""
+    return _written([["column", "meaning"], *([name, text] for name, text in COLUMNS.items())])
 
 
 def cell(text: str) -> str:
@@ -43,15 +92,35 @@ def cell(text: str) -> str:
     return f"'{line}" if line.lstrip().startswith((*_FORMULA, "#")) else line
 
 
-def _row(c: Calibration) -> list[str]:
-    k, w, t, R = c.camera, c.wheels, c.T_body_cam[:3, 3], c.T_body_cam[:3, :3]
-    values = [c.quality.reprojection_rms_px, k.fu, k.fv, k.cu, k.cv, k.kr, w.rR, w.rL, w.b, *t]
-    values += [*quaternion(R), *c.yaw_pitch_roll]
-    if c.detail is None:
-        sure = [""] * (len(ORDER) + 3)
-    else:
+def _written(rows: Iterable[list[str]]) -> bytes:
+    out = io.StringIO()
+    csv.writer(out).writerows(rows)
+    return out.getvalue().encode("utf-8", "replace")
+
+
+def _row(c: Calibration, error: str, stale: str) -> dict[str, str]:
+    k, w, t, R = c.camera, c.wheels, c.T_body_cam[:3, 3].tolist(), c.T_body_cam[:3, :3]
+    figures = [c.quality.reprojection_rms_px, k.fu, k.fv, k.cu, k.cv, k.kr, w.rR, w.rL, w.b, *t]
+    figures += [*quaternion(R), *c.yaw_pitch_roll]
+    names = [n for n in _FIGURES if n not in {"stops", "landmarks", "camera_model", *_FURTHER}]
+    row = {name: number(value) for name, value in zip(names, figures, strict=True)}
+    row |= {"stops": str(c.quality.stops), "landmarks": str(c.quality.landmarks), "camera_model": str(k.kind)}
+    row |= {name: number(value) for name, value in k.further.items()}
+    if c.detail is not None:
         sigma, ground = c.detail.covariance.sigma, c.detail.ground
-        sure = [number(sigma[name]) for name in ORDER]
-        sure += [number(v) for v in (ground.straight_position, ground.straight_heading, ground.turn_heading)]
-    texts = [cell("; ".join(c.notes)), cell(c.provenance.created), cell(c.provenance.version)]
-    return [cell(c.robot), str(c.quality.stops), str(c.quality.landmarks), *map(number, values), *sure, *texts]
+        sure = [*(sigma[name] for name in ORDER), ground.straight_position, ground.straight_heading]
+        row |= {name: number(v) for name, v in zip(_SURE, [*sure, ground.turn_heading], strict=True)}
+    row |= {"robot": cell(c.robot), "notes": cell("; ".join(c.notes)), "error": cell(error), "stale": cell(stale)}
+    return row | {"created": cell(c.provenance.created), "version": cell(c.provenance.version)} | _judged(c)
+
+
+def _judged(c: Calibration) -> dict[str, str]:
+    if c.verdict is None:
+        return {}
+    good = not c.verdict.causes
+    return {
+        "verdict": str(c.verdict.level),
+        "why": cell(" ".join(reason.text for reason in c.verdict.causes)),
+        "do": "" if good else cell(" ".join(c.verdict.next_steps)),
+        "noted": cell(" ".join(reason.text for reason in (*c.verdict.notes, *c.verdict.unchecked))),
+    }

@@ -1,25 +1,35 @@
-"""Many robots, one target frame: every log is calibrated and written, and failures are kept apart."""
+"""Many robots at once: each log is calibrated in a process of its own, and failures are kept apart."""
 
 import os
+import signal
+import sys
+import threading
 import time
 import traceback
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from collections.abc import Generator, Iterator, Sequence
+from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
-from multiprocessing import get_context
+from contextlib import contextmanager
+from functools import partial
+from multiprocessing import active_children, get_context
+from multiprocessing.process import BaseProcess
+from multiprocessing.queues import Queue
 
 from boxcal.calib.calibrate import calibrate_robot
 from boxcal.calib.errors import CalibError
 from boxcal.calib.results.calibration import Calibration
-from boxcal.calib.settings import Job, Outcome, listed
+from boxcal.calib.settings import CORRESPONDENCES, Job, Outcome, Progress, Stage, listed
 from boxcal.detect.alignment.compilation import prepare
 from boxcal.target.errors import BoxcalError
 
+_PATIENCE_S = 5.0
+"""Seconds that a process is given to put away what it was writing."""
+
 
 def calibrate_fleet(
-    jobs: Sequence[Job], *, workers: int | None = None, progress: Callable[[str], None] | None = None
-) -> Iterator[Outcome]:
-    """Yield an outcome for each job, as they finish.
+    jobs: Sequence[Job], *, workers: int | None = None, progress: Progress | None = None
+) -> Generator[Outcome, None, None]:
+    """Yield an outcome for each job, as they finish; closing it early ends the processes.
 
     Parameters
     ----------
@@ -28,7 +38,7 @@ def calibrate_fleet(
     workers
         Processes; as many as there are cores (and no more than jobs) if None. One works in this process.
     progress
-        Called with a line about what is going on, where one process does the work.
+        Told how far each robot has come, in a thread of its own.
     """
     workers = min(len(jobs), workers or os.cpu_count() or 1)
     if workers <= 1:
@@ -36,32 +46,26 @@ def calibrate_fleet(
         return
     if any(log.suffix != ".npz" for job in jobs for log in job.logs):
         prepare(progress)
+    if any(log.suffix != CORRESPONDENCES for job in jobs for log in job.logs):
+        prepare(None if progress is None else partial(_tell_compiling, progress))
     lost: list[Job] = []
-    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
-        futures = {pool.submit(attempt, job): job for job in jobs}
-        for future in as_completed(futures):
-            try:
-                yield future.result()
-            except BrokenProcessPool:
-                lost.append(futures[future])
-    # A worker that dies takes the whole pool along: whoever was still waiting gets a process of its own.
-    for job in lost:
-        with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
-            try:
-                yield pool.submit(attempt, job).result()
-            except BrokenProcessPool:
-                yield Outcome(
-                    job=job,
-                    calibration=None,
-                    error=CalibError(
-                        "the process that worked on it died (out of memory?)",
-                        source=listed(job.logs),
-                        remedy="try --jobs 1",
-                    ),
-                )
+    with _listening(progress) as stages:
+        for job, outcome in _in_processes(jobs, workers, stages):
+            if outcome is None:
+                lost.append(job)
+            else:
+                yield outcome
+        # A worker that dies takes the whole pool along: whoever was still waiting gets a process of its own.
+        for job in lost:
+            for _, outcome in _in_processes([job], 1, stages):
+                yield outcome or Outcome(job=job, calibration=None, error=_died(job))
 
 
-def attempt(job: Job, progress: Callable[[str], None] | None = None) -> Outcome:
+def _tell_compiling(progress: Progress, text: str) -> None:
+    progress(Stage(robot="all robots", name="compile", text=text, share=0.0))
+
+
+def attempt(job: Job, progress: Progress | None = None) -> Outcome:
     """Return what becomes of one robot, whatever happens: one bad robot never hides the others."""
     start = time.monotonic()
     calibration: Calibration | None = None
@@ -79,3 +83,93 @@ def attempt(job: Job, progress: Callable[[str], None] | None = None) -> Outcome:
         error = CalibError(found, source=listed(job.logs), remedy="please report it")
         details = traceback.format_exc()
     return Outcome(job=job, calibration=calibration, error=error, details=details, seconds=time.monotonic() - start)
+
+
+def _died(job: Job) -> CalibError:
+    found = "the process that worked on it died (out of memory?)"
+    return CalibError(found, source=listed(job.logs), remedy="try --jobs 1")
+
+
+def _in_processes(
+    jobs: Sequence[Job], workers: int, stages: "Queue[Stage | None] | None"
+) -> Iterator[tuple[Job, Outcome | None]]:
+    """Yield each job with its outcome, None where the process died; ended early, the processes are ended too."""
+    before = set(active_children())
+    pool = ProcessPoolExecutor(workers, mp_context=get_context("spawn"), initializer=_begin_worker, initargs=(stages,))
+    try:
+        with _interrupts_ignored():  # inherited, so that Ctrl-C reaches this process alone
+            futures: dict[Future[Outcome], Job] = {pool.submit(_attempt_there, job): job for job in jobs}
+        for future in as_completed(futures):
+            try:
+                outcome = future.result()
+            except BrokenProcessPool:
+                yield futures[future], None
+            else:
+                yield futures[future], outcome
+        pool.shutdown()
+    except BaseException:
+        pool.shutdown(wait=False, cancel_futures=True)
+        _end(list(set(active_children()) - before))
+        raise
+
+
+def _end(processes: Sequence[BaseProcess]) -> None:
+    deadline = time.monotonic() + _PATIENCE_S
+    for process in processes:
+        process.terminate()
+    for process in processes:
+        process.join(max(0.0, deadline - time.monotonic()))
+        if process.is_alive():
+            process.kill()
+
+
+@contextmanager
+def _interrupts_ignored() -> Iterator[None]:
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+@contextmanager
+def _listening(progress: Progress | None) -> "Iterator[Queue[Stage | None] | None]":
+    """Give the queue through which processes tell their stages, and pass on what arrives."""
+    if progress is None:
+        yield None
+        return
+    stages: Queue[Stage | None] = get_context("spawn").Queue()
+
+    def pass_on() -> None:
+        while (stage := stages.get()) is not None:
+            progress(stage)
+
+    listener = threading.Thread(target=pass_on, daemon=True)
+    listener.start()
+    try:
+        yield stages
+    finally:
+        stages.put(None)
+        listener.join(_PATIENCE_S)
+        stages.cancel_join_thread()
+        stages.close()
+
+
+_stages: "Queue[Stage | None] | None" = None
+"""Where this process tells its stages, if it is a worker."""
+
+
+def _begin_worker(stages: "Queue[Stage | None] | None") -> None:
+    global _stages  # noqa: PLW0603  (a process has one, handed over when it starts)
+    _stages = stages
+    if stages is not None:
+        stages.cancel_join_thread()
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # so that half-written files are put away
+
+
+def _attempt_there(job: Job) -> Outcome:
+    return attempt(job, None if _stages is None else _stages.put)

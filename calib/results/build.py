@@ -8,6 +8,7 @@ from boxcal.calib.four_steps.procedure import FourSteps
 from boxcal.calib.geometry.diff_drive import legs_between
 from boxcal.calib.geometry.so3_se3 import inverse
 from boxcal.calib.likelihood import Estimate
+from boxcal.calib.likelihood.finding import Finding
 from boxcal.calib.results.calibration import Calibration, Provenance, Quality, StopResult, Wheels
 from boxcal.calib.results.diagnostics import Covariance, Detail, Ground, HeldOut, Leg
 from boxcal.calib.uncertainty.convergence import ConvergencePoint
@@ -20,7 +21,12 @@ PROJECTION_DISTANCE = 1.0
 
 
 def closed_form(
-    robot: str, drives: Sequence[Correspondences], steps: Sequence[FourSteps], provenance: Provenance
+    robot: str,
+    drives: Sequence[Correspondences],
+    steps: Sequence[FourSteps],
+    provenance: Provenance,
+    *,
+    findings: tuple[Finding, ...] = (),
 ) -> Calibration:
     """Return the result of the four steps alone, for one drive.
 
@@ -32,6 +38,8 @@ def closed_form(
         The drive, and what the steps found in it; of several only the first decides camera, wheels and mounting.
     provenance
         How the result came about.
+    findings
+        Causes that the drive named before it was solved.
     """
     first = steps[0]
     return Calibration(
@@ -44,6 +52,7 @@ def closed_form(
         stops=_closed_form_stops(drives, steps),
         notes=_step_notes(steps),
         provenance=provenance,
+        findings=findings,
     )
 
 
@@ -96,6 +105,7 @@ def refined(
         notes=_step_notes(steps) + estimate.notes,
         provenance=provenance,
         method="likelihood",
+        findings=estimate.findings,
         detail=Detail(
             covariance=Covariance(matrix=estimate.cov),
             noise=estimate.noise,
@@ -112,7 +122,6 @@ def refined(
             ground=_ground(estimate, drives[0].image_size),
             held_out=_held_out(validation),
             growth=growth,
-            findings=estimate.findings,
             camera_covariance=Covariance(names=camera_names, matrix=camera_cov),
         ),
     )

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from boxcal.calib.geometry.euler import yaw_pitch_roll, yaw_pitch_roll_sigma
+from boxcal.calib.likelihood.finding import Finding
 from boxcal.calib.results.diagnostics import CAMERA, MOUNTING, Detail
 from boxcal.calib.results.verdict import Verdict
 from boxcal.target.arrays import Array
@@ -139,6 +140,8 @@ class Calibration:
         ``likelihood``, or ``four-steps`` for the closed form alone.
     detail
         What the likelihood adds: covariance, noise, outliers, what is not determined. None for the closed form.
+    findings
+        Causes of what noise does not explain: solved for, or only named.
     verdict
         Whether it can be used, and why; None where nobody judged it.
 
@@ -165,6 +168,7 @@ class Calibration:
     provenance: Provenance
     method: str = "four-steps"
     detail: Detail | None = None
+    findings: tuple[Finding, ...] = ()
     verdict: Verdict | None = None
 
     @property

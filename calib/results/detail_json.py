@@ -19,7 +19,7 @@ T = TypeVar("T")
 
 def detail_document(detail: Detail) -> dict[str, Any]:
     """Return the fields that stand beside the calibration's own; what is infinite or undefined becomes null."""
-    document: dict[str, Any] = _finite(
+    document: dict[str, Any] = finite(
         {
             "sigma": detail.covariance.sigma,
             "covariance": {"order": ORDER, "side": SIDE, "matrix": detail.covariance.matrix.tolist()},
@@ -32,7 +32,6 @@ def detail_document(detail: Detail) -> dict[str, Any]:
             "flagged_legs": [asdict(leg) for leg in detail.flagged_legs],
             "flagged_corners": [asdict(corner) for corner in detail.flagged_corners],
             "directions": [{**asdict(direction), "text": direction.text} for direction in detail.directions],
-            "findings": [asdict(finding) for finding in detail.findings],
             "held_out": [asdict(stop) for stop in detail.held_out],
             "growth": [asdict(point) for point in detail.growth],
         }
@@ -64,7 +63,6 @@ def read_detail(document: Mapping[str, Any]) -> Detail | None:
         flagged_legs=_many(FlaggedLeg, document["flagged_legs"]),
         flagged_corners=_many(FlaggedCorner, document["flagged_corners"]),
         directions=tuple(_direction(d) for d in document["directions"]),
-        findings=tuple(_finding(f) for f in document.get("findings", ())),
         held_out=_many(HeldOut, document["held_out"]),
         growth=_many(ConvergencePoint, document["growth"]),
     )
@@ -101,7 +99,8 @@ def _direction(d: Mapping[str, Any]) -> Direction:
     )
 
 
-def _finding(document: Mapping[str, Any]) -> Finding:
+def read_finding(document: Mapping[str, Any]) -> Finding:
+    """Return a finding; null stands for NaN."""
     numbers = {k: math.nan if document[k] is None else float(document[k]) for k in ("size", "sigma", "p_value")}
     return Finding(
         cause=str(document["cause"]),
@@ -115,14 +114,14 @@ def _finding(document: Mapping[str, Any]) -> Finding:
     )
 
 
-def _finite(value: Any) -> Any:
+def finite(value: Any) -> Any:
     """Return JSON's values with numbers that it has no word for as None."""
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     if isinstance(value, Mapping):
-        return {str(k): _finite(v) for k, v in value.items()}
+        return {str(k): finite(v) for k, v in value.items()}
     if isinstance(value, (list, tuple)):
-        return [_finite(v) for v in value]
+        return [finite(v) for v in value]
     return value
 
 

@@ -7,7 +7,6 @@ import numpy as np
 
 from boxcal.calib.geometry.parameters import ORDER
 from boxcal.calib.likelihood.estimate import Direction, FlaggedCorner, FlaggedLeg, NoiseLevels
-from boxcal.calib.likelihood.finding import Finding
 from boxcal.calib.uncertainty.convergence import ConvergencePoint
 from boxcal.target.arrays import Array
 
@@ -152,8 +151,6 @@ class Detail:
         Outliers found.
     directions
         What the drive determines badly or not at all, in words.
-    findings
-        Causes of what noise does not explain: solved for, or only named.
     ground
         What the uncertainty means on the ground.
     held_out
@@ -173,5 +170,4 @@ class Detail:
     ground: Ground
     held_out: tuple[HeldOut, ...] = ()
     growth: tuple[ConvergencePoint, ...] = ()
-    findings: tuple[Finding, ...] = ()
     camera_covariance: Covariance | None = None

@@ -11,7 +11,7 @@ import numpy as np
 
 from boxcal.calib.errors import CalibError
 from boxcal.calib.results.calibration import Calibration, Provenance, Quality, StopResult, Wheels
-from boxcal.calib.results.detail_json import detail_document, read_detail
+from boxcal.calib.results.detail_json import detail_document, finite, read_detail, read_finding
 from boxcal.calib.results.diagnostics import CAMERA
 from boxcal.calib.results.verdict import Kind, Level, Reason, Verdict
 from boxcal.target.arrays import Array
@@ -21,6 +21,8 @@ from boxcal.target.files.atomic_write import write_atomically
 from boxcal.target.files.json_document import read_json
 
 SCHEMA = 1
+CALIBRATION = "calibration.json"
+"""File name of a result in a robot's folder."""
 
 
 def calibration_document(result: Calibration) -> dict[str, Any]:
@@ -54,10 +56,17 @@ def calibration_document(result: Calibration) -> dict[str, Any]:
         },
         "units": "m, rad, px; T_body_cam maps camera points to body, rows of a 4x4 matrix",
         "method": result.method,
-        **({} if result.verdict is None else {"verdict": asdict(result.verdict)}),
+        **({} if result.verdict is None else {"verdict": verdict_document(result.verdict)}),
+        "findings": finite([asdict(finding) for finding in result.findings]),
         "lens": {"model": str(result.camera.kind), "coefficients": result.camera.further},
         **(detail_document(result.detail) if result.detail else {}),
     }
+
+
+def verdict_document(verdict: Verdict) -> dict[str, Any]:
+    """Return a verdict as JSON has it: level, headline, reasons (causes first) and what to do."""
+    document: dict[str, Any] = asdict(verdict)
+    return document
 
 
 def save_calibration(result: Calibration, path: str | Path) -> None:
@@ -69,8 +78,12 @@ def save_calibration(result: Calibration, path: str | Path) -> None:
     >>> found = boxcal.load_calibration("calibration/r01/calibration.json")
     >>> boxcal.save_calibration(found, "r01.json")
     """
-    text = json.dumps(calibration_document(result), indent=2, allow_nan=False)
-    write_atomically(Path(path), (text + "\n").encode())
+    write_atomically(Path(path), calibration_bytes(result))
+
+
+def calibration_bytes(result: Calibration) -> bytes:
+    """Return the bytes of ``calibration.json``."""
+    return (json.dumps(calibration_document(result), indent=2, allow_nan=False) + "\n").encode()
 
 
 def load_calibration(path: str | Path) -> Calibration:
@@ -109,6 +122,7 @@ def load_calibration(path: str | Path) -> Calibration:
             provenance=Provenance(**document["provenance"]),
             method=str(document["method"]),
             detail=read_detail(document),
+            findings=tuple(read_finding(f) for f in document.get("findings", ())),
             verdict=_verdict(document["verdict"]) if "verdict" in document else None,
         )
     except (KeyError, TypeError, ValueError, AttributeError, IndexError, TargetError) as error:

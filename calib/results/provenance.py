@@ -30,5 +30,18 @@ def provenance(command: str, drives: Sequence[Correspondences], settings: Mappin
             **{drive.source.log: drive.source.sha256 for drive in drives},
             "target": drives[0].source.target_sha256,
         },
-        settings={name: value.name if isinstance(value, Path) else value for name, value in settings.items()},
+        settings=plain_settings(settings),
     )
+
+
+def plain_settings(settings: Mapping[str, Any]) -> dict[str, Any]:
+    """Return settings as JSON keeps them: lists for tuples, of a path only its name."""
+    return {name: _plain(value) for name, value in settings.items()}
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Path):
+        return value.name
+    if isinstance(value, Mapping):
+        return {str(k): _plain(v) for k, v in value.items()}
+    return [_plain(v) for v in value] if isinstance(value, tuple | list) else value

@@ -22,6 +22,20 @@ from boxcal.calib.results.verdict import Level, Reason, Verdict
 from boxcal.calib.uncertainty.convergence import ConvergencePoint
 from boxcal.target.camera.camera_model import CameraKind, CameraModel
 
+FINDINGS = (
+    Finding(
+        cause="eccentric-right",
+        text="the right wheel is 1.0 % out of round",
+        advice="look at it",
+        adopted=True,
+        stops=(1, 2),
+        size=1.0,
+        sigma=0.1,
+        unit="%",
+        p_value=1e-9,
+    ),
+)
+
 
 def _result(T_body_cam: Any, detail: Detail | None = None) -> Calibration:
     return Calibration(
@@ -46,6 +60,7 @@ def _result(T_body_cam: Any, detail: Detail | None = None) -> Calibration:
         ),
         method="likelihood" if detail else "four-steps",
         detail=detail,
+        findings=FINDINGS,
     )
 
 
@@ -76,12 +91,6 @@ def _detail() -> Detail:
         directions=(
             Direction(parameters=(("tz", 1.0),), sigma=np.inf, what="tz is not determined", advice="add stops"),
         ),
-        findings=(
-            Finding(
-                cause="eccentric-right", text="the right wheel is 1.0 % out of round", advice="look at it",
-                adopted=True, stops=(1, 2), size=1.0, sigma=0.1, unit="%", p_value=1e-9,
-            ),
-        ),
         ground=Ground(
             straight_heading=1e-3, straight_position=0.01, turn_heading=2e-3, distance=2.0,
             projection_mean_px=0.1, projection_worst_px=0.3,
@@ -104,7 +113,7 @@ def test_a_calibration_survives_its_file(exact: Any, tmp_path: Path) -> None:
     assert back.detail is not None
     assert result.detail is not None
     assert np.array_equal(back.detail.covariance.matrix, result.detail.covariance.matrix, equal_nan=True)
-    for name in ("camera", "wheels", "quality", "notes", "provenance", "method", "robot", "image_size"):
+    for name in ("camera", "wheels", "quality", "notes", "provenance", "method", "robot", "image_size", "findings"):
         assert getattr(back, name) == getattr(result, name), name
     for name in Detail.__slots__:
         if name != "covariance":

@@ -43,8 +43,8 @@ def _good(tmp_path: Path) -> Path:
 
 
 def test_a_small_drive_gives_what_each_stop_saw_and_what_the_wheels_did(tmp_path: Path) -> None:
-    path, told = _good(tmp_path), list[str]()
-    found = extract(path, TARGET, progress=told.append)
+    path, told = _good(tmp_path), list[tuple[str, float]]()
+    found = extract(path, TARGET, progress=lambda text, share: told.append((text, share)))
     assert (found.robot, found.image_size, len(found.stops)) == ("robot7", SIZE, 4)
     assert found.source.log == "robot7.mcap"
     assert found.source.sha256 == hashlib.sha256(path.read_bytes()).hexdigest()
@@ -61,7 +61,8 @@ def test_a_small_drive_gives_what_each_stop_saw_and_what_the_wheels_did(tmp_path
     (leg_R, leg_L) = found.leg(0)
     assert leg_R[-1] - leg_R[0] == pytest.approx(5.1, abs=0.005)
     assert leg_L[-1] - leg_L[0] == pytest.approx(4.3, abs=0.005)
-    assert told[0].startswith("robot7.mcap: stop 1 of 4: 3 frames, ")
+    assert told[0][0].startswith("stop 1 of 4: 3 frames, ")
+    assert [share for _, share in told] == [0.25, 0.5, 0.75, 1.0]
 
 
 def test_correspondences_come_back_from_their_file_as_they_were(tmp_path: Path) -> None:

@@ -1,0 +1,62 @@
+"""Which box the robots drove around, where nobody says so: the ``target.json`` beside or above their logs."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from boxcal.calib.errors import CalibError
+from boxcal.target.box import Target, make_target
+from boxcal.target.files.target_json import load_target, target_sha256
+
+_LEVELS = 3
+"""Folders above a log's own that are looked into."""
+_PLACES = ("target.json", "box/target.json")
+"""Where make-target and measure-target leave the file."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FoundTarget:
+    """A box, and the file that describes it (None: the default box)."""
+
+    target: Target
+    path: Path | None
+
+    @property
+    def said(self) -> str:
+        """Which box that is, in one line."""
+        if self.path is None:
+            return "box: the default one as designed (no target.json beside or above the logs; else give --target)"
+        return f"box: {self.path} ({'as measured' if self.target.measured is not None else 'as designed'})"
+
+
+def find_target(given: Path | None, logs: Sequence[Path]) -> FoundTarget:
+    """Return the box: as given, else the nearest ``target.json`` beside or above the logs, else the default one.
+
+    Raises
+    ------
+    TargetError
+        If the file is none.
+    CalibError
+        If logs have different boxes beside or above them.
+    """
+    if given is not None:
+        return FoundTarget(target=load_target(given), path=given)
+    paths = list(dict.fromkeys(path for log in logs if (path := _nearest(log)) is not None))
+    found = [FoundTarget(target=load_target(path), path=path) for path in paths]
+    if len({target_sha256(f.target) for f in found}) > 1:
+        raise CalibError(
+            f"logs have different boxes beside or above them ({', '.join(str(path) for path in paths)})",
+            remedy="say with --target which box they all drove around",
+        )
+    return found[0] if found else FoundTarget(target=make_target(), path=None)
+
+
+def _nearest(log: Path) -> Path | None:
+    folder = log.absolute().parent
+    here = Path.cwd()
+    for place in [folder, *folder.parents][: _LEVELS + 1]:
+        for name in _PLACES:
+            path = place / name
+            if path.is_file():
+                return path.relative_to(here) if path.is_relative_to(here) else path
+    return None

@@ -1,0 +1,121 @@
+"""What is to be done: one job a robot, and all that speaks against it said before the work."""
+
+import tempfile
+from argparse import Namespace
+from collections.abc import Sequence
+from dataclasses import asdict
+from importlib.util import find_spec
+from pathlib import Path
+
+from boxcal.calib.errors import CalibError
+from boxcal.calib.results.json_format import CALIBRATION, load_calibration
+from boxcal.calib.results.provenance import plain_settings
+from boxcal.calib.settings import CORRESPONDENCES, Job, Outcome, Settings, robot_name
+from boxcal.detect.correspondences import load_correspondences
+from boxcal.detect.errors import DetectError
+from boxcal.detect.log.recording import file_sha256
+from boxcal.target.box import Target
+from boxcal.target.files.target_json import target_sha256
+
+
+def check_options(args: Namespace) -> None:
+    """Refuse options that do not go together, extras that are missing and a folder that cannot be written.
+
+    Raises
+    ------
+    CalibError
+        The first thing that is wrong.
+    """
+    robots = 1 if args.same_robot else len(args.logs)
+    saved = [log.name for log in args.logs if log.suffix == CORRESPONDENCES]
+    if robots > 1 and (args.rerun or args.results_mcap):
+        raise CalibError(
+            f"--rerun and --results-mcap show one robot, {robots} are given", remedy="give one robot's logs"
+        )
+    if args.rerun and find_spec("rerun") is None:
+        raise CalibError(
+            "--rerun needs an extra that is not installed", remedy="pip install 'boxcal[rerun]', or leave out --rerun"
+        )
+    if args.draw and saved:
+        raise CalibError(
+            f"--draw needs the images, {saved[0]} holds none", remedy="give the recording (.mcap), or leave out --draw"
+        )
+    if args.closed_form and args.validate:
+        raise CalibError(
+            "--closed-form and --validate exclude each other: the closed form claims no sigmas",
+            remedy="leave one of them out",
+        )
+    for option, path in (("--rerun", args.rerun), ("--results-mcap", args.results_mcap)):
+        if path is not None:
+            _check_writable(path.parent, option)
+    _check_writable(args.out, "--out")
+
+
+def _check_writable(folder: Path, option: str) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        raise CalibError(
+            f"cannot be written ({error.strerror or error})", source=folder, remedy=f"give another folder with {option}"
+        ) from error
+
+
+def plan(
+    logs: Sequence[Path], *, target: Target, settings: Settings, out: Path, command: str, same_robot: bool
+) -> list[Job]:
+    """Return a job for each robot.
+
+    Parameters
+    ----------
+    logs
+        One of each robot, or all of one.
+    target, settings, out, command
+        As :class:`Job` has them.
+    same_robot
+        Whether all logs are drives of one robot.
+
+    Raises
+    ------
+    CalibError
+        If logs cannot be told apart by their names.
+    """
+    robots: list[tuple[str, tuple[Path, ...]]] = [(robot_name(log), (log,)) for log in logs]
+    if same_robot:
+        robots = [(robots[0][0], tuple(logs))]
+    names = [name for name, _ in robots]
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise CalibError(
+            f"several logs are named {', '.join(twice)}, a robot is called as its log",
+            remedy="rename them, or give --same-robot if they are drives of one robot",
+        )
+    return [
+        Job(robot=name, logs=own, target=target, settings=settings, out=out, command=command) for name, own in robots
+    ]
+
+
+def finished_before(jobs: Sequence[Job]) -> list[Outcome]:
+    """Return the outcomes of jobs whose result is in their folder already: of the same logs, box and settings."""
+    found = []
+    for job in jobs:
+        path = (job.out or Path()) / job.robot / CALIBRATION
+        if job.out is None or not path.is_file():
+            continue
+        try:
+            calibration = load_calibration(path)
+            digests = {_log_sha256(log) for log in job.logs}
+        except (CalibError, DetectError):  # it is calibrated again, and what is wrong is said then
+            continue
+        p = calibration.provenance
+        same_log = {digest for name, digest in p.inputs.items() if name != "target"} == digests
+        same_box = p.inputs.get("target") == target_sha256(job.target)
+        if "" not in digests and same_log and same_box and p.settings == plain_settings(asdict(job.settings)):
+            found.append(Outcome(job=job, calibration=calibration))
+    return found
+
+
+def _log_sha256(log: Path) -> str:
+    """Return the hash of a recording; of saved correspondences that of the recording which they were read from."""
+    return load_correspondences(log).source.sha256 if log.suffix == CORRESPONDENCES else file_sha256(log)

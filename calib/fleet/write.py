@@ -1,0 +1,49 @@
+"""What is written about all robots of a folder: ``fleet.json``, ``fleet.csv``, ``fleet.html``."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from boxcal.calib.exports.fleet_csv import columns_csv, fleet_csv
+from boxcal.calib.fleet.store import FLEET, Member, fleet_record
+from boxcal.calib.report.fleet import fleet_report
+from boxcal.target.box import Target
+from boxcal.target.files.atomic_write import write_atomically
+
+FAILED = "FAILED.txt"
+"""Stands in the folder of a robot whose last log gave no calibration, beside what an earlier one gave."""
+
+
+def write_fleet(out: Path, members: Sequence[Member], target: Target, *, command: str, report: bool) -> None:
+    """Write the files about a folder's robots.
+
+    Parameters
+    ----------
+    out
+        The folder.
+    members
+        Its robots, in the order in which they are shown.
+    target
+        The box that they drove around.
+    command
+        The command line.
+    report
+        Whether to write ``fleet.html`` too.
+
+    Raises
+    ------
+    OSError
+        As the file system does.
+    """
+    results = [m.calibration for m in members if m.calibration is not None]
+    errors = {m.robot: str(m.error) for m in members if m.error is not None}
+    stale = {m.robot: m.stale for m in members if m.stale}
+    for m in members:
+        if m.error is not None and m.calibration is not None:
+            text = f"{m.error}\nThe files beside this one are of an earlier log ({m.calibration.provenance.created}).\n"
+            write_atomically(out / m.robot / FAILED, text.encode())
+    write_atomically(out / "fleet.csv", fleet_csv(results, errors=errors, stale=stale))
+    write_atomically(out / "fleet-columns.csv", columns_csv())
+    if report:
+        failures = [m.error for m in members if m.error is not None]
+        write_atomically(out / "fleet.html", fleet_report(results, failures, stale))
+    write_atomically(out / FLEET, fleet_record(members, target, command))

@@ -1,0 +1,256 @@
+"""The output folder is the team's: robots calibrated one after another, failed ones, stale results, interruptions."""
+
+import csv
+import io
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from boxcal.calib.cli import main
+from boxcal.calib.console.progress import make_progress
+from boxcal.calib.console.tables import columns, shortened, table
+from boxcal.calib.fleet.find_target import find_target
+from boxcal.calib.fleet.store import natural
+from boxcal.calib.settings import Stage
+from boxcal.calib.simulate.drive import DriveOptions, exact_correspondences, simulate_drive
+from boxcal.calib.simulate.robot import turtlebot
+from boxcal.detect.correspondences import Correspondences, Source
+from boxcal.target.box import Box, make_target
+from boxcal.target.files.target_json import save_target
+from boxcal.target.measure.measured_size import Measured
+
+MEASURED = Measured(
+    sx=1.002, sy=1.001, width=0.2504, depth=0.2498, height=0.2, cov=np.diag([1e-3, 1e-3, 2e-4, 2e-4, 2e-4]) ** 2
+)
+
+
+@pytest.fixture(scope="module")
+def drive() -> Correspondences:
+    rng, target, robot = np.random.default_rng(3), make_target(), turtlebot("r2")
+    simulated = simulate_drive(robot, target, DriveOptions(stops=9), rng)
+    return exact_correspondences(robot, target, simulated, 0.1, rng)
+
+
+@pytest.fixture
+def logs(drive: Correspondences, tmp_path: Path) -> Path:
+    """A folder with saved correspondences of two robots, and one that is no log."""
+    folder = tmp_path / "robots"
+    for name in ("r2", "r10"):
+        named = replace(drive, source=Source(log=f"{name}.mcap", sha256=name * 20, target_sha256=""))
+        named.save(folder / f"{name}.npz")
+    (folder / "r3.npz").write_bytes(b"no log")
+    return folder
+
+
+def _run(capsys: pytest.CaptureFixture[str], *words: object) -> tuple[int, str, str]:
+    status = main([str(word) for word in (*words, "--no-report", "--jobs", 1)])
+    out, err = capsys.readouterr()
+    return status, out, err
+
+
+def _fleet(out: Path) -> tuple[dict[str, dict[str, str]], dict[str, object]]:
+    rows = {row["robot"]: row for row in csv.DictReader(io.StringIO((out / "fleet.csv").read_text()))}
+    return rows, json.loads((out / "fleet.json").read_text())
+
+
+def test_robots_calibrated_one_after_another_are_one_fleet(
+    logs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    assert _run(capsys, logs / "r10.npz", "--out", out)[0] == 0
+    assert _run(capsys, logs / "r3.npz", "--out", out)[0] == 1
+    assert _run(capsys, logs / "r2.npz", "--out", out)[0] == 0
+    rows, document = _fleet(out)
+    assert list(rows) == ["r2", "r10", "r3"]
+    assert [rows[r]["verdict"] for r in ("r2", "r10", "r3")] == ["good", "good", "failed"]
+    assert "r3.npz" in rows["r3"]["error"]
+    assert document["robots"] == {"r2": "good", "r10": "good"}
+    assert set(document["failed"]) == {"r3"}
+    assert (out / "fleet.csv").read_text().startswith("robot,verdict,")
+    legend = list(csv.reader(io.StringIO((out / "fleet-columns.csv").read_text())))
+    assert [row[0] for row in legend[1:]] == list(rows["r2"])
+
+
+def test_result_of_an_earlier_log_is_marked_stale_when_the_new_one_fails(
+    logs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    assert _run(capsys, logs / "r2.npz", "--out", out)[0] == 0
+    (logs / "r2.npz").write_bytes(b"no log")
+    assert _run(capsys, logs / "r2.npz", "--out", out)[0] == 1
+    rows, document = _fleet(out)
+    assert "earlier log" in rows["r2"]["stale"]
+    assert set(document["stale"]) == set(document["failed"]) == {"r2"}
+    assert "earlier log" in (out / "r2" / "FAILED.txt").read_text()
+    shutil.copy(logs / "r10.npz", logs / "r2.npz")
+    assert _run(capsys, logs / "r2.npz", "--out", out)[0] == 0
+    rows, document = _fleet(out)
+    assert not rows["r2"]["stale"]
+    assert not document["failed"]
+    assert not (out / "r2" / "FAILED.txt").exists()
+
+
+def test_a_run_in_which_all_failed_does_not_block_the_folder(
+    logs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    save_target(make_target(Box(first_id=140)), tmp_path / "other.json")
+    assert _run(capsys, logs / "r2.npz", "--target", tmp_path / "other.json", "--out", out)[0] == 1
+    assert (out / "fleet.json").exists()
+    status, _, err = _run(capsys, logs / "r2.npz", "--out", out)
+    assert status == 0, err
+
+
+def test_the_same_box_measured_anew_is_no_other_box(
+    logs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    assert _run(capsys, logs / "r2.npz", "--out", out)[0] == 0
+    save_target(make_target(Box(), MEASURED), tmp_path / "measured.json")
+    status, _, err = _run(capsys, logs / "r10.npz", "--target", tmp_path / "measured.json", "--out", out)
+    assert status == 0, err
+    rows, _ = _fleet(out)
+    assert "before the box was measured anew" in rows["r2"]["stale"]
+    assert not rows["r10"]["stale"]
+
+
+def test_the_box_beside_or_above_the_logs_is_taken(
+    logs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log = logs / "r2.npz"
+    assert find_target(None, [log]).path is None
+    save_target(make_target(Box(), MEASURED), tmp_path / "box" / "target.json")
+    found = find_target(None, [log])
+    assert found.target.measured is not None
+    assert "as measured" in found.said
+    save_target(make_target(), logs / "target.json")
+    nearer = find_target(None, [log])
+    assert nearer.path == logs / "target.json"
+    assert "as designed" in nearer.said
+    status, _, err = _run(capsys, log, "--out", tmp_path / "out")
+    assert status == 0
+    assert "robots/target.json (as designed)" in err
+    elsewhere = tmp_path / "deep" / "a" / "b" / "c" / "r2.npz"
+    elsewhere.parent.mkdir(parents=True)
+    shutil.copy(log, elsewhere)
+    status, _, err = _run(capsys, log, elsewhere.rename(elsewhere.with_name("r5.npz")), "--out", tmp_path / "out")
+    assert status == 0, err  # three folders above is as far as is looked
+    shutil.copytree(tmp_path / "box", tmp_path / "deep" / "box")
+    status, _, err = _run(capsys, log, elsewhere.with_name("r5.npz"), "--out", tmp_path / "out")
+    assert status == 2
+    assert "different boxes" in err
+
+
+def test_strict_tells_scripts_what_the_verdict_is(
+    drive: Correspondences, logs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    few = Correspondences(robot="few", image_size=drive.image_size, wheels=drive.wheels, stops=drive.stops[:5])
+    few.save(tmp_path / "few.npz")
+    out = tmp_path / "out"
+    status, text, _ = _run(capsys, tmp_path / "few.npz", "--out", out)
+    assert status == 0
+    assert "  why: Only 5 stops were used" in text
+    assert "  do: " in text
+    status, _, err = _run(capsys, tmp_path / "few.npz", "--out", out, "--strict")
+    assert status == 3
+    assert "not good: few" in err
+    assert _run(capsys, logs / "r2.npz", "--out", out, "--strict")[0] == 0
+
+
+def test_resume_skips_what_is_there_already(logs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "out"
+    _run(capsys, logs / "r2.npz", "--out", out)
+    before = (out / "r2" / "calibration.json").read_bytes()
+    status, text, _ = _run(capsys, logs / "r2.npz", logs / "r10.npz", "--out", out, "--resume")
+    assert status == 0
+    assert "r2 " in text
+    assert (out / "r2" / "calibration.json").read_bytes() == before
+    status, _, _ = _run(capsys, logs / "r2.npz", "--out", out, "--resume", "--tilt-prior-deg", 2)
+    assert status == 0
+    assert (out / "r2" / "calibration.json").read_bytes() != before
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("--draw",), "--draw needs the images"),
+        (("--closed-form", "--validate"), "exclude each other"),
+        (("--rerun", "x.rrd"), "rerun"),
+    ],
+)
+def test_impossible_combinations_are_said_before_the_work(
+    words: tuple[str, ...], said: str, logs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    robots = [logs / "r2.npz"] if "--rerun" not in words else [logs / "r2.npz", logs / "r10.npz"]
+    status, _, err = _run(capsys, *robots, "--out", out, *words)
+    assert status == 2
+    assert said in err
+    assert not out.exists()
+
+
+@pytest.mark.parametrize("jobs", ["1", "2"])
+def test_ctrl_c_is_one_line_and_keeps_what_is_finished(jobs: str, logs: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    names = [shutil.copy(logs / "r2.npz", logs / f"q{k:02d}.npz") for k in range(12)]
+    command = [sys.executable, "-m", "boxcal.calib.cli", *map(str, names), "--out", str(out), "--jobs", jobs]
+    environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
+    with subprocess.Popen(
+        command, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment, process_group=0
+    ) as process:
+        deadline = time.monotonic() + 120
+        while not list(out.glob("*/calibration.json")) and time.monotonic() < deadline:
+            time.sleep(0.05)
+        os.killpg(process.pid, signal.SIGINT)
+        _, err = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert "Traceback" not in err
+    assert "interrupted; " in err.splitlines()[-1]
+    rows, document = _fleet(out)
+    finished = {path.parent.name for path in out.glob("*/calibration.json")}
+    assert finished
+    assert set(rows) == finished == set(document["robots"])
+    assert not [p for p in out.rglob(".*") if p.is_file()]  # nothing half-written
+
+
+def test_closed_output_loses_no_file(logs: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    log = logs / "r2.npz"
+    command = f"{sys.executable} -m boxcal.calib.cli {log} --out {out} 2>&1 | head -c 1"
+    subprocess.run(["bash", "-c", command], check=True, capture_output=True, timeout=120)
+    names = {p.name for p in out.iterdir()} | {p.name for p in (out / "r2").iterdir()}
+    assert {"fleet.csv", "fleet.json", "calibration.json", "camera_info.yaml", "correspondences.npz"} <= names
+
+
+def test_plain_progress_tells_stages_at_once_and_how_far_they_are_now_and_then() -> None:
+    stream = io.StringIO()
+    with make_progress(2, quiet=False, stream=stream) as progress:
+        for k in range(50):
+            progress.stage(Stage(robot="r1", name="read", text=f"stop {k}", share=k / 100))
+        progress.stage(Stage(robot="r1", name="solve", text="solving 12 stops", share=0.7))
+    assert stream.getvalue().splitlines() == ["r1: stop 0", "r1: solving 12 stops"]
+    silent = io.StringIO()
+    with make_progress(2, quiet=True, stream=silent) as progress:
+        progress.stage(Stage(robot="r1", name="read", text="reading", share=0.0))
+    assert not silent.getvalue()
+
+
+def test_names_sort_with_their_numbers_as_numbers() -> None:
+    assert sorted(["r10", "r2", "r1b", "R3", "r02"], key=natural) == ["R3", "r1b", "r2", "r02", "r10"]
+
+
+def test_tables_line_up_with_wide_characters_and_long_names() -> None:
+    lines = table(["robot", "x"], [["机器人一号", "1.0"], ["r2", "22.0"]]).splitlines()
+    assert len({columns(line) for line in lines}) == 1
+    assert shortened("r" * 24) == "r" * 24
+    assert shortened("left-" + "x" * 40 + "-right") == "left-xxxxxx…xxxxx-right" or columns(shortened("x" * 60)) <= 24
+    assert columns(shortened("机" * 40)) <= 24
