@@ -44,8 +44,6 @@ def calibrate_fleet(
     if workers <= 1:
         yield from (attempt(job, progress) for job in jobs)
         return
-    if any(log.suffix != ".npz" for job in jobs for log in job.logs):
-        prepare(progress)
     if any(log.suffix != CORRESPONDENCES for job in jobs for log in job.logs):
         prepare(None if progress is None else partial(_tell_compiling, progress))
     lost: list[Job] = []

@@ -12,7 +12,7 @@ import pytest
 
 from boxcal.calib.assessment.causes import FOLLOWS
 from boxcal.calib.assessment.estimate_rules import held_out_ratio
-from boxcal.calib.assessment.limits import LIMITS, Limit, angle, length, percent, sentence
+from boxcal.calib.assessment.limits import LIMITS, SYMBOLS, Limit, angle, length, percent, sentence
 from boxcal.calib.assessment.print_scale import PrintScale
 from boxcal.calib.assessment.verdict import judge, verdict
 from boxcal.calib.console.judgement import judgement
@@ -289,7 +289,7 @@ def test_reasons_stand_worst_first_and_every_fault_has_advice(calibrations: Cali
         assert found.level is max((r.level for r in found.reasons), key=lambda level: level.rank)
         for reason in found.reasons:
             assert bool(reason.advice) == (reason.level is not Level.GOOD)
-            assert not reason.text[0].islower()
+            assert not reason.text[0].islower() or reason.text.split()[0].rstrip(",") in SYMBOLS
             assert reason.text.endswith(".")
 
 
