@@ -158,7 +158,7 @@ def test_table_sorts_by_any_column_both_ways(browser: Browser, pages: dict[str, 
       t.tHead.rows[0].cells[k].querySelector("button").click();
       return [t.tHead.rows[0].cells[k].getAttribute("aria-sort"),
         [...t.tBodies[0].rows].map((r) => r.cells[k].dataset.value)]; })()"""
-    for name in ("Wheelbase", "After 10 m", "Stops"):
+    for name in ("Wheel separation", "After 10 m", "Stops"):
         sense, values = browser.evaluate(column % name)
         assert sense == "ascending"
         assert [float(v) for v in values] == sorted(float(v) for v in values)
