@@ -13,7 +13,7 @@ from boxcal.calib.results.provenance import plain_settings
 from boxcal.calib.settings import CORRESPONDENCES, Job, Outcome, Settings, robot_name
 from boxcal.detect.correspondences import load_correspondences
 from boxcal.detect.errors import DetectError
-from boxcal.detect.log.recording import file_sha256
+from boxcal.detect.log.containers.hashing import file_sha256
 from boxcal.target.box import Target
 from boxcal.target.files.target_json import target_sha256
 
@@ -117,5 +117,7 @@ def finished_before(jobs: Sequence[Job]) -> list[Outcome]:
 
 
 def _log_sha256(log: Path) -> str:
-    """Return the hash of a recording; of saved correspondences that of the recording which they were read from."""
-    return load_correspondences(log).source.sha256 if log.suffix == CORRESPONDENCES else file_sha256(log)
+    """Return the hash of a recording, empty for a folder of files; of saved correspondences that of their recording."""
+    if log.suffix == CORRESPONDENCES:
+        return load_correspondences(log).source.sha256
+    return "" if log.is_dir() else file_sha256(log)
