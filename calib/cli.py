@@ -4,6 +4,7 @@ import argparse
 import os
 import shlex
 import sys
+import time
 from collections.abc import Sequence
 from contextlib import closing, suppress
 from pathlib import Path
@@ -244,7 +245,7 @@ def _run(args: argparse.Namespace, command: str) -> int:
         _tell(box)
     outcomes = finished_before(jobs) if args.resume else []
     waiting = [job for job in jobs if all(job is not o.job for o in outcomes)]
-    interrupted = False
+    interrupted, start = False, time.time()
     try:
         with (
             make_progress(len(waiting), quiet=args.quiet) as progress,
@@ -257,7 +258,7 @@ def _run(args: argparse.Namespace, command: str) -> int:
         interrupted = True
     status = _conclude(args, jobs, outcomes, command)
     if interrupted:
-        return _interrupted(jobs, outcomes)
+        return _interrupted(jobs, start)
     return status
 
 
@@ -283,10 +284,13 @@ def _jobs(args: argparse.Namespace, command: str) -> "tuple[list[Job], str]":
     return jobs, found.said
 
 
-def _interrupted(jobs: "list[Job]", outcomes: "list[Outcome]") -> int:
-    done = ", ".join(o.job.robot for o in outcomes if o.calibration is not None) or "none"
+def _interrupted(jobs: "list[Job]", start: float) -> int:
+    from boxcal.calib.fleet.store import written_since
+
+    done = written_since(jobs, start)
+    names = f" ({', '.join(done)})" if done else ""
     _tell(
-        f"fleet-calibrate: interrupted; {len(outcomes)} of {len(jobs)} robots were finished and are kept ({done}); "
+        f"fleet-calibrate: interrupted; {len(done)} of {len(jobs)} robots were finished and are kept{names}; "
         "give the same command with --resume for the rest"
     )
     return INTERRUPTED
@@ -297,7 +301,7 @@ def _conclude(args: argparse.Namespace, jobs: "list[Job]", outcomes: "list[Outco
     from boxcal.calib.fleet.store import natural
 
     outcomes.sort(key=lambda o: natural(o.job.robot))
-    whole = not outcomes or _write_fleet(args, jobs[0], outcomes, command)
+    whole = _write_fleet(args, jobs[0], outcomes, command)
     good = [o.calibration for o in outcomes if o.calibration is not None]
     failed = [o for o in outcomes if o.calibration is None]
     if good:

@@ -15,7 +15,7 @@ from typing import Any
 from boxcal.calib.errors import CalibError
 from boxcal.calib.results.calibration import Calibration
 from boxcal.calib.results.json_format import CALIBRATION, load_calibration, verdict_document
-from boxcal.calib.settings import Outcome
+from boxcal.calib.settings import Job, Outcome
 from boxcal.target.box import Target
 from boxcal.target.errors import BoxcalError
 from boxcal.target.files.json_document import read_json
@@ -91,6 +91,12 @@ def read_folder(out: Path, target: Target, outcomes: Iterable[Outcome] = ()) -> 
         if robot not in members:
             members[robot] = _kept(robot, out, target, _error(failed.get(robot)))
     return tuple(members[robot] for robot in sorted(members, key=natural))
+
+
+def written_since(jobs: Iterable[Job], start: float) -> list[str]:
+    """Return the robots whose result was written since a time (s, as ``time.time``)."""
+    paths = {job.robot: (job.out or Path()) / job.robot / CALIBRATION for job in jobs if job.out is not None}
+    return [robot for robot, path in paths.items() if path.is_file() and path.stat().st_mtime >= start - 1]
 
 
 def natural(name: str) -> list[tuple[int, int, str]]:
