@@ -270,7 +270,7 @@ def apriltags(module: str) -> Detector:
 def ours(settings: DetectorSettings) -> Detector:
     def detect(image: Grey) -> Found:
         tags = detect_tags(image, TARGET, settings)
-        return tags.ids, tags.corners_px, None if settings.fast else tags.cov_px2
+        return tags.ids, tags.corners_px, tags.cov_px2
 
     return detect
 

@@ -27,6 +27,8 @@ class Backend:
         Corners and covariances, :func:`boxcal.detect.alignment.registration.finish.finish`.
     cluster_sums
         For the variance inflation, :func:`boxcal.detect.alignment.registration.cluster_sums.cluster_sums`.
+    block_motion
+        For deformations, :func:`boxcal.detect.alignment.registration.block_motion.block_motion`.
     levenberg_marquardt, predict
         The rigid box, :mod:`boxcal.detect.alignment.box_refinement`.
     """
@@ -36,6 +38,7 @@ class Backend:
     iterate: Callable[..., None]
     finish: Callable[..., Any]
     cluster_sums: Callable[..., Any]
+    block_motion: Callable[..., Any]
     levenberg_marquardt: Callable[..., Any]
     predict: Callable[..., Any]
 
@@ -51,6 +54,7 @@ def numpy_backend() -> Backend:
     """Return the reference in numpy."""
     from boxcal.detect.alignment import box_refinement  # noqa: PLC0415 - these modules import this one
     from boxcal.detect.alignment.registration import (  # noqa: PLC0415
+        block_motion,
         cluster_sums,
         finish,
         gauss_newton,
@@ -63,6 +67,7 @@ def numpy_backend() -> Backend:
         iterate=gauss_newton.iterate,
         finish=finish.finish,
         cluster_sums=cluster_sums.cluster_sums,
+        block_motion=block_motion.block_motion,
         levenberg_marquardt=box_refinement.levenberg_marquardt,
         predict=box_refinement.predict,
     )
@@ -72,6 +77,7 @@ def numpy_backend() -> Backend:
 def numba_backend() -> Backend:
     """Return compiled code; each function is compiled, or read from the cache, when it is first called."""
     from boxcal.detect.alignment.numba import (  # noqa: PLC0415 - slow to import
+        block_motion,
         box_refinement,
         cluster_sums,
         finish,
@@ -85,6 +91,7 @@ def numba_backend() -> Backend:
         iterate=gauss_newton.iterate,
         finish=finish.finish,
         cluster_sums=cluster_sums.cluster_sums,
+        block_motion=block_motion.block_motion,
         levenberg_marquardt=box_refinement.levenberg_marquardt,
         predict=box_refinement.predict,
     )

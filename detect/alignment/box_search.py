@@ -12,7 +12,7 @@ from boxcal.detect.alignment.pyramid import Pyramid, align_coarsely, align_midwa
 from boxcal.detect.alignment.radial_camera import LOG_ASPECT, fisheye_distortion, undistort_locally
 from boxcal.detect.alignment.registration.tag_alignments import TagAlignments
 from boxcal.detect.alignment.tag_patterns import Index, Patterns
-from boxcal.detect.alignment.verification import Limits, convex, module_px, verified
+from boxcal.detect.alignment.verification import Limits, convex, doubtful_limits, module_px, verified
 from boxcal.target.arrays import Array
 from boxcal.target.box import Target
 
@@ -310,7 +310,7 @@ def grow_from_pose(
     Whatever the box then predicts beside them is tried too, until nothing new turns up.
     """
     rough = limits.relaxed()
-    fit, lost = search.fit, 0.0
+    fit, lost, doubtful = search.fit, 0.0, None
     pyramid = pyramid.under(fit.lens)
     height, width = pyramid.frame.grey.shape
     image_size = (width, height)
@@ -333,7 +333,9 @@ def grow_from_pose(
         new = align_coarsely(pyramid, patterns, more, corners, side_px=np.inf)
         moved = np.linalg.norm(new.corners_px - corners, axis=2).max(axis=1)
         near = moved <= module_px(patterns, corners) + 0.5
-        new = new.take(near & verified(patterns, new, rough))
+        believed = verified(patterns, new, rough)
+        doubtful = new.take(near & ~believed & verified(patterns, new, doubtful_limits(limits)))
+        new = new.take(near & believed)
         if len(new) == 0:
             break
         tags = tags.joined(new)
@@ -342,7 +344,7 @@ def grow_from_pose(
     # pixels that are not square can stand for that: they need two faces that say so
     told = told and (abs(fit.lens[LOG_ASPECT]) < SQUARE or len(np.unique(target.tag_faces[tags.rows])) > 1)
     return BoxDetection(
-        tags=tags,
+        tags=tags if doubtful is None else tags.joined(doubtful.take(~np.isin(doubtful.rows, tags.rows))),
         fit=fit,
         lost_module_px=lost if told else np.inf,
         contradicting_faces=search.contradicting_faces,

@@ -120,6 +120,8 @@ def _variance(compute: Backend) -> None:
     batch = _batch()
     tags = align(batch.frame, patterns, batch.rows, corners, iterations=0)
     compute.cluster_sums(batch, tags, np.full(1, 8))
+    compute.block_motion(batch, np.ones(1))
+    compute.accumulate(batch)
 
 
 @contextmanager

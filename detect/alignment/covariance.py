@@ -10,10 +10,13 @@ whole image, since one tag has too few squares to tell.
 It asks nothing of the camera: under JPEG it comes out below one, on path-traced pictures of another renderer at three.
 """
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from boxcal.detect.alignment.backend import backend
 from boxcal.detect.alignment.registration.align import footprints
+from boxcal.detect.alignment.registration.block_motion import BLOCKS
 from boxcal.detect.alignment.registration.image_model import CLUSTERS
 from boxcal.detect.alignment.registration.parameters import LOG_PSF
 from boxcal.detect.alignment.registration.tag_alignments import TagAlignments
@@ -21,6 +24,10 @@ from boxcal.detect.alignment.registration.tag_batch import Batch, Frame
 from boxcal.detect.alignment.tag_patterns import Patterns
 
 MOST_TAGS = 6
+DEFORMED = 8.0
+"""Blocks that move so much more than noise makes them tell a deformation; without blur some three times."""
+CORNER_DEFORMATION = 1.8
+"""How much further a corner, at the end of its tag, is displaced than the blocks: on renderings of wrinkled paper."""
 CLUSTER_PX = 8
 """Least side of a square: JPEG's blocks have it."""
 PRIOR_TAGS = 1.0
@@ -31,8 +38,24 @@ TOGETHER = 0.86
 benchmarks/detector.py, errors have so much of the variance that squares which know nothing of each other would give."""
 
 
-def variance_inflation(frame: Frame, patterns: Patterns, tags: TagAlignments, side_px: float) -> float:
-    """Return by what factor the variances of the corners differ from what the residuals' size says.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Misfit:
+    """What the alignment's model leaves out, as the residuals of some tags tell it.
+
+    Attributes
+    ----------
+    inflation
+        By what factor the variances of the corners differ from what the residuals' size says.
+    deformation_px2 : px^2
+        Variance of a corner, per axis, that comes from tags which are not flat (wrinkled or bowed paper, ink).
+    """
+
+    inflation: float
+    deformation_px2: float
+
+
+def misfit(frame: Frame, patterns: Patterns, tags: TagAlignments, side_px: float) -> Misfit:
+    """Return what the alignment's model leaves out.
 
     Parameters
     ----------
@@ -41,22 +64,46 @@ def variance_inflation(frame: Frame, patterns: Patterns, tags: TagAlignments, si
     patterns, tags
         Tags as :func:`boxcal.detect.alignment.registration.align.align` returned them.
     side_px
-        With which share of large tags' pixels that was, see there.
+        With which fraction of large tags' pixels that was, see there.
     """
     if len(tags) == 0:
-        return 1.0
+        return Misfit(inflation=1.0, deformation_px2=0.0)
     size = np.linalg.norm(tags.corners_px[:, 2] - tags.corners_px[:, 0], axis=1)
     chosen = np.argsort(-size)[np.unique(np.linspace(0, len(tags) - 1, min(MOST_TAGS, len(tags))).astype(np.int64))]
     some = tags.take(chosen)
     bounding_boxes, margin, stride, _ = footprints(
         frame, patterns, some.corners_px, some.theta[:, LOG_PSF], side_px=side_px, edges=True
     )
-    widest = np.maximum(bounding_boxes[:, 1] - bounding_boxes[:, 0], bounding_boxes[:, 3] - bounding_boxes[:, 2])
-    cluster_px = np.maximum(widest // (CLUSTERS - 1) + 1, CLUSTER_PX)
     batch = Batch(
-        frame=frame, cells=patterns.cells, rows=some.rows, theta=some.theta, normalisation=some.normalisation,
-        bounding_boxes=bounding_boxes, margin=margin, stride=stride,
-    )  # fmt: skip
-    observed, expected = backend().cluster_sums(batch, some, cluster_px)
+        frame=frame,
+        cells=patterns.cells,
+        rows=some.rows,
+        theta=some.theta,
+        normalisation=some.normalisation,
+        bounding_boxes=bounding_boxes,
+        margin=margin,
+        stride=stride,
+    )
+    return Misfit(inflation=variance_inflation(batch, some), deformation_px2=deformation(batch, some))
+
+
+def variance_inflation(batch: Batch, tags: TagAlignments) -> float:
+    """Return by what factor the variances of the corners differ from what the residuals' size says."""
+    boxes = batch.bounding_boxes
+    widest = np.maximum(boxes[:, 1] - boxes[:, 0], boxes[:, 3] - boxes[:, 2])
+    cluster_px = np.maximum(widest // (CLUSTERS - 1) + 1, CLUSTER_PX)
+    observed, expected = backend().cluster_sums(batch, tags, cluster_px)
     prior = PRIOR_TAGS * float(np.mean(expected)) + 1e-12
     return TOGETHER * float(np.clip((observed.sum() + prior) / (expected.sum() + prior), *RANGE))
+
+
+def deformation(batch: Batch, tags: TagAlignments) -> float:
+    """Return the variance of a corner, px^2 per axis, of tags whose blocks lie beside where a homography has them.
+
+    Zero where noise explains that: the homography has eight of the eighteen freedoms of nine blocks.
+    """
+    moved, noise, information = backend().block_motion(batch, tags.noise**2).sum(axis=0)
+    left = (2 * BLOCKS**2 - 8) / (2 * BLOCKS**2)
+    if information <= 0 or moved < DEFORMED * left * noise:
+        return 0.0
+    return float(CORNER_DEFORMATION**2 * (moved / left - noise) / information)

@@ -10,7 +10,7 @@ from boxcal.detect.alignment.box_search import (
     RIGID_TOLERANCE_MODULES,
     RIGID_TOLERANCE_PX,
 )
-from boxcal.detect.alignment.covariance import variance_inflation
+from boxcal.detect.alignment.covariance import misfit
 from boxcal.detect.alignment.preview import SIGMA_PX, preview
 from boxcal.detect.alignment.pyramid import Pyramid, align_coarsely
 from boxcal.detect.alignment.pyramid_search import FEW_TAGS, find_box, search_copies
@@ -20,6 +20,7 @@ from boxcal.detect.alignment.registration.parameters import KURTOSIS
 from boxcal.detect.alignment.registration.tag_alignments import TagAlignments
 from boxcal.detect.alignment.registration.tag_batch import Frame
 from boxcal.detect.alignment.tag_patterns import Index, Patterns, target_patterns
+from boxcal.detect.alignment.uneven_light import align_unevenly_lit, crossed, displacement_px2
 from boxcal.detect.alignment.verification import Limits, module_px, verified
 from boxcal.detect.errors import DetectError
 from boxcal.detect.image.gray import to_grey, to_grey8
@@ -202,18 +203,35 @@ def detect_in_grey(
     if imaging is None:
         imaging = estimate_response(frame, patterns, tags, settings.response)
     frame, tags = _finely(frame, patterns, tags, imaging)
-    tags = tags.take(verified(patterns, tags, settings.limits))
+    tags, uneven = _believed(frame, patterns, tags, settings.limits)
     if len(tags) and module_px(patterns, tags.corners_px).max() > LARGE_MODULE_PX:
         fit = fit_box(target, tags.rows, tags.corners_px, image_size=size, sigma_px=LEAST_SIGMA_PX, start=fit)
         if sagitta_difference_px(frame.lens, fit.lens, tags.corners_px) > BENT_PX:
             frame = replace(frame, lens=fit.lens)
             tags = align(frame, patterns, tags.rows, tags.corners_px, start=tags, side_px=FINE_SIDE_PX, stop_px=STOP_PX)
     tags = _on_the_box(target, patterns, tags, fit)
-    located = replace(_located(frame, patterns, tags), contradicting_faces=found.contradicting_faces)
+    if len(uneven) and len(tags):
+        fit = fit_box(target, tags.rows, tags.corners_px, image_size=size, sigma_px=LEAST_SIGMA_PX, start=fit)
+        displaced = displacement_px2(target, tags, fit, np.isin(tags.rows, uneven))
+        tags = replace(tags, cov_px2=tags.cov_px2 + displaced[:, None, None, None] * np.eye(2))
+    located = replace(_located(frame, patterns, tags, uneven), contradicting_faces=found.contradicting_faces)
     if len(tags) < FEW_TAGS:
         return located
     imaging = replace(imaging, kurtosis=float(np.median(tags.theta[:, KURTOSIS])))
     return replace(located, camera=KnownCamera(prior=fit.camera(max(size)), imaging=imaging))
+
+
+def _believed(frame: Frame, patterns: Patterns, tags: TagAlignments, limits: Limits) -> tuple[TagAlignments, Index]:
+    """Return the tags that are really there, and the rows of those that were aligned again under uneven light."""
+    good, again = verified(patterns, tags, limits), crossed(tags, patterns, limits)
+    if not again.any():
+        return tags.take(good), np.zeros(0, dtype=np.int64)
+    own, sound = align_unevenly_lit(
+        frame, patterns, tags.take(again), side_px=FINE_SIDE_PX, stop_px=STOP_PX, limits=limits
+    )
+    replaced = own.take(sound)
+    kept = tags.take(good & ~np.isin(tags.rows, replaced.rows))
+    return kept.joined(replaced), tags.rows[again]
 
 
 def _first_response(settings: DetectorSettings, camera: KnownCamera | None) -> str:
@@ -284,14 +302,16 @@ def _previewed(patterns: Patterns, rows: Index, corners_px: Array, response: str
     )
 
 
-def _located(frame: Frame, patterns: Patterns, tags: TagAlignments) -> DetectorOutput:
+def _located(frame: Frame, patterns: Patterns, tags: TagAlignments, uneven: Index | None = None) -> DetectorOutput:
+    uneven = np.zeros(0, dtype=np.int64) if uneven is None else uneven
     order = np.argsort(patterns.tag_ids[tags.rows], kind="stable")
     tags = tags.take(order)
-    share = variance_inflation(frame, patterns, tags, FINE_SIDE_PX)
+    even = tags.take(~np.isin(tags.rows, uneven))
+    left_out = misfit(frame, patterns, even if len(even) >= FEW_TAGS else tags, FINE_SIDE_PX)
     return DetectorOutput(
         ids=patterns.tag_ids[tags.rows],
         corners_px=tags.corners_px,
-        cov_px2=share * tags.cov_px2 + MODEL_ERROR_PX**2 * np.eye(2),
+        cov_px2=left_out.inflation * tags.cov_px2 + (MODEL_ERROR_PX**2 + left_out.deformation_px2) * np.eye(2),
         correlation=tags.correlation,
         blur_px=tags.psf_sigma_px,
         residual=tags.noise,

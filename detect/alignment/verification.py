@@ -1,6 +1,6 @@
 """Which aligned tags are really there: the picture must resemble the pattern everywhere, not only on the whole."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,6 +47,15 @@ class Limits:
             psf_modules=self.psf_modules * 1.2,
             spread_modules=self.spread_modules * 2,
         )
+
+
+HOPELESS = 0.75
+"""Mean residual of two by two modules, over the contrast, beyond which no light explains a tag."""
+
+
+def doubtful_limits(limits: Limits) -> Limits:
+    """Return what a tag must keep to that the box has there, but that a shadow's edge or a highlight may cross."""
+    return replace(limits.relaxed(), worst_block=HOPELESS, worst_module=2.0, correlation=0.6)
 
 
 def verified(patterns: Patterns, tags: TagAlignments, limits: Limits) -> NDArray[np.bool_]:

@@ -59,16 +59,17 @@ def _normalised_deviation():
 
 def test_sigmas_hold_where_neighbouring_pixels_agree(monkeypatch):
     assert 0.85 < _normalised_deviation() < 1.35
-    monkeypatch.setattr("boxcal.detect.alignment.detector.variance_inflation", lambda *_: 1.0)
+    monkeypatch.setattr("boxcal.detect.alignment.covariance.variance_inflation", lambda *_: 1.0)
+    monkeypatch.setattr("boxcal.detect.alignment.covariance.deformation", lambda *_: 0.0)
     assert _normalised_deviation() > 1.5
 
 
 @pytest.mark.parametrize(("spread_px", "least", "most"), [(0.0, 0.75, 1.3), (1.2, 1.8, 8.0)])
 def test_share_is_one_only_where_noise_is_white(monkeypatch, spread_px, least, most):
-    told = []
+    told, inflation = [], misfit.variance_inflation
     monkeypatch.setattr(
-        "boxcal.detect.alignment.detector.variance_inflation",
-        lambda *arguments: told.append(misfit.variance_inflation(*arguments)) or told[-1],
+        "boxcal.detect.alignment.covariance.variance_inflation",
+        lambda *arguments: told.append(inflation(*arguments)) or told[-1],
     )
     for seed, azimuth_deg in enumerate((5.0, 33.0)):
         T = pose(azimuth_deg, distance=0.6)
@@ -85,10 +86,10 @@ def test_white_noise_is_told_by_the_measured_share_of_clusters_that_share_edges(
     Under white noise their sums have the expected size but for chance: the mean of 48 views is within four of its
     standard errors, which are about 0.015.
     """
-    told = []
+    told, inflation = [], misfit.variance_inflation
     monkeypatch.setattr(
-        "boxcal.detect.alignment.detector.variance_inflation",
-        lambda *arguments: told.append(misfit.variance_inflation(*arguments)) or told[-1],
+        "boxcal.detect.alignment.covariance.variance_inflation",
+        lambda *arguments: told.append(inflation(*arguments)) or told[-1],
     )
     rng = np.random.default_rng(1)
     for azimuth_deg in (5.0, 17.0, 29.0, 41.0):
@@ -104,4 +105,34 @@ def test_white_noise_is_told_by_the_measured_share_of_clusters_that_share_edges(
 def test_nothing_seen_is_taken_for_white_noise():
     frame = Frame(grey=np.zeros((8, 8), np.float32), response=np.array([0.0, 1.0]), lens=no_distortion((8, 8)))
     none = align(frame, PATTERNS, np.zeros(0, np.int64), np.zeros((0, 4, 2)))
-    assert misfit.variance_inflation(frame, PATTERNS, none, 22.0) == 1.0
+    told = misfit.misfit(frame, PATTERNS, none, 22.0)
+    assert (told.inflation, told.deformation_px2) == (1.0, 0.0)
+
+
+@pytest.mark.parametrize("response", ["linear", "srgb"])
+def test_compiled_motion_of_blocks_is_that_of_the_reference(response):
+    batch = some_tags(33.0, response, 5)
+    arguments = (batch, np.full(3, 1e-4))
+    np.testing.assert_allclose(
+        numba_backend().block_motion(*arguments), numpy_backend().block_motion(*arguments), rtol=0.03
+    )
+
+
+def test_bent_tags_are_told_by_their_blocks_and_flat_ones_have_no_deformation():
+    image = view(pose(20.0, distance=0.6))
+    y, x = np.mgrid[: image.shape[0], : image.shape[1]].astype(np.float32)
+    normalised = []
+    for amplitude, least in ((0.0, 0.0), (0.25, 0.05)):
+        wave = np.float32(amplitude) * np.stack([np.sin(x / 4.1 + y / 5.3), np.sin(x / 5.9 - y / 3.7)])
+        bent = cv2.remap(image, x + wave[0], y + wave[1], cv2.INTER_CUBIC)
+        tags = detect_tags(bent, TARGET)
+        told = np.sqrt(np.trace(tags.cov_px2, axis1=2, axis2=3).mean() / 2)
+        # a point of the image is seen where the wave takes it from
+        uv = truth(pose(20.0, distance=0.6))[0][tags.ids]
+        uv = uv - amplitude * np.stack(
+            [np.sin(uv[..., 0] / 4.1 + uv[..., 1] / 5.3), np.sin(uv[..., 0] / 5.9 - uv[..., 1] / 3.7)], axis=-1
+        )
+        normalised.append(np.linalg.solve(np.linalg.cholesky(tags.cov_px2), (tags.corners_px - uv)[..., None]).std())
+        assert told > least
+    assert normalised[0] < 1.4
+    assert 0.5 < normalised[1] < 1.6
