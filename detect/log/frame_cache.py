@@ -15,55 +15,70 @@ import numpy as np
 from boxcal.detect.log.images import ImageSeries
 from boxcal.detect.log.signals import Quantity, Signal
 from boxcal.detect.log.video import holds_key
+from boxcal.target.arrays import Ids, Mask
 
 _LOOK_BACK_NS = 100_000_000
 _AT_REST = 0.06
 """Part of the largest change in a look back that still is rest."""
 _KEPT_A_STAND = 48
 _MAX_BYTES = 1 << 30
+_MAX_MEMORY = 48 << 20
 _MAX_GROUP_BYTES = 32 << 20
 
 
 @dataclass(slots=True, kw_only=True)
 class FrameCache:
-    """Messages of frames that were taken at rest, in a temporary file.
+    """Messages of frames that were taken at rest, the first in memory, the rest in a temporary file.
 
     Attributes
     ----------
     places
-        By series (its identity) and number of the frame in it: where it lies in the file, and its length.
+        By series (its identity) and number of the frame in it: where it lies in the file (-1: in memory), and its
+        length.
     """
 
     places: dict[tuple[int, int], tuple[int, int]] = field(default_factory=dict)
+    _held: dict[tuple[int, int], bytes] = field(default_factory=dict)
     _file: "IO[bytes] | None" = None
     _size: int = 0
     _largest: dict[int, float] = field(default_factory=dict)
     _stand: dict[int, list[int]] = field(default_factory=dict)
     _group: dict[int, list[tuple[int, bytes]]] = field(default_factory=dict)
 
-    def offer(
-        self, series: ImageSeries, number: int, stamp_ns: int, data: memoryview, wheels: Iterable[Signal]
-    ) -> None:
-        """Keep a frame if the robot seems to rest, and too many of this stand are not kept yet."""
+    def offer(self, series: ImageSeries, first: int, frames: list[memoryview], rests: Mask) -> None:
+        """Keep those of some frames that were taken at rest, unless too many of their stand are kept already.
+
+        Parameters
+        ----------
+        series
+            What they belong to.
+        first
+            Number of the first of them in it.
+        frames
+            Their messages, in order.
+        rests : (N,) bool
+            Whether the robot rested (:meth:`resting`).
+        """
         key = id(series)
-        if series.is_video:
-            self._remember(key, number, data)
-        if not self._rests(stamp_ns, wheels):
-            self._stand[key] = []
-            return
         stand = self._stand.setdefault(key, [])
-        stride = 1
-        while len(stand) // stride > _KEPT_A_STAND:
-            stride *= 2
-        stand.append(number)
-        if number % stride:
-            return
-        for earlier, packet in self._group.get(key, ()):
-            self._keep(key, earlier, packet)
-        if series.is_video:
-            self._group[key] = []
-        else:
-            self._keep(key, number, data)
+        for number, (data, rest) in enumerate(zip(frames, rests.tolist(), strict=True), first):
+            if series.is_video:
+                self._remember(key, number, data)
+            if not rest:
+                stand.clear()
+                continue
+            stand.append(number)
+            stride = 1
+            while len(stand) // stride > _KEPT_A_STAND:
+                stride *= 2
+            if number % stride:
+                continue
+            for earlier, packet in self._group.get(key, ()):
+                self._keep(key, earlier, packet)
+            if series.is_video:
+                self._group[key] = []
+            else:
+                self._keep(key, number, data)
 
     def close(self) -> None:
         """Close the temporary file."""
@@ -83,36 +98,43 @@ class FrameCache:
     def _keep(self, key: int, number: int, data: bytes | memoryview) -> None:
         if (key, number) in self.places or self._size + len(data) > _MAX_BYTES:
             return
-        if self._file is None:
-            self._file = tempfile.TemporaryFile()  # noqa: SIM115  (lives as long as the recording)
-        self._file.seek(self._size)
-        self._file.write(data)
-        self.places[key, number] = (self._size, len(data))
+        if self._size + len(data) <= _MAX_MEMORY:
+            self._held[key, number] = bytes(data)
+            self.places[key, number] = (-1, len(data))
+        else:
+            if self._file is None:
+                self._file = tempfile.TemporaryFile()  # noqa: SIM115  (lives as long as the recording)
+            place = self._file.seek(0, 2)
+            self._file.write(data)
+            self.places[key, number] = (place, len(data))
         self._size += len(data)
 
     def get(self, series: ImageSeries, number: int) -> bytes | None:
         """Return the message of a frame that was kept, else None."""
         found = self.places.get((id(series), number))
-        if found is None or self._file is None:
+        if found is None:
             return None
+        if found[0] < 0 or self._file is None:
+            return self._held.get((id(series), number))
         self._file.seek(found[0])
         return self._file.read(found[1])
 
-    def _rests(self, stamp_ns: int, wheels: Iterable[Signal]) -> bool:
-        known = False
+    def resting(self, stamps_ns: Ids, wheels: Iterable[Signal]) -> Mask:
+        """Return whether the robot seems to rest at some times, (N,) bool; it does not where nothing is known."""
+        known, rests = np.zeros(stamps_ns.size, dtype=np.bool_), np.ones(stamps_ns.size, dtype=np.bool_)
         for signal in wheels:
+            if signal.low == signal.high:
+                continue  # it tells nothing
             t_ns, values = signal.tail()
-            now = int(np.searchsorted(t_ns, stamp_ns, side="right")) - 1
-            before = int(np.searchsorted(t_ns, stamp_ns - _LOOK_BACK_NS, side="right")) - 1
-            if now < 0:
-                continue
-            known = True
+            now = np.searchsorted(t_ns, stamps_ns, side="right") - 1
+            before = np.maximum(np.searchsorted(t_ns, stamps_ns - _LOOK_BACK_NS, side="right") - 1, 0)
+            seen = now >= 0
             if signal.quantity is Quantity.VELOCITY:
-                change = abs(float(values[now]))
+                change, usual = np.abs(values[now]), 0.0
             else:
-                change = float(np.ptp(values[max(before, 0) : now + 1]))
-            usual = signal.fastest * _LOOK_BACK_NS if signal.quantity is not Quantity.VELOCITY else 0.0
-            largest = self._largest[id(signal)] = max(self._largest.get(id(signal), 0.0), change, usual)
-            if change > _AT_REST * largest and change > 0:
-                return False
-        return known
+                change, usual = np.abs(values[now] - values[before]), signal.fastest * _LOOK_BACK_NS
+            most = float(np.max(change[seen], initial=0.0))
+            largest = self._largest[id(signal)] = max(self._largest.get(id(signal), 0.0), most, usual)
+            known |= seen
+            rests &= ~seen | (change <= _AT_REST * largest)
+        return known & rests

@@ -78,8 +78,7 @@ class JointReader:
 
     def blocks(self, batch: Batch) -> list[JointBlock]:
         """Return the messages of a batch, those of one layout together; damaged ones are counted and left out."""
-        starts, ends = np.array(batch.starts, dtype=np.int64), np.array(batch.ends, dtype=np.int64)
-        log = np.array(batch.log_ns, dtype=np.uint64).astype(np.int64)
+        starts, ends, log = batch.starts, batch.ends, batch.log_ns
         memory = np.frombuffer(batch.data, dtype=np.uint8)
         out: list[JointBlock] = []
         lengths = ends - starts

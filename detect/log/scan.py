@@ -9,7 +9,7 @@ from boxcal.detect.errors import DetectError
 from boxcal.detect.log.containers.base import Batch, Channel, Container, ros_type
 from boxcal.detect.log.containers.packing import message_unpacked
 from boxcal.detect.log.frame_cache import FrameCache
-from boxcal.detect.log.images import IMAGE_TYPES, ImageSeries, image_stamp_ns, raw_encoding
+from boxcal.detect.log.images import IMAGE_TYPES, PICTURE_FILE, ImageSeries, image_stamp_ns, raw_encoding
 from boxcal.detect.log.joint_states import JointReader
 from boxcal.detect.log.metadata import METADATA_TYPES, Metadata
 from boxcal.detect.log.ros_messages import decoder_of, joints_of, stamp_of, text_at, value_at
@@ -195,7 +195,7 @@ class Scan:
             return None
 
         def take(batch: Batch) -> None:
-            for data, log in _messages(batch):
+            for data, log in batch.messages():
                 try:
                     message = decode(data)
                     t, found = np.array([stamp_of(message) or 0]), joints_of(message)
@@ -243,7 +243,7 @@ class Scan:
             logs: list[int] = []
             rows: list[list[float]] = []
             stamped = True
-            for data, log in _messages(batch):
+            for data, log in batch.messages():
                 try:
                     message = decode(data)
                     row = [value_at(message, f.path) for f in fields]
@@ -278,7 +278,7 @@ class Scan:
         path, frame = ODOMETRY[ros_type(channel.type) if channel.encoding != "protobuf" else channel.type]
 
         def take(batch: Batch) -> None:
-            for data, log in _messages(batch):
+            for data, log in batch.messages():
                 try:
                     message = decode(data)
                     x, y, qx, qy, qz, qw = (value_at(message, path + p) for p in _POSE)
@@ -303,7 +303,7 @@ class Scan:
             return None  # metadata is a gift: without it nothing is missing
 
         def take(batch: Batch) -> None:
-            for data, _ in _messages(batch):
+            for data, _ in batch.messages():
                 if not self.metadata.wants(kind, channel.topic):
                     return
                 try:
@@ -317,21 +317,30 @@ class Scan:
         channel = batch.channel
         kind = ros_type(channel.type) if channel.encoding != "protobuf" else channel.type
         series = self.images[channel.topic, kind]
-        wheels = [s for of_topic in self.signals.values() for s in of_topic.values() if s.count]
-        for k, start in enumerate(batch.starts):
-            data = memoryview(batch.data)[start : batch.ends[k]]
-            log = batch.log_ns[k]
+        first = len(series.t_ns)
+        frames: list[memoryview] = []
+        rows = zip(batch.starts.tolist(), batch.ends.tolist(), batch.log_ns.tolist(), batch.records(), strict=True)
+        for start, end, log, record in rows:
+            data = memoryview(batch.data)[start:end]
             try:
                 stamp = image_stamp_ns(channel, kind, data, log)
             except DetectError as error:
                 self._problem(channel.topic, str(error))
                 continue
-            number = len(series.t_ns)
-            if number == 0:
+            if not series.t_ns:
                 series.encoding = self._encoding(channel, kind, bytes(data))
-            series.add(stamp, log, batch.record, start)
-            self.cache.offer(series, number, stamp, data, wheels)
+            series.add(stamp, log, record, start)
+            frames.append(data)
+        if channel.encoding != PICTURE_FILE:
+            stamps = np.array(series.t_ns[first:], dtype=np.int64)
+            self.cache.offer(series, first, frames, self.cache.resting(stamps, self._wheel_signals()))
         self._count(len(batch.starts))
+
+    def _wheel_signals(self) -> list[Signal]:
+        """Return the signals that tell whether the robot rests: velocities only where nothing else moves."""
+        found = [s for of_topic in self.signals.values() for s in of_topic.values() if s.count]
+        moving = [s for s in found if s.quantity is not Quantity.VELOCITY and s.high > s.low]
+        return moving or found
 
     def _encoding(self, channel: Channel, kind: str, data: bytes) -> str:
         try:
@@ -345,21 +354,9 @@ def _opened(batch: Batch) -> Batch:
     """Return a batch whose messages are not compressed one by one."""
     if not batch.channel.packed:
         return batch
-    content = [message_unpacked(data) for data, _ in _raw(batch)]
-    ends = np.cumsum([len(c) for c in content]).tolist()
-    return batch._replace(data=b"".join(content), starts=[0, *ends[:-1]], ends=ends)
-
-
-def _raw(batch: Batch) -> list[tuple[bytes, int]]:
-    return [
-        (bytes(batch.data[start:end]), log)
-        for start, end, log in zip(batch.starts, batch.ends, batch.log_ns, strict=True)
-    ]
-
-
-def _messages(batch: Batch) -> list[tuple[bytes, int]]:
-    """Return the bytes and the time of recording of each message."""
-    return _raw(batch)
+    content = [message_unpacked(data) for data, _ in batch.messages()]
+    ends = np.cumsum([len(c) for c in content], dtype=np.int64)
+    return batch._replace(data=b"".join(content), starts=np.concatenate([[0], ends[:-1]]), ends=ends)
 
 
 def problems_said(problems: dict[str, tuple[str, int]]) -> list[str]:

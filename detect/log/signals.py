@@ -37,7 +37,7 @@ class Signal:
     ticks_per_turn
         Of a wheel, where the message type tells; None if it does not.
     fastest
-        Change in a nanosecond at the usual speed of the fastest piece.
+        Mean change in a nanosecond in the fastest piece.
     stamped
         Whether the messages carry times; else those of recording are taken.
     """
@@ -51,6 +51,7 @@ class Signal:
     _t: list[Ids] = field(default_factory=list)
     _log: list[Ids] = field(default_factory=list)
     _values: list[Array] = field(default_factory=list)
+    _tail: tuple[int, Ids, Array] | None = None
     count: int = 0
     fastest: float = 0.0
     low: float = np.inf
@@ -68,8 +69,8 @@ class Signal:
         self._values.append(values)
         self.count += int(values.size)
         if values.size > _FEW:
-            rates = np.abs(np.diff(values)) / np.maximum(np.diff(t_ns), 1)
-            self.fastest = max(self.fastest, float(np.quantile(rates, 0.9)))
+            way, time = float(np.sum(np.abs(np.diff(values)))), int(t_ns[-1] - t_ns[0])
+            self.fastest = max(self.fastest, way / time if time > 0 else 0.0)
         self.low, self.high = min(self.low, float(values.min())), max(self.high, float(values.max()))
 
     @property
@@ -94,7 +95,10 @@ class Signal:
 
     def tail(self) -> tuple[Ids, Array]:
         """Return stamps and values of the last piece or two, for what is decided while reading."""
-        return _joined(self._t[-2:], np.int64), _joined(self._values[-2:], np.float64)
+        if self._tail is None or self._tail[0] != self.count:
+            t_ns, values = _joined(self._t[-2:], np.int64), _joined(self._values[-2:], np.float64)
+            self._tail = (self.count, t_ns, values)
+        return self._tail[1:]
 
 
 @dataclass(slots=True, kw_only=True, eq=False)

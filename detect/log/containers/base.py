@@ -6,6 +6,7 @@ from typing import NamedTuple, Protocol
 
 from boxcal.detect.errors import DetectError
 from boxcal.detect.log.safe_text import printable
+from boxcal.target.arrays import Ids
 
 MAX_RECORD_BYTES = 128 << 20
 """Largest record, and largest unpacked chunk, that is read: a raw colour image of 25 Mpx fits."""
@@ -54,20 +55,30 @@ class Batch(NamedTuple):
         What they are.
     data
         Memory that holds them.
-    starts, ends
+    starts, ends : (N,)
         Where each message lies in it.
-    log_ns
+    log_ns : (N,) ns
         When each was recorded.
-    record
-        The place in the file that ``data`` comes from; with a start it finds a message again.
+    record : int or (N,)
+        The place in the file that ``data`` comes from, or that each message does; with a start it finds a message
+        again.
     """
 
     channel: Channel
     data: bytes | memoryview
-    starts: list[int]
-    ends: list[int]
-    log_ns: list[int]
-    record: int
+    starts: Ids
+    ends: Ids
+    log_ns: Ids
+    record: int | Ids
+
+    def messages(self) -> Iterator[tuple[bytes, int]]:
+        """Yield the bytes and the time of recording of each message."""
+        for start, end, log in zip(self.starts.tolist(), self.ends.tolist(), self.log_ns.tolist(), strict=True):
+            yield bytes(self.data[start:end]), log
+
+    def records(self) -> list[int]:
+        """Return the place of each message."""
+        return [self.record] * len(self.starts) if isinstance(self.record, int) else self.record.tolist()
 
 
 class Place(NamedTuple):

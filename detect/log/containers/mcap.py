@@ -13,6 +13,8 @@ import zlib
 from collections.abc import Generator, Iterable, Iterator
 from typing import BinaryIO, NamedTuple
 
+import numpy as np
+
 from boxcal.detect.errors import DetectError
 from boxcal.detect.log.containers.base import (
     MAX_RECORD_BYTES,
@@ -28,19 +30,23 @@ from boxcal.detect.log.containers.base import (
 from boxcal.detect.log.containers.mcap_salvage import next_record, summary_of
 from boxcal.detect.log.containers.packing import ERRORS, unpacked, unpacked_beginning
 from boxcal.detect.log.safe_text import printable
+from boxcal.target.arrays import Ids
 
 MAGIC = b"\x89MCAP0\r\n"
 FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, CHUNK_INDEX, STATISTICS = 2, 3, 4, 5, 6, 8, 11
 _LAST_OPCODE = 15
 
 _HEAD = struct.Struct("<BQ")
-_MESSAGE = struct.Struct("<BQHIQQ")
+_LENGTH = struct.Struct("<Q")
+_HEAD_TYPE = np.dtype(
+    [("op", "u1"), ("length", "<u8"), ("channel", "<u2"), ("seq", "<u4"), ("log", "<u8"), ("pub", "<u8")]
+)
 _CHUNK = struct.Struct("<QQQII")
 _RECORD_AND_HEAD = _HEAD.size
-_BODY_AT = _MESSAGE.size
+_BODY_AT = _HEAD_TYPE.itemsize
+_MESSAGE_HEAD = np.arange(_BODY_AT)
 _BLOCK = 1 << 20
 _MAX_CHANNELS = 65_536
-_Lists = tuple[list[int], list[int], list[int]]
 
 
 class ChunkHead(NamedTuple):
@@ -190,11 +196,14 @@ class McapFile:
             self.damage.add(f"the record at byte {at} claims {length} bytes, at most {MAX_RECORD_BYTES} are read")
             walk.skip(_RECORD_AND_HEAD + length)
             return
-        body = walk.peek(_RECORD_AND_HEAD + length)
-        walk.skip(_RECORD_AND_HEAD + length)
         if opcode == CHUNK:
-            yield from self._chunk(memoryview(body)[_RECORD_AND_HEAD:], at)
+            walk.skip(_RECORD_AND_HEAD)
+            body = walk.peek(length)
+            walk.skip(length)
+            yield from self._chunk(memoryview(body), at)
         else:
+            body = walk.peek(_RECORD_AND_HEAD + length)
+            walk.skip(_RECORD_AND_HEAD + length)
             yield from self._content(memoryview(body), at, chunk=False)
 
     def _chunk(self, body: bytes | memoryview, at: int) -> Iterator[list[Batch]]:
@@ -219,49 +228,37 @@ class McapFile:
         """Yield the messages of a chunk's unpacked data, or of records that stand in no chunk."""
         if chunk:
             self._chunks_seen.add(at)
-        lists: dict[int, _Lists] = {}
-        try:
-            self._index(memoryview(data), lists)
-        except DetectError:
-            raise
-        except (struct.error, ValueError) as error:
-            if whole:
-                self.damage.add(f"the {'chunk' if chunk else 'record'} at byte {at} is damaged inside: {error}")
-        found = [(self._channel(number), messages) for number, messages in lists.items()]
-        yield [Batch(channel, data, *messages, at) for channel, messages in found if channel is not None]
+        view = memoryview(data)
+        marks, problem = _records_in(view)
+        if problem and whole:
+            self.damage.add(f"the {'chunk' if chunk else 'record'} at byte {at} is damaged inside: {problem}")
+        yield self._batches_of(view, marks, at)
 
-    def _index(self, view: memoryview, lists: dict[int, _Lists]) -> None:
-        """Note where messages lie in memory that holds records one behind the other; take schemas and channels."""
-        at, end, before, unpack = 0, len(view), 0, _MESSAGE.unpack_from
-        counts = self._counts
-        while at + _RECORD_AND_HEAD <= end:
-            if view[at] == MESSAGE and at + _BODY_AT <= end:
-                _, length, channel, _, log, _ = unpack(view, at)
-                stop = at + _RECORD_AND_HEAD + length
-                if stop > end or length < 22:
-                    raise ValueError(f"a message claims {length} bytes, {end - at - _RECORD_AND_HEAD} are there")
-                found = lists.get(channel)
-                if found is None:
-                    found = lists[channel] = ([], [], [])
-                found[0].append(at + _BODY_AT)
-                found[1].append(stop)
-                found[2].append(log)
-                counts[channel] = counts.get(channel, 0) + 1
-                before += 1
-                if before == 65_536:
-                    self._budget.take(messages=before)
-                    before = 0
-            else:
-                opcode, length = _HEAD.unpack_from(view, at)
-                stop = at + _RECORD_AND_HEAD + length
-                if stop > end:
-                    raise ValueError(
-                        f"a record in its chunk claims {length} bytes, the chunk has {end - at - _RECORD_AND_HEAD} more"
-                    )
-                if opcode in {SCHEMA, CHANNEL}:
-                    self.describe(opcode, view[at + _RECORD_AND_HEAD : stop])
-            at = stop
-        self._budget.take(messages=before)
+    def _batches_of(self, view: memoryview, marks: Ids, at: int) -> list[Batch]:
+        """Return the messages among records in memory, a batch a channel; take schemas and channels."""
+        memory = np.frombuffer(view, dtype=np.uint8)
+        opcodes = memory[marks]
+        for mark, opcode in zip(marks, opcodes, strict=True) if np.any(opcodes != MESSAGE) else ():
+            if opcode in {SCHEMA, CHANNEL}:
+                (length,) = _LENGTH.unpack_from(view, mark + 1)
+                self.describe(int(opcode), view[mark + _RECORD_AND_HEAD : mark + _RECORD_AND_HEAD + length])
+        marks = marks[(opcodes == MESSAGE) & (marks <= len(view) - _BODY_AT)]
+        heads = memory[marks[:, None] + _MESSAGE_HEAD].copy().view(_HEAD_TYPE)[:, 0]
+        lengths = heads["length"].astype(np.int64)
+        good = lengths >= _BODY_AT - _RECORD_AND_HEAD
+        if not np.all(good):
+            self.damage.add(f"the chunk at byte {at} is damaged inside: a message of {lengths[~good][0]} bytes")
+            marks, heads, lengths = marks[good], heads[good], lengths[good]
+        self._budget.take(messages=len(marks))
+        starts, ends, log_ns = marks + _BODY_AT, marks + _RECORD_AND_HEAD + lengths, heads["log"].astype(np.int64)
+        batches = []
+        for number in np.unique(heads["channel"]).tolist():
+            of_channel = heads["channel"] == number
+            self._counts[number] = self._counts.get(number, 0) + int(np.sum(of_channel))
+            channel = self._channel(number)
+            if channel is not None:
+                batches.append(Batch(channel, view, starts[of_channel], ends[of_channel], log_ns[of_channel], at))
+        return batches
 
     def describe(self, opcode: int, body: memoryview) -> None:
         """Take a schema or channel record; a damaged one is passed over and counted."""
@@ -437,12 +434,28 @@ def _whole_records(data: bytes | memoryview) -> int:
     return at
 
 
+def _records_in(view: memoryview) -> tuple[Ids, str]:
+    """Return where the records in memory begin that stand one behind the other, and what is wrong behind the last."""
+    at, end, unpack = 0, len(view), _LENGTH.unpack_from
+    marks: list[int] = []
+    mark = marks.append
+    while at + _RECORD_AND_HEAD <= end:
+        (length,) = unpack(view, at + 1)
+        stop = at + _RECORD_AND_HEAD + length
+        if stop > end:
+            left = end - at - _RECORD_AND_HEAD
+            problem = f"a record in its chunk claims {length} bytes, the chunk has {left} more"
+            return np.array(marks, dtype=np.int64), problem
+        mark(at)
+        at = stop
+    return np.array(marks, dtype=np.int64), ""
+
+
 class _Window:
     """A file read once from front to end, with a look ahead; all that passes is hashed."""
 
     def __init__(self, file: BinaryIO, size: int, digest: "hashlib._Hash") -> None:
         self._file, self._digest, self._buffer = file, digest, b""
-        self._from = 0
         self.at, self.size = 0, size
         file.seek(0)
         self._file_at = 0
@@ -454,28 +467,20 @@ class _Window:
 
     def peek(self, count: int) -> bytes:
         """Return the next bytes, fewer at the file's end, without passing them."""
-        held = len(self._buffer) - self._from
+        held = len(self._buffer)
         if held < count:
-            more = self._pull(max(count - held, _BLOCK))
-            self._buffer = self._buffer[self._from :] + more if held else more
-            self._from = 0
-        if self._from == 0 and count == len(self._buffer):
-            return self._buffer
-        return self._buffer[self._from : self._from + count]
+            more = self._pull(count - held)
+            self._buffer = self._buffer + more if held else more
+        return self._buffer if len(self._buffer) <= count else self._buffer[:count]
 
     def skip(self, count: int) -> None:
         """Pass bytes."""
         self.at += count
-        while True:
-            held = len(self._buffer) - self._from
-            if count <= held:
-                self._from += count
-                return
-            count -= held
-            self._from = 0
-            self._buffer = self._pull(_BLOCK)
-            if not self._buffer:
-                return
+        held = len(self._buffer)
+        self._buffer = self._buffer[count:] if count < held else b""
+        count -= held
+        while count > 0 and (passed := len(self._pull(min(count, _BLOCK)))):
+            count -= passed
 
     def finish(self) -> None:
         """Hash what was not passed."""
@@ -483,7 +488,8 @@ class _Window:
             pass
 
     def _pull(self, count: int) -> bytes:
-        self._file.seek(self._file_at)
+        if self._file.tell() != self._file_at:  # others looked elsewhere
+            self._file.seek(self._file_at)
         block = self._file.read(count)
         self._file_at += len(block)
         self._digest.update(block)

@@ -38,8 +38,7 @@ def unpacked(data: bytes | memoryview, compression: str, size: int) -> bytes | m
     elif size == 0:
         content = b""
     elif compression == "zstd":
-        stream = zstandard.ZstdDecompressor(max_window_size=_MAX_WINDOW).stream_reader(data, read_across_frames=True)
-        content = stream.read(size + 1)
+        content = _zstd(data, size)
     elif compression == "lz4":
         content = lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=size + 1)
     elif compression == "bz2":
@@ -50,6 +49,15 @@ def unpacked(data: bytes | memoryview, compression: str, size: int) -> bytes | m
         found = f"more than {size}" if len(content) > size else f"{len(content)}"
         raise DetectError(f"its chunk claims to unpack to {size} bytes and unpacks to {found}")
     return content
+
+
+def _zstd(data: bytes | memoryview, size: int) -> bytes:
+    """Return what Zstandard data unpack to, at most one byte more than was claimed."""
+    head = zstandard.get_frame_parameters(bytes(data[:32]))
+    if head.content_size == size and head.window_size <= _MAX_WINDOW:  # at once, where the frame agrees
+        return zstandard.ZstdDecompressor().decompress(data, allow_extra_data=False)
+    stream = zstandard.ZstdDecompressor(max_window_size=_MAX_WINDOW).stream_reader(data, read_across_frames=True)
+    return stream.read(size + 1)
 
 
 def unpacked_beginning(data: bytes | memoryview, compression: str, size: int) -> bytes:

@@ -15,6 +15,8 @@ import re
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
+import numpy as np
+
 from boxcal.detect.errors import DetectError
 from boxcal.detect.log.containers.base import Batch, Channel, Damage, Place
 from boxcal.detect.log.safe_text import listed, printable
@@ -53,12 +55,13 @@ class PlainFolder:
         yield from self._wheels()
         found = self._timed_pictures()
         channel = Channel(topic="images", type="picture", encoding="picture")
-        batches = []
-        for number, (t_ns, picture) in enumerate(found):
+        times: list[int] = []
+        for t_ns, picture in found:
             self._pictures.append(picture)
             self._digest.update(f"{picture.name} {picture.stat().st_size}\n".encode())
-            batches.append(Batch(channel, b"", [0], [0], [t_ns], number))
-        yield batches
+            times.append(t_ns)
+        none = np.zeros(len(found), dtype=np.int64)
+        yield [Batch(channel, b"", none, none, np.array(times, dtype=np.int64), np.arange(len(found)))]
 
     def read(self, places: Iterable[Place]) -> Iterator[bytes]:
         """Yield the contents of pictures."""
@@ -113,7 +116,8 @@ class PlainFolder:
             at += len(content)
             ends.append(at)
         self._digest.update(data)
-        return Batch(channel, data, starts, ends, [t for _, t in rows], 0)
+        log_ns = np.array([t for _, t in rows], dtype=np.int64)
+        return Batch(channel, data, np.array(starts), np.array(ends), log_ns, 0)
 
     def _timed_pictures(self) -> list[tuple[int, Path]]:
         """Return the pictures with their times, ns, in order of time."""

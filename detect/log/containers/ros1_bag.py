@@ -9,6 +9,8 @@ import struct
 from collections.abc import Iterable, Iterator
 from typing import BinaryIO
 
+import numpy as np
+
 from boxcal.detect.errors import DetectError
 from boxcal.detect.log.containers.base import (
     MAX_RECORD_BYTES,
@@ -138,7 +140,8 @@ class Ros1Bag:
         for number, messages in lists.items():
             channel = self._channels.get(number)
             if channel is not None:
-                batches.append(Batch(channel, content, *messages, at))
+                starts, ends, log_ns = (np.array(m, dtype=np.int64) for m in messages)
+                batches.append(Batch(channel, content, starts, ends, log_ns, at))
             elif number not in self._unknown:
                 self._unknown.add(number)
                 self.damage.add(f"messages of connection {number}, which the file does not describe, were left out")

@@ -9,6 +9,8 @@ from pathlib import Path
 from typing import BinaryIO, Self
 from urllib.parse import quote
 
+import numpy as np
+
 from boxcal.detect.errors import DetectError
 from boxcal.detect.log.containers.base import (
     MAX_RECORD_BYTES,
@@ -110,12 +112,14 @@ class SqliteFile:
             self._path.unlink(missing_ok=True)
 
     def _piece(self, held: dict[int, tuple[list[bytes], list[int], list[int]]]) -> list[Batch]:
-        """Return a batch for each message: a message's place is its row."""
-        return [
-            Batch(self._channels[topic], data, [0], [len(data)], [log], row)
-            for topic, (datas, rows, logs) in held.items()
-            for data, row, log in zip(datas, rows, logs, strict=True)
-        ]
+        """Return a batch for each topic: the place of a message is its row."""
+        batches = []
+        for topic, (datas, rows, logs) in held.items():
+            ends = np.cumsum([len(d) for d in datas], dtype=np.int64)
+            starts = np.concatenate([[0], ends[:-1]])
+            log_ns, records = np.array(logs, dtype=np.int64), np.array(rows, dtype=np.int64)
+            batches.append(Batch(self._channels[topic], b"".join(datas), starts, ends, log_ns, records))
+        return batches
 
     def _topics(self) -> dict[int, Channel]:
         tables = {name for (name,) in self._base.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
