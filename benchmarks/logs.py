@@ -6,7 +6,7 @@ Example:
   python benchmarks/logs.py --damage           and seeded cuts and flips of a log that calibrates
 
 The streaming floor reads the file, unpacks every chunk and checks its CRC, and does nothing else. Times are processor
-times, the best of three runs, one after the other.
+times of seven rounds: the least of each, and the median of its ratios to the floor of the same round.
 """
 
 import argparse
@@ -61,25 +61,25 @@ def main() -> None:
             damage(Path(folder))
 
 
-def speeds(path: Path) -> None:
-    floor = best(lambda: stream_floor(path))
-    for name, work in (
-        ("streaming floor with CRC", None),
-        ("open_recording", lambda: open_recording(path)),
-        ("rosbags, raw messages", lambda: rosbags_raw(path)),
-        ("mcap, raw messages", lambda: mcap_raw(path)),
-    ):
-        seconds = floor if work is None else best(work)
-        print(f"  {name:28} {seconds:7.3f} s   {seconds / floor:5.2f} x the floor")
+def speeds(path: Path, rounds: int = 7) -> None:
+    """Print processor times: all in each round, one after the other, as ratios to that round's floor."""
+    works: dict[str, Callable[[], object]] = {
+        "streaming floor with CRC": lambda: stream_floor(path),
+        "open_recording": lambda: open_recording(path, hashed=False),
+        "... with the SHA-256": lambda: open_recording(path),
+        "rosbags, raw messages": lambda: rosbags_raw(path),
+        "mcap, raw messages": lambda: mcap_raw(path),
+    }
+    times = np.array([[processor_time(work) for work in works.values()] for _ in range(rounds)])
+    ratios = np.median(times / times[:, :1], axis=0)
+    for name, seconds, ratio in zip(works, times.min(axis=0), ratios, strict=True):
+        print(f"  {name:28} {seconds:7.3f} s   {ratio:5.2f} x the floor")
 
 
-def best(work: Callable[[], object], runs: int = 3) -> float:
-    times = []
-    for _ in range(runs):
-        begun = time.process_time()
-        work()
-        times.append(time.process_time() - begun)
-    return min(times)
+def processor_time(work: Callable[[], object]) -> float:
+    begun = time.process_time()
+    work()
+    return time.process_time() - begun
 
 
 def stream_floor(path: Path) -> int:

@@ -117,7 +117,7 @@ def stop_jpegs(
 
 def _opened(log: Path, topics: Topics | None, units: WheelUnits | None, drive: Correspondences | None) -> Recording:
     """Open a log with its frames at the times that they had when the drive was extracted from it."""
-    recording = open_recording(log, topics, units)
+    recording = open_recording(log, topics, units, hashed=False)
     if drive is None:
         return recording
     offset = round(drive.source.clock_offset * 1e9) - recording.clock_offset_ns

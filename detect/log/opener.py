@@ -22,8 +22,15 @@ KINDS = (".mcap", ".db3", ".bag", ".active", ".zst", ".zstd", ".gz")
 """Suffixes of recordings."""
 
 
-def open_container(path: Path) -> Container:
+def open_container(path: Path, *, hashed: bool = True) -> Container:
     """Open a recording: a file of any kind, or a folder.
+
+    Parameters
+    ----------
+    path
+        The file or folder.
+    hashed
+        Whether the SHA-256 of its bytes is wanted, which takes longer than reading them.
 
     Raises
     ------
@@ -32,10 +39,10 @@ def open_container(path: Path) -> Container:
     """
     try:
         if path.is_dir():
-            return _open_folder(path)
+            return _open_folder(path, None if hashed else "")
         if path.exists() and not path.is_file():
             raise DetectError("neither a file nor a folder", source=path.name, needed=_NEEDED)
-        return _open_file(path, packed=False)
+        return _open_file(path, None if hashed else "", packed=False)
     except FileNotFoundError as error:
         raise DetectError("no such file", source=path.name, needed=_NEEDED, remedy="check the path") from error
     except OSError as error:
@@ -65,23 +72,23 @@ def robot_name_of(path: Path) -> str:
     return Path(name).stem
 
 
-def _open_folder(path: Path) -> Container:
+def _open_folder(path: Path, digest: str | None) -> Container:
     if is_plain_folder(path):
         return PlainFolder(path)
     parts, packed, notes = folder_parts(path)
-    return BagFolder(path, parts, lambda part: _open_file(part, packed=packed), notes)
+    return BagFolder(path, parts, lambda part: _open_file(part, digest, packed=packed), notes)
 
 
-def _open_file(path: Path, *, packed: bool) -> Container:
+def _open_file(path: Path, digest: str | None, *, packed: bool) -> Container:
     with path.open("rb") as file:
         start = file.read(16)
     if start == _SQLITE_MAGIC:
-        return SqliteFile(path, path.name, packed=packed)
+        return SqliteFile(path, path.name, packed=packed, digest=digest)
     if start.startswith(_PACKED):
         return _open_packed(path, packed=packed)
     file = path.open("rb")
     try:
-        return _of_stream(file, path.name, None, packed=packed)
+        return _of_stream(file, path.name, digest, packed=packed)
     except BaseException:
         file.close()
         raise

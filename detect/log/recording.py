@@ -46,7 +46,7 @@ class Recording:
     kind
         What kind of recording it is.
     sha256
-        Of its bytes, hexadecimal.
+        Of its bytes, hexadecimal; empty if it was not wanted.
     camera_topic
         Where the images are.
     camera_frame
@@ -195,6 +195,8 @@ def open_recording(
     topics: Topics | None = None,
     units: WheelUnits | None = None,
     nominal: tuple[float, float] | None = None,
+    *,
+    hashed: bool = True,
 ) -> Recording:
     """Read a recording of any kind: all wheel readings, and where the images are.
 
@@ -208,6 +210,8 @@ def open_recording(
         What the wheel readings mean; rad, rolling forward, if None.
     nominal : m
         Wheel radius and separation of the driver that reckons the odometry, where the recording has only that.
+    hashed
+        Whether the SHA-256 of its bytes is wanted.
 
     Raises
     ------
@@ -215,7 +219,7 @@ def open_recording(
         If the recording cannot be read, or lacks camera, wheels, messages or a common time; all that is missing is
         said together, with what to do.
     """
-    container = open_container(path)
+    container = open_container(path, hashed=hashed)
     scan = Scan(name=path.name, topics=topics or Topics())
     try:
         scan.take_all(container)
@@ -237,7 +241,7 @@ def read_wheels(
     nominal: tuple[float, float] | None = None,
 ) -> WheelSamples:
     """Return the wheel samples of a recording that need not show a camera (see :func:`open_recording`)."""
-    container = open_container(path)
+    container = open_container(path, hashed=False)
     scan = Scan(name=path.name, topics=topics or Topics())
     try:
         scan.take_all(container)

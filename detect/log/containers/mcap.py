@@ -96,7 +96,7 @@ class McapFile:
 
     def batches(self) -> Iterator[list[Batch]]:
         """Yield all messages in file order: of each chunk a list with a batch a channel."""
-        walk = _Window(self._file, self._size, self._digest)
+        walk = _Window(self._file, self._size, self._digest if self._known_digest is None else None)
         walk.skip(len(MAGIC))
         while True:
             at = walk.at
@@ -149,7 +149,7 @@ class McapFile:
 
     def sha256(self) -> str:
         """Return the file's SHA-256, hexadecimal, once all batches were read."""
-        return self._known_digest or self._digest.hexdigest()
+        return self._digest.hexdigest() if self._known_digest is None else self._known_digest
 
     def close(self) -> None:
         """Close the file."""
@@ -454,7 +454,7 @@ def _records_in(view: memoryview) -> tuple[Ids, str]:
 class _Window:
     """A file read once from front to end, with a look ahead; all that passes is hashed."""
 
-    def __init__(self, file: BinaryIO, size: int, digest: "hashlib._Hash") -> None:
+    def __init__(self, file: BinaryIO, size: int, digest: "hashlib._Hash | None") -> None:
         self._file, self._digest, self._buffer = file, digest, b""
         self.at, self.size = 0, size
         file.seek(0)
@@ -484,6 +484,8 @@ class _Window:
 
     def finish(self) -> None:
         """Hash what was not passed."""
+        if self._digest is None:
+            return
         while self._pull(_BLOCK):
             pass
 
@@ -492,5 +494,6 @@ class _Window:
             self._file.seek(self._file_at)
         block = self._file.read(count)
         self._file_at += len(block)
-        self._digest.update(block)
+        if self._digest is not None:
+            self._digest.update(block)
         return block

@@ -100,7 +100,7 @@ class Ros1Bag:
 
     def sha256(self) -> str:
         """Return the file's SHA-256, hexadecimal, once all batches were read."""
-        return self._known_digest or self._digest.hexdigest()
+        return self._digest.hexdigest() if self._known_digest is None else self._known_digest
 
     def close(self) -> None:
         """Close the file."""
@@ -108,7 +108,8 @@ class Ros1Bag:
 
     def _take(self, count: int) -> bytes:
         data = self._file.read(count)
-        self._digest.update(data)
+        if self._known_digest is None:
+            self._digest.update(data)
         return data
 
     def _content(self, fields: dict[bytes, bytes], data: bytes) -> bytes | memoryview:

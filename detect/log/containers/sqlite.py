@@ -37,7 +37,7 @@ class SqliteFile:
 
     kind = "ROS 2 bag (sqlite3)"
 
-    def __init__(self, path: Path, name: str, *, packed: bool = False, digest: str = "") -> None:
+    def __init__(self, path: Path, name: str, *, packed: bool = False, digest: str | None = None) -> None:
         self.name, self.damage = name, Damage()
         self._path, self._packed, self._digest, self._remove = path, packed, digest, False
         self._budget = Budget(name, path.stat().st_size)
@@ -103,7 +103,7 @@ class SqliteFile:
 
     def sha256(self) -> str:
         """Return the file's SHA-256, hexadecimal."""
-        return self._digest or file_sha256(self._path)
+        return file_sha256(self._path) if self._digest is None else self._digest
 
     def close(self) -> None:
         """Close the database; what was unpacked for it goes."""
