@@ -219,11 +219,13 @@ def measure_long(path: Path) -> None:
     frames = 0
     for stop in stops:
         frames += sum(1 for _ in recording.read_frames(frames_at(recording, stop, 0.1, 20)))
-    kept = sum(length for _, length in recording.source.cache.places.values())
+    cache = recording.source.cache
+    kept = sum(length for _, length in cache.places.values())
     read, peak_kb = count("rchar") - before, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before_kb
     size = path.stat().st_size
     print(f"  {len(stops)} stops, {frames} frames looked at; opened in {opened:.1f} s of processor time")
-    print(f"  bytes read: {read / size:.3f} times the file ({kept / 1e6:.0f} MB of frames kept in passing)")
+    print(f"  bytes read from the recording: {(read - cache.read_back) / size:.3f} times its size")
+    print(f"  frames kept in passing: {kept / 1e6:.0f} MB; read back from a file: {cache.read_back / 1e6:.0f} MB")
     print(f"  peak memory: {peak_kb / 1024:.0f} MB beyond imports")
 
 

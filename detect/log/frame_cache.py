@@ -35,9 +35,12 @@ class FrameCache:
     places
         By series (its identity) and number of the frame in it: where it lies in the file (-1: in memory), and its
         length.
+    read_back
+        Bytes that were read from the temporary file.
     """
 
     places: dict[tuple[int, int], tuple[int, int]] = field(default_factory=dict)
+    read_back: int = 0
     _held: dict[tuple[int, int], bytes] = field(default_factory=dict)
     _file: "IO[bytes] | None" = None
     _size: int = 0
@@ -117,6 +120,7 @@ class FrameCache:
         if found[0] < 0 or self._file is None:
             return self._held.get((id(series), number))
         self._file.seek(found[0])
+        self.read_back += found[1]
         return self._file.read(found[1])
 
     def resting(self, stamps_ns: Ids, wheels: Iterable[Signal]) -> Mask:

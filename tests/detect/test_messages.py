@@ -53,7 +53,9 @@ def _image(encoding: str, height: int, width: int, step: int, data: bytes, *, is
 def _batch(*data: bytes) -> Batch:
     ends = np.cumsum([len(d) for d in data]).tolist()
     channel = Channel(topic="/joint_states", type=JOINTS, encoding="cdr")
-    return Batch(channel, b"".join(data), [0, *ends[:-1]], ends, [0] * len(data), 0)
+    return Batch(
+        channel, b"".join(data), np.array([0, *ends[:-1]]), np.array(ends), np.zeros(len(data), dtype=np.int64), 0
+    )
 
 
 def _decode_joints(data: bytes) -> None:

@@ -14,7 +14,7 @@ MAX_SCHEMA_BYTES = 1 << 20
 """Longest description of a message type that is kept; the longest of ROS' own have 20 kB."""
 MAX_NAME_BYTES = 1024
 """Longest name of a topic or type."""
-_FREE_MESSAGES, _BYTES_A_MESSAGE = 1_000_000, 8
+_FREE_MESSAGES, _BYTES_A_MESSAGE = 500_000, 8
 _FREE_BYTES, _UNPACKING = 256 << 20, 200
 """What a file may hold: so many messages and bytes, and then what its size lets expect: a message takes 8 bytes at
 least, and no recording that is meant to be read is compressed to a 200th."""
@@ -149,11 +149,16 @@ class Budget:
     messages: int = 0
     unpacked: int = 0
 
+    @property
+    def messages_left(self) -> int:
+        """How many more messages the file may hold."""
+        return _FREE_MESSAGES + self.size // _BYTES_A_MESSAGE - self.messages
+
     def take(self, *, messages: int = 0, unpacked: int = 0) -> None:
         """Count messages and unpacked bytes (DetectError beyond what the file's size lets expect)."""
         self.messages += messages
         self.unpacked += unpacked
-        if self.messages > _FREE_MESSAGES + self.size // _BYTES_A_MESSAGE:
+        if self.messages_left < 0:
             raise DetectError(
                 f"more than {self.messages - 1} messages in {self.size} bytes",
                 source=self.name,

@@ -7,10 +7,9 @@ used: a damaged chunk is left out, a lost place is found again, a cut file gives
 Format: the MCAP specification, https://mcap.dev/spec.
 """
 
-import hashlib
 import struct
 import zlib
-from collections.abc import Generator, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator
 from typing import BinaryIO, NamedTuple
 
 import numpy as np
@@ -20,13 +19,12 @@ from boxcal.detect.log.containers.base import (
     MAX_RECORD_BYTES,
     MAX_SCHEMA_BYTES,
     Batch,
-    Budget,
     Channel,
-    Damage,
     Place,
     checked_name,
     ros_type,
 )
+from boxcal.detect.log.containers.hashing import HashedFile
 from boxcal.detect.log.containers.mcap_salvage import next_record, summary_of
 from boxcal.detect.log.containers.packing import ERRORS, unpacked, unpacked_beginning
 from boxcal.detect.log.safe_text import printable
@@ -73,30 +71,23 @@ def chunk_head(body: bytes | memoryview) -> ChunkHead:
     return ChunkHead(start, end, size, crc, compression, at + 8)
 
 
-class McapFile:
+class McapFile(HashedFile):
     """An MCAP file, open for reading."""
 
     kind = "MCAP"
 
     def __init__(self, file: BinaryIO, name: str, digest: str | None = None) -> None:
-        self.name, self.damage = name, Damage()
-        self._file, self._known_digest = file, digest
-        self._digest = hashlib.sha256()
-        self._size = file.seek(0, 2)
-        self._budget = Budget(name, self._size)
+        super().__init__(file, name, digest)
         self._schemas: dict[int, tuple[str, str, bytes]] = {}
-        self._channels: dict[int, Channel] = {}
         self._counts: dict[int, int] = {}
         self._chunks_seen: set[int] = set()
         self._asked_summary = False
         self._true_length: dict[int, int] = {}
-        self._held: tuple[int, bytes | memoryview] = (-1, b"")
         self._packed = False
-        file.seek(0)
 
     def batches(self) -> Iterator[list[Batch]]:
         """Yield all messages in file order: of each chunk a list with a batch a channel."""
-        walk = _Window(self._file, self._size, self._digest if self._known_digest is None else None)
+        walk = _Window(self._file, self._size, self._passed)
         walk.skip(len(MAGIC))
         while True:
             at = walk.at
@@ -123,7 +114,8 @@ class McapFile:
             else:
                 walk.skip(_RECORD_AND_HEAD + length)
         yield from self._missed_chunks()
-        walk.finish()
+        if self._known_digest is None:
+            walk.finish()
         self._compare_with_statistics()
 
     def read(self, places: Iterable[Place]) -> Iterator[bytes]:
@@ -146,14 +138,6 @@ class McapFile:
                     "changed while it was read", source=self.name, remedy="close its recorder and try again"
                 ) from error
             yield bytes(data[at + _BODY_AT : at + _RECORD_AND_HEAD + length])
-
-    def sha256(self) -> str:
-        """Return the file's SHA-256, hexadecimal, once all batches were read."""
-        return self._digest.hexdigest() if self._known_digest is None else self._known_digest
-
-    def close(self) -> None:
-        """Close the file."""
-        self._file.close()
 
     def _chunk_content(self, record: int) -> bytes | memoryview:
         """Return what the chunk at an offset of the file unpacks to, as an earlier pass saw it."""
@@ -229,7 +213,7 @@ class McapFile:
         if chunk:
             self._chunks_seen.add(at)
         view = memoryview(data)
-        marks, problem = _records_in(view)
+        marks, problem = _records_in(view, self._budget.messages_left + _MAX_CHANNELS)
         if problem and whole:
             self.damage.add(f"the {'chunk' if chunk else 'record'} at byte {at} is damaged inside: {problem}")
         yield self._batches_of(view, marks, at)
@@ -434,12 +418,12 @@ def _whole_records(data: bytes | memoryview) -> int:
     return at
 
 
-def _records_in(view: memoryview) -> tuple[Ids, str]:
-    """Return where the records in memory begin that stand one behind the other, and what is wrong behind the last."""
+def _records_in(view: memoryview, most: int) -> tuple[Ids, str]:
+    """Return where the first records in memory begin, one behind the other, and what is wrong behind the last."""
     at, end, unpack = 0, len(view), _LENGTH.unpack_from
     marks: list[int] = []
     mark = marks.append
-    while at + _RECORD_AND_HEAD <= end:
+    while at + _RECORD_AND_HEAD <= end and len(marks) <= most:
         (length,) = unpack(view, at + 1)
         stop = at + _RECORD_AND_HEAD + length
         if stop > end:
@@ -454,8 +438,8 @@ def _records_in(view: memoryview) -> tuple[Ids, str]:
 class _Window:
     """A file read once from front to end, with a look ahead; all that passes is hashed."""
 
-    def __init__(self, file: BinaryIO, size: int, digest: "hashlib._Hash | None") -> None:
-        self._file, self._digest, self._buffer = file, digest, b""
+    def __init__(self, file: BinaryIO, size: int, passed: Callable[[bytes], bytes]) -> None:
+        self._file, self._passed, self._buffer = file, passed, b""
         self.at, self.size = 0, size
         file.seek(0)
         self._file_at = 0
@@ -484,8 +468,6 @@ class _Window:
 
     def finish(self) -> None:
         """Hash what was not passed."""
-        if self._digest is None:
-            return
         while self._pull(_BLOCK):
             pass
 
@@ -494,6 +476,4 @@ class _Window:
             self._file.seek(self._file_at)
         block = self._file.read(count)
         self._file_at += len(block)
-        if self._digest is not None:
-            self._digest.update(block)
-        return block
+        return self._passed(block)

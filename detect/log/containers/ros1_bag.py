@@ -4,7 +4,6 @@
 our own; the messages are decoded by ``rosbags``. Format: http://wiki.ros.org/Bags/Format/2.0.
 """
 
-import hashlib
 import struct
 from collections.abc import Iterable, Iterator
 from typing import BinaryIO
@@ -16,13 +15,12 @@ from boxcal.detect.log.containers.base import (
     MAX_RECORD_BYTES,
     MAX_SCHEMA_BYTES,
     Batch,
-    Budget,
     Channel,
-    Damage,
     Place,
     checked_name,
     ros_type,
 )
+from boxcal.detect.log.containers.hashing import HashedFile
 from boxcal.detect.log.containers.packing import ERRORS, unpacked, unpacked_beginning
 from boxcal.detect.log.safe_text import printable
 
@@ -36,20 +34,14 @@ _MAX_CONNECTIONS = 65_536
 _Lists = tuple[list[int], list[int], list[int]]
 
 
-class Ros1Bag:
+class Ros1Bag(HashedFile):
     """A ROS 1 bag, open for reading."""
 
     kind = "ROS 1 bag"
 
     def __init__(self, file: BinaryIO, name: str, digest: str | None = None) -> None:
-        self.name, self.damage = name, Damage()
-        self._file, self._known_digest = file, digest
-        self._digest = hashlib.sha256()
-        self._size = file.seek(0, 2)
-        self._budget = Budget(name, self._size)
-        self._channels: dict[int, Channel] = {}
+        super().__init__(file, name, digest)
         self._unknown: set[int] = set()
-        self._held: tuple[int, bytes | memoryview] = (-1, b"")
 
     def batches(self) -> Iterator[list[Batch]]:
         """Yield all messages, of each chunk a list with a batch a connection."""
@@ -98,19 +90,8 @@ class Ros1Bag:
                 ) from error
             yield bytes(data[inner : inner + length])
 
-    def sha256(self) -> str:
-        """Return the file's SHA-256, hexadecimal, once all batches were read."""
-        return self._digest.hexdigest() if self._known_digest is None else self._known_digest
-
-    def close(self) -> None:
-        """Close the file."""
-        self._file.close()
-
     def _take(self, count: int) -> bytes:
-        data = self._file.read(count)
-        if self._known_digest is None:
-            self._digest.update(data)
-        return data
+        return self._passed(self._file.read(count))
 
     def _content(self, fields: dict[bytes, bytes], data: bytes) -> bytes | memoryview:
         """Return what a chunk unpacks to; of one that is damaged or cut off, what its beginning does."""
