@@ -21,10 +21,10 @@ _EPILOG = """\
 example:
   fleet-calibrate robots/*.mcap
 
-Each log is an MCAP file of ROS 2 messages: the wheels' sensor_msgs/msg/JointState and one camera's
-sensor_msgs/msg/Image or CompressedImage, recorded while the robot drove around the printed box and stood still at
-three or more places (better a dozen, on several sides) with the box in view. The result of robots/r01.mcap goes to
-calibration/r01/calibration.json.
+Each log is a recording of what the wheels' encoders and one camera say (MCAP, a ROS 2 bag folder, a ROS 1 bag, a
+folder of pictures with wheels.csv; docs/recording.md), made while the robot drove around the printed box and stood
+still at three or more places (better a dozen, on several sides) with the box in view. The result of robots/r01.mcap
+goes to calibration/r01/calibration.json.
 
 exit status: 0 all robots calibrated, 1 some robot failed (its reason is printed), 2 wrong usage, 3 with --strict if
 some verdict is not good, 130 interrupted (what was finished is kept)
@@ -56,7 +56,11 @@ def _parser() -> argparse.ArgumentParser:
         epilog=_EPILOG,
     )
     parser.add_argument(
-        "logs", nargs="+", type=Path, metavar="LOG", help="recording (.mcap), or correspondences saved before (.npz)"
+        "logs",
+        nargs="+",
+        type=Path,
+        metavar="LOG",
+        help="recording (file or folder), or correspondences saved before (.npz)",
     )
     parser.add_argument(
         "--target",
@@ -72,9 +76,9 @@ def _parser() -> argparse.ArgumentParser:
     )
     names = parser.add_argument_group("topics, joints and frames, where the log does not tell")
     names.add_argument("--camera-topic", metavar="TOPIC", help="images")
-    names.add_argument("--joint-topic", metavar="TOPIC", help="joint states of the wheels")
-    names.add_argument("--left-joint", metavar="NAME", help="left wheel")
-    names.add_argument("--right-joint", metavar="NAME", help="right wheel")
+    names.add_argument("--joint-topic", metavar="TOPIC", help="joint states, ticks or odometry")
+    names.add_argument("--left-joint", metavar="NAME", help="left wheel: a joint, or /topic.field")
+    names.add_argument("--right-joint", metavar="NAME", help="right wheel: a joint, or /topic.field")
     names.add_argument(
         "--joint-unit",
         choices=("rad", "deg", "ticks", "turns", "m"),
