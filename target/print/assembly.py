@@ -124,15 +124,19 @@ def _draw_print(canvas: "Canvas", target: Target, room: Rect) -> None:
     split = room.left + 0.56 * room.width
     left = Rect(left=room.left + 0.005, right=split, bottom=room.bottom + 0.005, top=room.top - 0.001)
     face, scale = _sheet(target, left, 0.9)
-    page = Rect(left=face.left - 0.005, right=face.right + 0.002, bottom=face.bottom - 0.005, top=face.top + 0.002)
+    page = Rect(left=face.left - 0.002, right=face.right + 0.002, bottom=face.bottom - 0.002, top=face.top + 0.002)
     _outline(canvas, page, 0.0003)
     _outline(canvas, face, 0.0001)
     _draw_face(canvas, target, face, scale)
     middle = (face.left + face.right) / 2, (face.bottom + face.top) / 2
+    box = target.box
+    across, up = ((n - 1) * box.pitch + box.tag_size for n in (box.columns, box.rows))
+    margins = (box.face_width(0) - across) / 2, (box.height - up) / 2
     half = min(scale * BAR_LENGTH / 2, 0.45 * (face.top - face.bottom))
-    across = ((middle[0] - half, face.bottom - 0.0025), (middle[0] + half, face.bottom - 0.0025))
-    _bar(canvas, *across, tick=0.0009)
-    _bar(canvas, (face.left - 0.0025, middle[1] - half), (face.left - 0.0025, middle[1] + half), tick=0.0009)
+    below = face.bottom + scale * margins[1] / 3
+    beside = face.left + scale * margins[0] / 4
+    _bar(canvas, (middle[0] - half, below), (middle[0] + half, below), tick=0.0009)
+    _bar(canvas, (beside, middle[1] - half), (beside, middle[1] + half), tick=0.0004)
     x, y = split + 0.005, middle[1]
     length = room.right - 0.004 - x
     _bar(canvas, (x, y + 0.004), (x + length, y + 0.004), tick=0.0022)

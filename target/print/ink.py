@@ -3,7 +3,7 @@
 import io
 from collections.abc import Callable, Sequence
 from functools import cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from boxcal.target.box import Target
 from boxcal.target.files.target_json import design_sha256
@@ -18,7 +18,10 @@ POINT = 0.0254 / 72
 """One PDF point, m."""
 HAIRLINE = 0.0001
 """Of a line to cut or fold along, m."""
-FONT, BOLD, MONO = "Helvetica", "Helvetica-Bold", "Courier"
+FONT, BOLD, MONO = "Vera", "VeraBd", "Vera"
+"""Bitstream Vera, which comes with reportlab and may be embedded: no printer puts its own font in its place."""
+_SIZE = {FONT: 0.88, BOLD: 0.83}
+"""Size of the letters for a nominal size in points: Vera runs so much wider, and stands taller, than Helvetica."""
 
 _EVEN_ODD = 0
 """``FILL_EVEN_ODD`` of reportlab.pdfgen.canvas, which its type stubs do not name."""
@@ -36,7 +39,9 @@ def write_pdf(target: Target, what: str, pages: Sequence[tuple[float, float, "Ca
 
     box = target.box
     buffer = io.BytesIO()
-    canvas = Canvas(buffer, invariant=1, pageCompression=1, pdfVersion=(1, 7), lang="en")
+    _load_fonts()
+    first: Any = FONT  # reportlab's stubs take it for a number
+    canvas = Canvas(buffer, invariant=1, pageCompression=1, pdfVersion=(1, 7), lang="en", initialFontName=first)
     canvas.setTitle(f"Landmark box {mm(box.width)} x {mm(box.depth)} x {mm(box.height)} mm, {what}")
     canvas.setSubject(f"Target {design_id(target)}. Print at 100 % (actual size).")
     canvas.setAuthor("make-target")
@@ -142,21 +147,38 @@ def draw_text(
     canvas.saveState()
     canvas.translate(at[0] / POINT, at[1] / POINT)
     canvas.rotate(angle_deg)
-    canvas.setFont(font, size)
-    shift = {"left": 0.0, "centre": 0.5, "right": 1.0}[align] * canvas.stringWidth(text, font, size)
+    set_font(canvas, font, size)
+    shift = {"left": 0.0, "centre": 0.5, "right": 1.0}[align] * text_width(text, font, size) / POINT
     canvas.drawString(-shift, 0, text)
     canvas.restoreState()
 
 
 def text_width(text: str, font: str, size: float) -> float:
-    """Return how long a line of text is, m."""
+    """Return how long a line of text of a nominal size, points, is, m."""
     from reportlab.pdfbase.pdfmetrics import stringWidth  # noqa: PLC0415
 
-    return float(stringWidth(text, font, size)) * POINT
+    _load_fonts()
+    return float(stringWidth(text, font, _SIZE[font] * size)) * POINT
 
 
 def break_lines(text: str, font: str, size: float, length: float) -> list[str]:
     """Return a text broken into lines of at most a length, m."""
     from reportlab.lib.utils import simpleSplit  # noqa: PLC0415
 
-    return [str(line) for line in simpleSplit(text, font, size, length / POINT)]
+    _load_fonts()
+    return [str(line) for line in simpleSplit(text, font, _SIZE[font] * size, length / POINT)]
+
+
+def set_font(canvas: "Canvas", font: str, size: float) -> None:
+    """Write in a font from now on, ``size`` its nominal one in points."""
+    canvas.setFont(font, _SIZE[font] * size)
+
+
+@cache
+def _load_fonts() -> None:
+    """Make the fonts known that are embedded in what is printed."""
+    from reportlab.pdfbase.pdfmetrics import registerFont  # noqa: PLC0415
+    from reportlab.pdfbase.ttfonts import TTFont  # noqa: PLC0415
+
+    for name in _SIZE:
+        registerFont(TTFont(name, f"{name}.ttf"))

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from boxcal.target.box import FACES, Box, Target
@@ -10,9 +11,17 @@ from boxcal.target.errors import TargetError
 from boxcal.target.print.ink import BOLD, design_id, draw_line, draw_tags, draw_text, face_ids, text_width, write_pdf
 from boxcal.target.print.marks import draw_bar, draw_notes, notes_thickness
 from boxcal.target.print.net import Net, Part, make_net
-from boxcal.target.print.page import BAR_LENGTH, BAR_THICKNESS, CLEAR_OF_OUTLINE, OUTLINE_MARGIN, PRINTABLE_MARGIN
+from boxcal.target.print.page import (
+    BAR_LENGTH,
+    BAR_THICKNESS,
+    CLEAR_OF_OUTLINE,
+    OUTLINE_MARGIN,
+    PRINTABLE_MARGIN,
+    SLIM_BAR,
+    slim_rims,
+)
 from boxcal.target.print.papers import Paper
-from boxcal.target.print.strips import TINY, Rect, Slot, Strip, first_free
+from boxcal.target.print.strips import OFF_JOINT, TINY, Rect, Slot, Strip, first_free
 from boxcal.target.print.tiles import Drawing, draw_tile, tiles
 from boxcal.target.tags.families import modules_per_side
 
@@ -27,6 +36,8 @@ _CUT_WIDTH = 0.00015
 _INSIDE = 0.006
 """Marks on base and lid keep this far from their edges, m."""
 _LABEL_PT, _FACE_PT, _PANEL_PT = 7.0, 9.0, 14.0
+_Joints = tuple[Sequence[float], Sequence[float]]
+"""Where a drawing is cut into tiles: along x, and along y, m."""
 _NOTES_LENGTHS = (0.200, 0.100, 0.070)
 
 
@@ -98,7 +109,7 @@ def net_pages(target: Target, paper: Paper) -> tuple[NetPage, ...] | None:
         tuple((net,) for net in bare),
     )
     for option in options:
-        pages = [_page(nets, paper, notes) for nets in option]
+        pages = [_page(box, nets, paper, notes) for nets in option]
         found = tuple(page for page in pages if page is not None)
         if len(found) == len(pages):
             return found
@@ -126,9 +137,11 @@ def tiled_net(target: Target, paper: Paper) -> Drawing:
         lines=box.pitch - box.tag_size >= 2 * module * (1 - 1e-9),
     )
     parts = tiles(bare, paper)
+    lefts, tops = tuple(t.trim.left for t in parts), tuple(t.trim.top for t in parts)
+    flat, upright = _rims(box, [(net, (0.0, 0.0))])
     marks = _marks(
-        Strip(room=below, start="top").pieces([t.trim.left for t in parts]),
-        Strip(room=beside, start="right").pieces([t.trim.top for t in parts]),
+        [piece for strip in (*flat, Strip(room=below, start="top")) for piece in strip.pieces(lefts)],
+        [piece for strip in (*upright, Strip(room=beside, start="right")) for piece in strip.pieces(tops)],
         notes_thickness(_notes(target)),
     )
     if marks is None:
@@ -136,14 +149,14 @@ def tiled_net(target: Target, paper: Paper) -> Drawing:
             "tiles of this net leave no room for its scale bars", source=paper.name, remedy="print it on larger paper"
         )
     page = NetPage(width=0, height=0, nets=((net, (0.0, 0.0)),), **marks)
-    return replace(bare, draw=partial(_draw_page, target=target, page=page))
+    return replace(bare, draw=partial(_draw_page, target=target, page=page, joints=(lefts, tops)))
 
 
 def _count(pages: int, paper: Paper) -> str:
     return f"{pages} page{'s' if pages > 1 else ''} of {paper.name}"
 
 
-def _page(nets: Sequence[Net], paper: Paper, notes: Callable[[float], float]) -> NetPage | None:
+def _page(box: Box, nets: Sequence[Net], paper: Paper, notes: Callable[[float], float]) -> NetPage | None:
     """Return nets above each other on one page with room for marks, if they fit."""
     wide = max(net.bounds[2] - net.bounds[0] for net in nets)
     high = sum(net.bounds[3] - net.bounds[1] for net in nets) + BETWEEN_NETS * (len(nets) - 1)
@@ -156,16 +169,33 @@ def _page(nets: Sequence[Net], paper: Paper, notes: Callable[[float], float]) ->
             left, bottom, _, top = net.bounds
             placed.append((net, (x - left, y - top)))
             y -= top - bottom + BETWEEN_NETS
-        inside = [
-            Strip(room=panel, start=start) for net, at in placed for panel in _panels(net, at) for start in ("top",)
-        ]
+        inside = [Strip(room=panel, start="top") for net, at in placed for panel in _panels(net, at)]
+        flat, upright = _rims(box, placed)
         beside = _around(
             width, height, Rect(left=x, right=x + wide, bottom=(height - high) / 2, top=(height + high) / 2)
         )
-        marks = _marks([*inside, *beside[:2]], [*inside, *beside[2:]], notes)
+        marks = _marks([*inside, *flat, *beside[:2]], [*inside, *upright, *beside[2:]], notes)
         if marks is not None:
             return NetPage(width=width, height=height, nets=tuple(placed), **marks)
     return None
+
+
+def _rims(box: Box, placed: Sequence[tuple[Net, tuple[float, float]]]) -> tuple[list[Strip], list[Strip]]:
+    """Return the faces' rims below their tags, and those left and right of them: marks there stay when a net is cut."""
+    quiet = box.tag_size / modules_per_side(box.dictionary)
+    across, up = ((n - 1) * box.pitch + box.tag_size for n in (box.columns, box.rows))
+    flat: list[Strip] = []
+    upright: list[Strip] = []
+    for net, at in placed:
+        for part in net.faces:
+            r, (x, y) = _bounds(part), (part.centre[0] + at[0], part.centre[1] + at[1])
+            face = Rect(left=r.left + at[0], right=r.right + at[0], bottom=r.bottom + at[1], top=r.top + at[1])
+            tags = Rect(left=x - across / 2, right=x + across / 2, bottom=y - up / 2, top=y + up / 2)
+            low, gap = face.bottom + CLEAR_OF_OUTLINE, CLEAR_OF_OUTLINE
+            room = Rect(left=face.left + gap, right=face.right - gap, bottom=low, top=tags.bottom - quiet)
+            flat.append(Strip(room=room, start="bottom"))
+            upright += slim_rims(face, tags, quiet)
+    return flat, upright
 
 
 def _panels(net: Net, at: tuple[float, float]) -> list[Rect]:
@@ -214,7 +244,10 @@ def _marks(flat: Sequence[Strip], upright: Sequence[Strip], notes: Callable[[flo
 
     # Marks that run up are placed from the left, whichever way the others fill the same strip.
     upright = [strip if strip.turned else replace(strip, start="left") for strip in upright]
-    up = place(upright, lambda _: BAR_THICKNESS, (BAR_LENGTH,))
+    up = None
+    for strip in upright:
+        thickness = BAR_THICKNESS if strip.thickness >= BAR_THICKNESS - TINY else SLIM_BAR
+        up = up or place([strip], partial(_constant, thickness), (BAR_LENGTH,))
     across = place(flat, lambda _: BAR_THICKNESS, (BAR_LENGTH,))
     text = place(flat, notes, _NOTES_LENGTHS)
     if up is None or across is None or text is None:
@@ -222,15 +255,19 @@ def _marks(flat: Sequence[Strip], upright: Sequence[Strip], notes: Callable[[flo
     return {"bar_up": up, "bar_across": across, "notes": text}
 
 
-def _draw_page(canvas: "Canvas", *, target: Target, page: NetPage) -> None:
+def _constant(value: float, _: float) -> float:
+    return value
+
+
+def _draw_page(canvas: "Canvas", *, target: Target, page: NetPage, joints: _Joints = ((), ())) -> None:
     for net, at in page.nets:
-        _draw_net(canvas, target, net, at)
+        _draw_net(canvas, target, net, at, joints)
     draw_bar(canvas, page.bar_across)
     draw_bar(canvas, page.bar_up)
     draw_notes(canvas, page.notes, _notes(target))
 
 
-def _draw_net(canvas: "Canvas", target: Target, net: Net, at: tuple[float, float]) -> None:
+def _draw_net(canvas: "Canvas", target: Target, net: Net, at: tuple[float, float], joints: _Joints) -> None:
     draw_line(canvas, *((x + at[0], y + at[1]) for x, y in net.cut), width=_CUT_WIDTH, close=True)
     for start, end in net.folds:
         draw_line(canvas, *((x + at[0], y + at[1]) for x, y in (start, end)), dash=_FOLD_DASH)
@@ -238,24 +275,37 @@ def _draw_net(canvas: "Canvas", target: Target, net: Net, at: tuple[float, float
         x, y = part.centre[0] + at[0], part.centre[1] + at[1]
         if part.kind == "face":
             draw_tags(canvas, target, part.face, (x, y))
-            _name_face(canvas, target, part.face, x, at[1] + part.corners[2][1])
+            _name_face(canvas, target, part.face, (x, at[1] + part.corners[2][1]), joints)
         else:
-            _name_part(canvas, target.box, part, (x, y))
+            _name_part(canvas, target.box, part, (x, y), joints)
 
 
-def _name_face(canvas: "Canvas", target: Target, face: int, x: float, top: float) -> None:
-    """Write a face's name on its upper rim, if the tags leave room for it."""
+def _uncut(middle: float, room: float, cuts: Sequence[float], length: float) -> float | None:
+    """Return where a text of a length is centred, m, so that no joint cuts it, nearest to the middle of its room."""
+    ends = [middle - room / 2, *sorted(c for c in cuts if abs(c - middle) < room / 2), middle + room / 2]
+    places = []
+    for low, high in pairwise(ends):
+        low, high = low + OFF_JOINT + length / 2, high - OFF_JOINT - length / 2  # noqa: PLW2901 - of the text's middle
+        if low <= high + TINY:
+            places.append(min(max(middle, low), high))
+    return min(places, key=lambda place: abs(place - middle), default=None)
+
+
+def _name_face(canvas: "Canvas", target: Target, face: int, top_middle: tuple[float, float], joints: _Joints) -> None:
+    """Write a face's name on its upper rim, if tags and joints leave room for it."""
+    middle, top = top_middle
     box = target.box
     module = box.tag_size / modules_per_side(box.dictionary)
     rim = (box.height - (box.rows - 1) * box.pitch - box.tag_size) / 2 - module
     high = 0.0035
     if rim >= high + CLEAR_OF_OUTLINE:
         text = f"Face {face}, this way up, {face_ids(target, face)}"
-        if text_width(text, BOLD, _FACE_PT) <= box.face_width(face) - 2 * CLEAR_OF_OUTLINE:
+        x = _uncut(middle, box.face_width(face), joints[0], text_width(text, BOLD, _FACE_PT))
+        if x is not None:
             draw_text(canvas, (x, top - CLEAR_OF_OUTLINE - high), text, size=_FACE_PT, font=BOLD, align="centre")
 
 
-def _name_part(canvas: "Canvas", box: Box, part: Part, at: tuple[float, float]) -> None:
+def _name_part(canvas: "Canvas", box: Box, part: Part, at: tuple[float, float], joints: _Joints) -> None:
     """Write on base, lid and flaps what becomes of them."""
     x, y = at
     if part.kind in {"base", "lid"}:
@@ -271,11 +321,12 @@ def _name_part(canvas: "Canvas", box: Box, part: Part, at: tuple[float, float]) 
         where = "lid" if part.edge == "top" else "base"
         text, room = f"face {part.face}: fold back, glue inside the {where}", box.face_width(part.face)
     deep = min(_bounds(part).width, _bounds(part).height)
-    if text_width(text, BOLD, _LABEL_PT) > room - 2 * deep:
-        return
     angle = 90.0 if part.kind == "seam" else 0.0
+    place = _uncut(y if angle else x, room - 2 * deep, joints[1 if angle else 0], text_width(text, BOLD, _LABEL_PT))
+    if place is None:
+        return
     half = 0.36 * _LABEL_PT * 0.0254 / 72
-    spot = (x + half, y) if angle else (x, y - half)
+    spot = (x + half, place) if angle else (place, y - half)
     draw_text(canvas, spot, text, size=_LABEL_PT, align="centre", angle_deg=angle)
 
 

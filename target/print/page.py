@@ -12,6 +12,8 @@ from boxcal.target.tags.families import modules_per_side
 
 PRINTABLE_MARGIN = 0.006
 """Many printers leave this much of the paper's edge white, m; every mark but the outline keeps out of it."""
+COMMON_MARGIN = 0.00635
+"""What most printers leave white at the paper's edges, at most, m (1/4 inch): a nearer outline is said to be so."""
 OUTLINE_MARGIN = 0.004
 """A face's outline lies at least this far inside the paper, m."""
 CLEAR_OF_OUTLINE = 0.002
@@ -19,6 +21,8 @@ CLEAR_OF_OUTLINE = 0.002
 
 BAR_LENGTH = 0.100
 BAR_THICKNESS = 0.003
+SLIM_BAR, SLIM_CLEAR = 0.0016, 0.0005
+"""Thickness of a bar in a face's narrow rim, and how far it keeps from the line that is cut, m: it stays on the box."""
 HEADING_LENGTH = 0.120
 """The heading needs at least this, and spreads over the strip that it stands on, m."""
 HEADING_THICKNESS = 0.004
@@ -89,6 +93,7 @@ def lay_out(
     outline = _centred(width, height, face_width, box.height)
     grid_size = [(n - 1) * box.pitch + box.tag_size for n in (box.columns, box.rows)]
     tags = _centred(width, height, *grid_size)
+    quiet = box.tag_size / modules_per_side(box.dictionary)
     rim_top, rim_bottom, rim_left, rim_right, above, below, left, right = _strips(box, width, height, outline, tags)
 
     taken: list[Rect] = []
@@ -99,12 +104,18 @@ def lay_out(
             return []
         return [height / 2 + y for y in joints.up] if strip.turned else [width / 2 + x for x in joints.across]
 
-    def place(what: str, strips: Iterable[Strip], thickness: Callable[[float], float], length: float | None) -> Slot:
+    def find(strips: Iterable[Strip], thickness: Callable[[float], float], length: float | None) -> Slot | None:
         for strip in (piece for whole in strips for piece in whole.pieces(cuts(whole))):
             slot = first_free(strip, taken, thickness(strip.length), length)
             if slot is not None:
                 taken.append(slot.room)
                 return slot
+        return None
+
+    def place(what: str, strips: Iterable[Strip], thickness: Callable[[float], float], length: float | None) -> Slot:
+        slot = find(strips, thickness, length)
+        if slot is not None:
+            return slot
         raise TargetError(
             f"face {face} of {face_width * 1e3:g} x {box.height * 1e3:g} mm leaves no room for {what} beside its tags",
             source=paper.name,
@@ -118,7 +129,9 @@ def lay_out(
         None,
     )
     across = place("a scale bar", (rim_bottom, rim_top, below, above), lambda _: BAR_THICKNESS, BAR_LENGTH)
-    up = place("a scale bar", (left, right, rim_left, rim_right), lambda _: BAR_THICKNESS, BAR_LENGTH)
+    up = find((rim_left, rim_right), lambda _: BAR_THICKNESS, BAR_LENGTH)
+    up = up or find(slim_rims(outline, tags, quiet), lambda _: SLIM_BAR, BAR_LENGTH)
+    up = up or place("a scale bar", (left, right), lambda _: BAR_THICKNESS, BAR_LENGTH)
     notes = place(
         "the printing notes",
         (rim_bottom, rim_top, below, above, right, left),
@@ -142,6 +155,15 @@ def fits(box: Box, face: int, paper: Paper) -> bool:
     sides = sorted((box.face_width(face), box.height))
     return all(
         side <= room - 2 * OUTLINE_MARGIN + TINY for side, room in zip(sides, (paper.short, paper.long), strict=True)
+    )
+
+
+def slim_rims(face: Rect, tags: Rect, quiet: float) -> tuple[Strip, ...]:
+    """Return what is left of a face's rim left and right of its tags for a slim bar (``quiet``: a tag's border, m)."""
+    low, high = face.bottom + SLIM_CLEAR, face.top - SLIM_CLEAR
+    return (
+        Strip(room=Rect(left=face.left + SLIM_CLEAR, right=tags.left - quiet, bottom=low, top=high), start="left"),
+        Strip(room=Rect(left=tags.right + quiet, right=face.right - SLIM_CLEAR, bottom=low, top=high), start="right"),
     )
 
 

@@ -9,7 +9,7 @@ from boxcal.target.box import FACES, Box, Target
 from boxcal.target.errors import TargetError
 from boxcal.target.print.ink import HAIRLINE, POINT, design_id, draw_tags, face_ids, write_pdf
 from boxcal.target.print.marks import draw_bar, draw_heading, draw_notes, notes_thickness
-from boxcal.target.print.page import OUTLINE_MARGIN, Joints, Page, fits, lay_out
+from boxcal.target.print.page import COMMON_MARGIN, OUTLINE_MARGIN, Joints, Page, fits, lay_out
 from boxcal.target.print.papers import Paper, mm
 from boxcal.target.print.strips import Rect
 from boxcal.target.print.tiles import Drawing, Tile, draw_tile, tiles
@@ -37,7 +37,7 @@ def sheets_pdf(target: Target, paper: Paper) -> bytes:
     return write_pdf(
         target,
         f"on {paper.name}",
-        [(page.width, page.height, _drawer(target, face, page)) for face, page in enumerate(pages)],
+        [(page.width, page.height, _drawer(target, face, page, paper)) for face, page in enumerate(pages)],
     )
 
 
@@ -96,15 +96,16 @@ def _tiled(target: Target, face: int, paper: Paper) -> tuple[Drawing, tuple[Tile
             if i + 1 == len(_BESIDE):
                 raise
             continue
-        return replace(bare, draw=_drawer(target, face, page)), parts
+        return replace(bare, draw=_drawer(target, face, page, None)), parts
     raise AssertionError("the last width either fits or raises")
 
 
 def _page(target: Target, face: int, paper: Paper, joints: Joints | None) -> Page:
-    return lay_out(target.box, face, paper, notes_thickness(_notes(target, face)), joints)
+    notes = _notes(target, face, paper if joints is None else None)
+    return lay_out(target.box, face, paper, notes_thickness(notes), joints)
 
 
-def _drawer(target: Target, face: int, page: Page) -> "Callable[[Canvas], None]":
+def _drawer(target: Target, face: int, page: Page, paper: Paper | None) -> "Callable[[Canvas], None]":
     def draw(canvas: "Canvas") -> None:
         draw_tags(canvas, target, face, (page.width / 2, page.height / 2))
         outline = page.face
@@ -120,18 +121,21 @@ def _drawer(target: Target, face: int, page: Page) -> "Callable[[Canvas], None]"
         draw_heading(canvas, page.heading, face, face_ids(target, face))
         draw_bar(canvas, page.bar_across)
         draw_bar(canvas, page.bar_up)
-        draw_notes(canvas, page.notes, _notes(target, face))
+        draw_notes(canvas, page.notes, _notes(target, face, paper))
 
     return draw
 
 
-def _notes(target: Target, face: int) -> str:
+def _notes(target: Target, face: int, paper: Paper | None) -> str:
     box = target.box
     across, up = ((n - 1) * box.pitch + box.tag_size for n in (box.columns, box.rows))
     beside, above = (box.face_width(face) - across) / 2, (box.height - up) / 2
+    sides = sorted((box.face_width(face), box.height))
+    near = paper is not None and min(paper.short - sides[0], paper.long - sides[1]) / 2 < COMMON_MARGIN
+    lost = ", printed or not" if near else ""
     return (
         "Print at 100 % (actual size), no \N{LEFT DOUBLE QUOTATION MARK}fit to page\N{RIGHT DOUBLE QUOTATION MARK}. "
-        f"Then measure: both bars 100 mm, all tags together {mm(across)} x {mm(up)} mm. "
-        f"Cut along the outline, {mm(beside)} mm beside and {mm(above)} mm above and below the tags. "
+        f"Then measure: both bars 100 mm, all tags {mm(across)} x {mm(up)} mm. "
+        f"Cut along the outline{lost}, {mm(beside)} mm beside and {mm(above)} mm above and below the tags. "
         f"{box.dictionary.removeprefix('DICT_')}, target {design_id(target)}"
     )

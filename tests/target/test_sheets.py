@@ -231,7 +231,7 @@ def test_scale_bars_are_100_mm_long_both_ways(render: Renderer, pdf: Path, paper
             image = render(pdf, face, DPI, (left, top, int(px(room.width)) + 40, int(px(room.height)) + 40))
             ink = 1 - image / 255
             across = ink.sum(axis=1 if slot.turned else 0)
-            ticks = np.flatnonzero(across > 0.9 * px(3 * MM))
+            ticks = np.flatnonzero(across > 0.9 * px(room.width if slot.turned else room.height))
             centre = np.arange(across.size) + 0.5
             first, last = ticks < across.size / 2, ticks > across.size / 2
             ends = [np.average(centre[ticks[half]], weights=across[ticks[half]]) for half in (first, last)]
@@ -309,7 +309,8 @@ def test_marks_of_any_box_keep_off_tags_cuts_each_other_and_the_papers_edge(
         outside = distance(mark, page.face) >= 0.002 - 1e-9
         face = page.face
         inside = min(mark.left - face.left, face.right - mark.right, mark.bottom - face.bottom, face.top - mark.top)
-        assert outside or inside >= 0.002 - 1e-9
+        slim = mark is marks[-1] and mark.width < 0.002  # a bar in a narrow rim, so that it stays on the box
+        assert outside or inside >= (0.0005 if slim else 0.002) - 1e-9
     assert (page.bar_across.turned, page.bar_up.turned) == (False, True)
     assert page.bar_across.length == pytest.approx(0.1, rel=1e-9)
     assert page.bar_up.length == pytest.approx(0.1, rel=1e-9)
@@ -372,7 +373,7 @@ def test_each_page_says_which_face_it_is_and_how_to_print_it(pdf: Path) -> None:
                 f"left edge meets face {(face - 1) % 4}",
                 f"right edge meets face {(face + 1) % 4}",
                 "Print at 100 % (actual size), no “fit to page”.",
-                "both bars 100 mm, all tags together 238 x 168 mm",
+                "both bars 100 mm, all tags 238 x 168 mm",
                 "6 mm beside and 16 mm above and below the tags",
                 f"target {target_sha256(make_target())[:8]}",
             ):
@@ -389,9 +390,10 @@ def test_neighbouring_faces_meet_where_the_sheets_say() -> None:
 
 
 def page_streams(pdf: bytes) -> list[bytes]:
-    """Return the unpacked content of a PDF's pages."""
+    """Return the unpacked content of a PDF's pages (its fonts, which are streams as well, left out)."""
     packed = re.findall(rb"stream\r?\n(.*?)\s*endstream", pdf, flags=re.DOTALL)
-    return [zlib.decompress(base64.a85decode(content, adobe=True)) for content in packed]
+    unpacked = [zlib.decompress(base64.a85decode(s, adobe=True)) for s in packed if s.endswith(b"~>")]
+    return [content for content in unpacked if content.startswith(b"1 0 0 1 0 0 cm")]
 
 
 def test_each_tag_is_one_path_filled_even_odd_in_plain_black(pdf: Path) -> None:
@@ -403,6 +405,30 @@ def test_each_tag_is_one_path_filled_even_odd_in_plain_black(pdf: Path) -> None:
         assert len(fills) == 35 + 2, "35 tags and the arrow"
         assert b" re" in content, "the outline"
         assert not {b"rg", b"g", b"k", b"sc", b"scn", b"RG", b"G", b"K"} & set(operators), "a colour was set"
+
+
+def test_fonts_are_embedded(pdf: Path) -> None:
+    content = pdf.read_bytes()
+    fonts = re.findall(rb"/BaseFont\s*/(\S+)", content)
+    assert len(fonts) == 2
+    assert all(b"+BitstreamVera" in font for font in fonts)
+    assert content.count(b"/FontFile2") == len(fonts)
+
+
+def test_both_scale_bars_stay_on_the_face_when_it_is_cut_out(paper: str) -> None:
+    for face in range(4):
+        page = page_of(Box(), face, paper)
+        for slot in (page.bar_across, page.bar_up):
+            room = slot.room
+            assert min(room.left - page.face.left, room.bottom - page.face.bottom) >= 0.0005 - 1e-9
+            assert min(page.face.right - room.right, page.face.top - room.top) >= 0.0005 - 1e-9
+            quiet = Rect(
+                left=page.tags.left - 0.0035,
+                right=page.tags.right + 0.0035,
+                bottom=page.tags.bottom - 0.0035,
+                top=page.tags.top + 0.0035,
+            )
+            assert not room.overlaps(quiet)
 
 
 def test_sheets_ask_viewers_not_to_scale_and_are_the_same_bytes_each_time(pdf: Path, paper: str) -> None:
