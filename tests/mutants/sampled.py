@@ -1,7 +1,7 @@
 """Random small changes to the code of the estimator: comparisons, signs, operators, constants, slices, indices.
 
-A mutation tester of our own, since those on PyPI want one test command for a project of one package folder; ours takes
-the folders as they lie and asks of each file the tests that are about it.
+A mutation tester of our own: folders and import names differ in this project, and each file is put to the tests that
+are about it rather than to all of them.
 """
 
 import ast
