@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from boxcal.detect.alignment.box_pose import FISHEYES, GOOD, BoxFit, CameraPrior, fit_box
+from boxcal.detect.alignment.box_pose import FISHEYES, BoxFit, CameraPrior, fit_box
 from boxcal.detect.alignment.candidates import TagCandidates
 from boxcal.detect.alignment.homography import least_squares_homography, map_points
 from boxcal.detect.alignment.pyramid import Pyramid, align_coarsely, align_midway
@@ -30,6 +30,8 @@ ENOUGH = 0.8
 """Share of a face's candidates whose agreement ends the search for a larger one."""
 FACE_TAGS, FACE_KEPT = 6, 0.34
 """A face of which so many tags were seen, but less than this fraction of them on the box, contradicts it."""
+TOLD_MODULES = 0.1
+"""Median deviation of tags from the box, modules, up to which the box says which other tags ought to be seen."""
 SQUARE = 0.02
 """Largest log aspect of a pixel that counts as square; cameras with square pixels keep to a few thousandths."""
 _PAIRS = 24
@@ -340,7 +342,7 @@ def grow_from_pose(
             break
         tags = tags.joined(new)
     # a box that is turned wrongly hides faces that the camera sees
-    told = len(tags) > 0 and bool(np.median(fit.off_px) < GOOD * ALIGNED_SIGMA_PX)
+    told = len(tags) > 0 and bool(np.median(fit.off_px / module_px(patterns, tags.corners_px)) < TOLD_MODULES)
     # pixels that are not square can stand for that: they need two faces that say so
     told = told and (abs(fit.lens[LOG_ASPECT]) < SQUARE or len(np.unique(target.tag_faces[tags.rows])) > 1)
     return BoxDetection(
