@@ -88,7 +88,7 @@ def _one(path: Path, target: "Target", args: argparse.Namespace, number: int) ->
         tags = detect_tags(image, target, DetectorSettings(response=args.tone, fast=args.fast))
     except DetectError as error:
         raise DetectError(f"{path.name}: {error}") from error
-    line = f"{path.name}: {_summary(tags, target)}"
+    line = f"{path.name}: {_summary(tags, target)}{_sensor(image)}"
     if args.draw:
         from boxcal.detect.image.annotate import drawn_png
 
@@ -137,6 +137,19 @@ def _summary(tags: "DetectorOutput", target: "Target") -> str:
     if tags.contradicting_faces:
         figures += "; " + other_box(tags.contradicting_faces)
     return f"{len(tags.ids)} {noun} ({by_face}); {figures}"
+
+
+def _sensor(image: Any) -> str:
+    """Return what the picture is that it does not say: a colour mosaic, or interlaced; empty if it is neither."""
+    from boxcal.detect.image.bayer import alternation, unnamed_mosaic
+
+    if image.ndim != 2 or min(image.shape) < 16:
+        return ""
+    if unnamed_mosaic(image):
+        return "; a raw colour mosaic sent as grey, read as one (name its encoding bayer_...)"
+    if alternation(image) == (False, True):
+        return "; rows alternate: interlaced while something moved (use one field)"
+    return ""
 
 
 def other_box(faces: Sequence[int]) -> str:

@@ -342,7 +342,9 @@ def grow_from_pose(
             break
         tags = tags.joined(new)
     # a box that is turned wrongly hides faces that the camera sees
-    told = len(tags) > 0 and bool(np.median(fit.off_px / module_px(patterns, tags.corners_px)) < TOLD_MODULES)
+    told = len(tags) > 0 and bool(
+        np.median(fit.off_px) < TOLD_MODULES * np.median(module_px(patterns, tags.corners_px))
+    )
     # pixels that are not square can stand for that: they need two faces that say so
     told = told and (abs(fit.lens[LOG_ASPECT]) < SQUARE or len(np.unique(target.tag_faces[tags.rows])) > 1)
     return BoxDetection(

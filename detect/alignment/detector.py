@@ -11,7 +11,7 @@ from boxcal.detect.alignment.box_search import (
     RIGID_TOLERANCE_PX,
 )
 from boxcal.detect.alignment.covariance import misfit
-from boxcal.detect.alignment.preview import SIGMA_PX, preview
+from boxcal.detect.alignment.preview import Preview, preview
 from boxcal.detect.alignment.pyramid import Pyramid, align_coarsely
 from boxcal.detect.alignment.pyramid_search import FEW_TAGS, find_box, search_copies
 from boxcal.detect.alignment.radial_camera import no_distortion, sagitta_difference_px
@@ -55,7 +55,7 @@ class DetectorSettings:
     response
         The camera response function: ``linear``, ``srgb``, or ``auto`` to tell it from the tags.
     fast
-        Preview: only tags that stand out, their edges fitted with lines; ``auto`` then means ``linear``.
+        Preview: only tags that stand out, their edges fitted with lines.
     limits
         What an aligned tag must keep to.
     windows_px
@@ -171,8 +171,7 @@ def detect_tags(image: NDArray[np.generic], target: Target, settings: DetectorSe
     settings = settings or DetectorSettings()
     patterns = target_patterns(target)
     if settings.fast:
-        response = "srgb" if settings.response == "srgb" else "linear"
-        return _previewed(patterns, *preview(to_grey8(image), target, response, settings.windows_px[0]), response)
+        return _previewed(patterns, preview(to_grey8(image), target, settings.response, settings.windows_px[0]))
     return detect_in_grey(*to_grey(image), target, settings)
 
 
@@ -289,16 +288,17 @@ def _on_the_box(target: Target, patterns: Patterns, tags: TagAlignments, fit: Bo
     return tags.take(off <= RIGID_TOLERANCE_MODULES * module_px(patterns, tags.corners_px) + RIGID_TOLERANCE_PX)
 
 
-def _previewed(patterns: Patterns, rows: Index, corners_px: Array, response: str) -> DetectorOutput:
-    order = np.argsort(patterns.tag_ids[rows], kind="stable")
+def _previewed(patterns: Patterns, seen: Preview) -> DetectorOutput:
+    order = np.argsort(patterns.tag_ids[seen.rows], kind="stable")
+    n = len(order)
     return DetectorOutput(
-        ids=patterns.tag_ids[rows[order]],
-        corners_px=corners_px[order],
-        cov_px2=np.broadcast_to(SIGMA_PX**2 * np.eye(2), (len(rows), 4, 2, 2)).copy(),
-        correlation=np.full(len(rows), np.nan),
-        blur_px=np.full(len(rows), np.nan),
-        residual=np.full(len(rows), np.nan),
-        response=response,
+        ids=patterns.tag_ids[seen.rows[order]],
+        corners_px=seen.corners_px[order],
+        cov_px2=np.broadcast_to(seen.sigma_px**2 * np.eye(2), (n, 4, 2, 2)).copy(),
+        correlation=np.full(n, np.nan),
+        blur_px=np.full(n, np.nan),
+        residual=np.full(n, np.nan),
+        response=seen.response,
     )
 
 

@@ -1,27 +1,54 @@
 """The preview: tags that stand out by themselves, their edges fitted with straight lines."""
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
 from boxcal.detect.alignment.box_search import consistent_candidates
-from boxcal.detect.alignment.candidates import find_candidates
+from boxcal.detect.alignment.candidates import TagCandidates, find_candidates
 from boxcal.detect.alignment.pyramid_search import FEW_TAGS, shrinkings
 from boxcal.detect.alignment.tag_patterns import Index, target_patterns
+from boxcal.detect.image.response_curve import Response
 from boxcal.detect.tags.line_fit import CornerSettings, refine
+from boxcal.detect.tags.tag_growth import TagGrowth, tag_growth
 from boxcal.target.arrays import Array
 from boxcal.target.box import Target
 
 MIN_SCORE = 0.85
 """Nothing else vouches for a previewed tag."""
-SIGMA_PX = 0.1
-"""Deviation per axis that is claimed for a previewed corner; nothing in the picture is asked for it."""
-_LINES = {
+UNKNOWN_SIGMA_PX, LEAST_SIGMA_PX = 0.25, 0.03
+"""Deviation per axis of corners of which too few tell, and at least."""
+GROWN_PX = 0.08
+"""Tags that grow or shrink by more under a linear response are measured under sRGB's as well."""
+_LINES: dict[str, CornerSettings] = {
     response: CornerSettings(response=response, profiles=12, samples=13, rounds=1) for response in ("linear", "srgb")
 }
 
 
-def preview(grey8: NDArray[np.uint8], target: Target, response: str, window_px: int) -> tuple[Index, Array]:
-    """Return rows in the target's table (N,) and corners (N, 4, 2) px of the tags that are easily seen.
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Preview:
+    """Tags that are easily seen.
+
+    Attributes
+    ----------
+    rows : (N,)
+        In the target's table.
+    corners_px : (N, 4, 2), px
+    sigma_px : px
+        Deviation per axis of a corner.
+    response
+        Response curve under which their edges were fitted.
+    """
+
+    rows: Index
+    corners_px: Array
+    sigma_px: float
+    response: str
+
+
+def preview(grey8: NDArray[np.uint8], target: Target, response: Response, window_px: int) -> Preview:
+    """Return the tags that are easily seen in a picture (H, W).
 
     No tag is predicted and none is compared with its pattern beyond its decoding; the edges are those of
     :func:`boxcal.detect.tags.line_fit.refine`.
@@ -34,5 +61,19 @@ def preview(grey8: NDArray[np.uint8], target: Target, response: str, window_px: 
     if len(candidates) < FEW_TAGS and factor > 1:
         candidates = consistent_candidates(target, find_candidates(grey8, patterns, (window_px,)), size)
     candidates = candidates.take(candidates.score >= MIN_SCORE)
+    first = _fitted(grey8, target, candidates, "linear" if response == "auto" else response)
+    if response != "auto" or not abs(first[0].growth_px) > GROWN_PX:
+        return first[1]
+    other = _fitted(grey8, target, candidates, "srgb")
+    return other[1] if abs(other[0].growth_px) < abs(first[0].growth_px) else first[1]
+
+
+def _fitted(
+    grey8: NDArray[np.uint8], target: Target, candidates: TagCandidates, response: str
+) -> tuple[TagGrowth, Preview]:
+    """Return tags with lines fitted to their edges under a response curve, and how they grew."""
     corners, good = refine(grey8, candidates.corners_px, _LINES[response])
-    return candidates.rows[good], corners[good]
+    rows, corners = candidates.rows[good], corners[good]
+    growth = tag_growth(target, rows, corners, (np.array(grey8.shape[::-1]) - 1) / 2)
+    sigma = max(growth.sigma_px, LEAST_SIGMA_PX) if np.isfinite(growth.sigma_px) else UNKNOWN_SIGMA_PX
+    return growth, Preview(rows=rows, corners_px=corners, sigma_px=sigma, response=response)

@@ -18,6 +18,44 @@ _GAINS = (0.05, 20.0)
 """Of a colour against green; others are no print's."""
 
 
+_LINES = 100
+"""Lines each way that are looked at."""
+_ALTERNATES = 1.25
+"""Neighbours that differ so many times as much as pixels two apart, both taken over the whole picture, alternate."""
+
+
+def alternation(image: NDArray[Any]) -> tuple[bool, bool]:
+    """Return whether a grey image (H, W) alternates from column to column, and from row to row.
+
+    Of a scene, neighbours differ less than pixels two apart. Where they differ more, columns and rows alternate in a
+    colour mosaic that was sent as grey, rows alone in an interlaced picture of something that moved.
+    """
+    down, across = (max(1, side // _LINES) for side in image.shape)
+    out = []
+    for lines in (image[::down].astype(np.float32).T, image[:, ::across].astype(np.float32)):
+        one, two = (float(np.abs(lines[step:] - lines[:-step]).mean()) for step in (1, 2))
+        out.append(one > _ALTERNATES * two + 0.5)
+    return out[0], out[1]
+
+
+def unnamed_mosaic(image: NDArray[Any]) -> str | None:
+    """Return which colour mosaic a grey image (H, W) of 8 or 16 bits really is, as in ``MOSAICS``; None if it is grey.
+
+    The two green planes are alike; which of the others is red makes no difference to :func:`even_mosaic`.
+    """
+    if (
+        image.ndim != 2
+        or image.dtype not in {np.dtype(np.uint8), np.dtype(np.uint16)}
+        or min(image.shape) < _MIN_SIDE_PX
+    ):
+        return None
+    if alternation(image) != (True, True):
+        return None
+    height, width = (side // 2 * 2 for side in image.shape)
+    a, b, c, d = (image[i:height:2, j:width:2].astype(np.float32) for i in (0, 1) for j in (0, 1))
+    return "bayer_grbg" if float(np.abs(a - d).mean()) < float(np.abs(b - c).mean()) else "bayer_rggb"
+
+
 def even_mosaic(mosaic: NDArray[Any], name: str) -> NDArray[Any]:
     """Return a colour mosaic (H, W) as a grey image: red and blue pixels in the scale of the green ones.
 

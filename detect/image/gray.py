@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from boxcal.detect.errors import DetectError
+from boxcal.detect.image.bayer import even_mosaic, unnamed_mosaic
 
 LEAST_SIDE_PX, MAX_SIDE_PX = 8, 16_384
 
@@ -34,7 +35,7 @@ def eight_bit_copy(levels: NDArray[np.float32], full: float) -> NDArray[np.uint8
 
 
 def _single(image: NDArray[np.generic], bits: int | None) -> tuple[NDArray[Any], float]:
-    """Return the one channel (H, W) of an image, colour mixed to grey, and its full scale."""
+    """Return the one channel (H, W) of an image, colour mixed to grey, a mosaic evened out, and its full scale."""
     if image.ndim not in {2, 3} or (image.ndim == 3 and image.shape[2] not in {1, 3, 4}):
         raise DetectError(f"an image of shape {image.shape}: (H, W) or (H, W, 3) is needed; convert it first")
     if not all(LEAST_SIDE_PX <= s <= MAX_SIDE_PX for s in image.shape[:2]):
@@ -43,7 +44,8 @@ def _single(image: NDArray[np.generic], bits: int | None) -> tuple[NDArray[Any],
     if full is None:
         raise DetectError(f"an image of type {image.dtype}: uint8, uint16 or float is needed; convert it first")
     if image.ndim == 2:
-        return image, full
+        name = unnamed_mosaic(image)
+        return (image if name is None else even_mosaic(image, name)), full
     if image.shape[2] == 1:
         return image[..., 0], full
     return _luma(image.astype(np.float32) if image.dtype == np.float64 else image), full

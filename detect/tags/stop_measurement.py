@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from boxcal.detect.alignment.detector import KnownCamera, detect_in_grey
+from boxcal.detect.image.bayer import even_mosaic, unnamed_mosaic
 from boxcal.detect.image.bit_depth import FULL_SCALE, DeepGrey
 from boxcal.detect.image.gray import LEAST_SIDE_PX, eight_bit_copy
 from boxcal.detect.tags.averaging import AveragedCorners, combine
@@ -73,6 +74,9 @@ def measure_stop(
         by_frame = [find_tags(frame, target, settings) for frame in held]
         foreign = np.unique(np.concatenate([t.foreign_ids for t in by_frame]))
         return _measured(combine(by_frame), foreign_ids=foreign, camera=camera)
+    mosaic = unnamed_mosaic(held[0])
+    if mosaic is not None:
+        held = [even_mosaic(frame, mosaic) for frame in held]
     mean, still = average_frames(held)
     full = 255.0 if held[0].dtype == np.uint8 else float(FULL_SCALE)
     grey = np.multiply(mean, np.float32(1 / full), dtype=np.float32)

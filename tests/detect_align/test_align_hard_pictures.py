@@ -1,14 +1,16 @@
 """Pictures that used to go wrong, each with its truth; see shared/cases/README.md."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
-from aligned_views import TARGET, width_px
+from aligned_views import PLAIN, SIZE, TARGET, pose, truth, view, width_px
 
-from boxcal.detect.alignment.detector import detect_tags
+from boxcal.detect.alignment.detector import DetectorSettings, detect_tags
+from boxcal.detect.image.bayer import alternation, unnamed_mosaic
 
 
 @pytest.fixture(scope="module")
@@ -39,6 +41,7 @@ def _seen(folder: Path, name: str):
         ("sheared", 1.0, 1.3),
         ("poster_same_layout", 1.0, 1.35),
         ("motion_3px", 1.0, 1.6),
+        ("raw_mosaic", 1.0, 1.3),
     ],
 )
 def test_hard_picture_is_read_as_well_as_by_the_best_peer_and_its_sigmas_hold(pictures, name, least, most):
@@ -56,3 +59,57 @@ def test_prints_on_a_wall_are_said_and_the_box_is_taken(pictures):
 def test_faces_that_contradict_each_other_are_not_named_where_there_is_one_box(pictures):
     for name in ("shadow", "wrinkled", "glare"):
         assert _seen(pictures, name)[0].contradicting_faces == ()
+
+
+def test_a_mosaic_sent_as_grey_is_recognised_and_a_grey_picture_is_none(pictures):
+    mosaic = cv2.imread(str(pictures / "raw_mosaic.png"), cv2.IMREAD_GRAYSCALE)
+    assert unnamed_mosaic(mosaic) is not None
+    for name in ("shadow.png", "glare.jpg", "motion_3px.png"):
+        assert unnamed_mosaic(cv2.imread(str(pictures / name), cv2.IMREAD_GRAYSCALE)) is None
+    assert unnamed_mosaic(view(pose(20.0), replace(PLAIN, noise=25.0, psf_px=0.0))) is None
+
+
+def test_rows_of_an_interlaced_picture_alternate():
+    image = view(pose(20.0))
+    woven = image.copy()
+    woven[1::2] = np.roll(image, 6, axis=1)[1::2]
+    assert alternation(woven) == (False, True)
+    assert alternation(image) == (False, False)
+
+
+@pytest.mark.parametrize("srgb", [True, False])
+def test_a_preview_tells_the_response_curve_and_how_sure_its_corners_are(srgb):
+    T = pose(10.0, distance=0.55)
+    uv, _ = truth(T)
+    tags = detect_tags(view(T, replace(PLAIN, srgb=srgb)), TARGET, DetectorSettings(fast=True))
+    assert tags.response == ("srgb" if srgb else "linear")
+    errors = tags.corners_px - uv[tags.ids]
+    assert 0.4 < np.linalg.solve(np.linalg.cholesky(tags.cov_px2), errors[..., None]).std() < 1.4
+
+
+def test_a_hard_shadow_leaves_all_tags_and_their_sigmas():
+    T = pose(20.0, distance=0.6)
+    uv, seen = truth(T)
+    y, x = np.mgrid[: SIZE[1], : SIZE[0]]
+    middle = uv[seen].mean(axis=(0, 1))
+    side = (x - middle[0]) * np.cos(0.7) + (y - middle[1]) * np.sin(0.7)
+    light = 0.33 + 0.67 / (1 + np.exp(-np.clip(side / 0.7, -50, 50)))
+    tags = detect_tags(np.rint(view(T) * light).astype(np.uint8), TARGET)
+    wanted = seen[width_px(uv[seen]) >= 10]
+    assert np.isin(wanted, tags.ids).mean() > 0.97
+    errors = tags.corners_px - uv[tags.ids]
+    assert 0.6 < np.linalg.solve(np.linalg.cholesky(tags.cov_px2), errors[..., None]).std() < 1.5
+
+
+def test_a_face_seen_twice_is_said_and_the_larger_sighting_is_kept():
+    T = pose(0.0, distance=0.5)
+    image = view(T)
+    small = cv2.resize(image, None, fx=0.45, fy=0.45, interpolation=cv2.INTER_AREA)
+    both = np.full((SIZE[1], 2 * SIZE[0]), 120, np.uint8)
+    both[:, : SIZE[0]] = image
+    both[40 : 40 + small.shape[0], SIZE[0] + 100 : SIZE[0] + 100 + small.shape[1]] = small
+    tags = detect_tags(both, TARGET)
+    assert 0 in tags.contradicting_faces
+    on_face = TARGET.tag_faces[tags.ids] == 0
+    assert on_face.sum() > 20
+    assert np.all(tags.corners_px[on_face][..., 0] < SIZE[0])
