@@ -5,7 +5,7 @@ from math import radians
 
 import numpy as np
 
-from boxcal.calib.diagnosis.cause import Cause, Reference, Solved
+from boxcal.calib.diagnosis.cause import Reference, Solved
 from boxcal.calib.likelihood.explanation import Columns
 from boxcal.calib.likelihood.finding import Finding
 from boxcal.calib.likelihood.problem import Problem
@@ -27,9 +27,10 @@ class Backlash:
         """No."""
         return False
 
-    def adopted(self) -> Cause:
-        """Return itself."""
-        return self
+    @property
+    def unseen(self) -> dict[str, float]:
+        """Nothing."""
+        return {}
 
     def columns(self, problem: Problem, state: State) -> Columns:  # noqa: ARG002 (held at the reference)
         """Return the travel lost at reversals, all in the first sample after each."""

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from boxcal.calib.diagnosis.cause import Cause, Reference, Solved, one_column, percent
+from boxcal.calib.diagnosis.cause import Reference, Solved, one_column, percent
 from boxcal.calib.likelihood.explanation import Columns
 from boxcal.calib.likelihood.finding import Finding
 from boxcal.calib.likelihood.problem import Problem
@@ -25,9 +25,10 @@ class Backward:
         """No."""
         return False
 
-    def adopted(self) -> Cause:
-        """Return itself."""
-        return self
+    @property
+    def unseen(self) -> dict[str, float]:
+        """Nothing."""
+        return {}
 
     def columns(self, problem: Problem, state: State) -> Columns:  # noqa: ARG002 (held at the reference)
         """Return the travel of all backward samples."""

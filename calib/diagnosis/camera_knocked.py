@@ -5,7 +5,7 @@ from math import radians
 
 import numpy as np
 
-from boxcal.calib.diagnosis.cause import Cause, Solved
+from boxcal.calib.diagnosis.cause import Solved
 from boxcal.calib.likelihood.explanation import Columns
 from boxcal.calib.likelihood.finding import Finding
 from boxcal.calib.likelihood.problem import Problem
@@ -40,9 +40,10 @@ class CameraKnocked:
         """Yes."""
         return True
 
-    def adopted(self) -> Cause:
-        """Return itself."""
-        return self
+    @property
+    def unseen(self) -> dict[str, float]:
+        """Nothing."""
+        return {}
 
     def columns(self, problem: Problem, state: State) -> Columns:
         """Return the camera's motion at all stops before that one."""

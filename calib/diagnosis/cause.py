@@ -53,8 +53,9 @@ class Cause(Explanation, Protocol):
     def in_pictures(self) -> bool:
         """Whether it changes what cameras see, not what wheels roll."""
 
-    def adopted(self) -> "Cause":
-        """Return what is put into the model: itself, or itself with unknowns that its test cannot see."""
+    @property
+    def unseen(self) -> dict[str, float]:
+        """Standard deviations of what it may do besides that no drive can show, by reported parameter."""
 
     def finding(self, solved: Solved, problem: Problem) -> Finding:
         """Return it in words, with its size."""

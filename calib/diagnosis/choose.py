@@ -101,7 +101,7 @@ def _next(fit: Fit, adopted: Sequence[tuple[Cause, float]], needed: float) -> tu
     for ranked, start in tried[:_TRIED]:
         if ranked.log_bayes < needed - _PROMISING:
             break
-        cause = ranked.cause.adopted()
+        cause = ranked.cause
         held = replace(start, options=replace(fit.options, find_faults=False))
         gain = log_evidence(refit(held, [cause])) - before - ranked.log_family
         if gain > most:

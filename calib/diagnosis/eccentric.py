@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from boxcal.calib.diagnosis.cause import Cause, Reference, Solved, percent
+from boxcal.calib.diagnosis.cause import Reference, Solved, percent
 from boxcal.calib.likelihood.explanation import Columns
 from boxcal.calib.likelihood.finding import Finding
 from boxcal.calib.likelihood.problem import Problem
@@ -55,9 +55,10 @@ class Eccentric:
         """No."""
         return False
 
-    def adopted(self) -> Cause:
-        """Return itself."""
-        return self
+    @property
+    def unseen(self) -> dict[str, float]:
+        """Nothing."""
+        return {}
 
     def columns(self, problem: Problem, state: State) -> Columns:  # noqa: ARG002 (held at the reference)
         """Return the travel by all amplitudes: the integral of the radius over each sample's turn."""

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
-from boxcal.calib.diagnosis.choose import explain
+from boxcal.calib.diagnosis.choose import Explained, explain
 from boxcal.calib.diagnosis.leg_causes import leg_findings
 from boxcal.calib.diagnosis.target_causes import target_findings
 from boxcal.calib.four_steps.procedure import FourSteps
@@ -35,7 +35,21 @@ def estimate_explained(
     explained = explain(first)
     solved = replace(explained.fit, camera_scores=first.camera_scores)
     found = reported(solved, drives, options)
+    found = _with_unseen(found, explained)
     findings = (*explained.findings, *leg_findings(solved, found, drives), *target_findings(solved))
     of_wheels = tuple(cause for cause, _ in explained.adopted if not cause.in_pictures)
     options = replace(options, lens=found.camera.kind, explanations=(*options.explanations, *of_wheels))
     return replace(found, findings=findings), options
+
+
+def _with_unseen(found: Estimate, explained: Explained) -> Estimate:
+    """Return the estimate less sure of what its explanations may do unseen."""
+    unseen = [(name, sigma) for cause, _ in explained.adopted for name, sigma in cause.unseen.items()]
+    if not unseen:
+        return found
+    wider = found.cov_all.copy()
+    for name, sigma in unseen:
+        k = found.names.index(name)
+        wider[k, k] += sigma**2
+    count = len(found.cov)
+    return replace(found, cov=wider[:count, :count], cov_all=wider, odometry_cov=found.cov)

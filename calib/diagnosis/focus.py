@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from boxcal.calib.diagnosis.cause import Cause, Reference, Solved, percent
+from boxcal.calib.diagnosis.cause import Reference, Solved, percent
 from boxcal.calib.likelihood.explanation import Columns
 from boxcal.calib.likelihood.finding import Finding
 from boxcal.calib.likelihood.problem import Problem
@@ -41,9 +41,10 @@ class FocusChanged:
         """Yes."""
         return True
 
-    def adopted(self) -> Cause:
-        """Return itself."""
-        return self
+    @property
+    def unseen(self) -> dict[str, float]:
+        """Nothing."""
+        return {}
 
     def columns(self, problem: Problem, state: State) -> Columns:
         """Return the camera's change at all stops before that one."""
@@ -103,9 +104,10 @@ class FocusVaries:
         """Yes."""
         return True
 
-    def adopted(self) -> Cause:
-        """Return itself."""
-        return self
+    @property
+    def unseen(self) -> dict[str, float]:
+        """Nothing."""
+        return {}
 
     def columns(self, problem: Problem, state: State) -> Columns:
         """Return the camera's change at each stop."""

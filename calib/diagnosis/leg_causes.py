@@ -8,13 +8,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from boxcal.calib.diagnosis.leg_likelihoods import LegCause, leg_log_evidences
 from boxcal.calib.likelihood.estimate import Estimate, FlaggedLeg
 from boxcal.calib.likelihood.finding import Finding
 from boxcal.calib.likelihood.fit import Fit
+from boxcal.calib.likelihood.leg_outliers import box_motion
 from boxcal.detect.correspondences import Correspondences
+from boxcal.target.arrays import Array
 
-CARRIED_MM, CARRIED_DEG = 50.0, 5.0
-"""A pushed box moves by less than this; a robot that was lifted or pushed along by more, mostly."""
 _JUMP_RAD = 0.5
 """Wheel travel within one sample (20 ms, usually) that no motor makes."""
 _SILENT_S = 0.5
@@ -43,31 +44,32 @@ def leg_findings(fit: Fit, found: Estimate, drives: Sequence[Correspondences]) -
 def _finding(leg: FlaggedLeg, fit: Fit, k: int, drive: Correspondences) -> Finding:
     difference, cov = fit.tests.difference[k], fit.tests.covariance[k]
     size = float(np.hypot(*difference[:2]))
-    along = difference[:2] / size if size > 0 else np.array([1.0, 0.0])
-    sigma = float(np.sqrt(along @ cov[:2, :2] @ along))
+    sigma = _largest_sigma(cov[:2, :2])
     where = f"between stop {leg.leg + 1} and stop {leg.next_stop + 1}"
     moved = (
         f"{1e3 * size:.1f} +- {1e3 * sigma:.1f} mm and {leg.turn_deg:+.2f} +- {np.degrees(np.sqrt(cov[2, 2])):.2f} deg"
     )
-    pushed = float(np.hypot(*leg.box_moved_mm))
+    pushed, sigma_pushed = _pushed(fit, k)
     jump, silent = _jump(drive, leg)
+    evidence = leg_log_evidences(fit, k)
+    likeliest = max(evidence, key=lambda cause: evidence[cause])
     if silent is not None:
         cause, text = "wheels-silent", f"{where} the wheels' readings are missing for {silent:.1f} s"
         advice = "Look for lost joint messages."
     elif jump is not None:
         cause, text = "encoder-restart", f"{where} the wheels' readings jump by {jump:.2f} rad within one sample"
         advice = "Look for a restart of the driver or of its counters."
-    elif leg.slip_explains:
+    elif likeliest is LegCause.SLIPPED:
         cause, text = "leg-slipped", f"{where} a wheel slipped: wheels and images differ by {moved}"
         advice = "Drive slower, with gentle starts, on a dry floor without sills or cables."
-    elif 1e3 * size > CARRIED_MM or abs(leg.turn_deg) > CARRIED_DEG:
+    elif likeliest is LegCause.CARRIED:
         cause, text = "robot-carried", f"{where} the robot was carried or pushed: wheels and images differ by {moved}"
         advice = "Do not move the robot by hand during the drive."
     else:
         cause = "box-moved"
         text = (
-            f"{where} the box was pushed by {pushed:.1f} +- {1e3 * sigma:.1f} mm and {leg.box_turned_deg:+.2f} deg, or "
-            f"the robot was: wheels and images differ by {moved}, no slip of one wheel explains it"
+            f"{where} the box was pushed by {pushed:.1f} +- {sigma_pushed:.1f} mm and {leg.box_turned_deg:+.2f} deg, "
+            f"or the robot was: wheels and images differ by {moved}"
         )
         advice = "Fasten the box to the floor (tape will do) and keep clear of it."
     return Finding(
@@ -77,10 +79,29 @@ def _finding(leg: FlaggedLeg, fit: Fit, k: int, drive: Correspondences) -> Findi
         adopted=True,
         stops=(leg.leg, leg.next_stop),
         size=pushed if cause == "box-moved" else 1e3 * size,
-        sigma=1e3 * sigma,
+        sigma=sigma_pushed if cause == "box-moved" else 1e3 * sigma,
         unit="mm",
         p_value=leg.p_value,
     )
+
+
+def _pushed(fit: Fit, k: int) -> tuple[float, float]:
+    """Return how far the box was pushed if that explains a leg, and its standard deviation, mm.
+
+    The leg's turn tells of the box' turn, and with the robot's distance from it of the box' place: a long lever.
+    """
+    i = fit.problem.leg_stop[k]
+    first, second = fit.state.poses[i], fit.state.poses[i + 1]
+    here = fit.tests.difference[k]
+    move, _ = box_motion(first, second, here)
+    step = 1e-6
+    J = np.stack([(box_motion(first, second, here + step * e)[0] - move) / step for e in np.eye(3)], axis=1)
+    return 1e3 * float(np.hypot(*move)), 1e3 * _largest_sigma(J @ fit.tests.covariance[k] @ J.T)
+
+
+def _largest_sigma(cov: Array) -> float:
+    """Return the standard deviation of a vector in the direction where it is known worst."""
+    return float(np.sqrt(np.linalg.eigvalsh(cov)[-1]))
 
 
 def _unknown(leg: FlaggedLeg) -> Finding:

@@ -1,16 +1,17 @@
 """Wheels that scrub in turns: the robot turns less than they roll, unlike to both sides, or slides sideways.
 
-What is lost alike in all turns cannot be told from a larger distance between the wheels: both scale every turn. So the
-test looks at what differs (one side against the other, on the spot against in bends, the drift), and where that is
-found, a loss alike in all turns is allowed for by a prior: the odometry stays as good as it is, the distance between
-the wheels becomes as unsure as it is.
+What is lost alike in all turns cannot be told from a larger distance between the wheels: both scale every turn. Nor can
+a slide outward in every turn be told from a camera further ahead: both move the centre of turning. So the test looks at
+what differs (one side against the other, on the spot against in bends, a drift to one side), and where that is found,
+a loss alike in all turns and a shift of the centre are allowed for: the odometry stays as good as it is, the distance
+between the wheels and the camera's place ahead, as a ruler would find them, become as unsure as they are.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from boxcal.calib.diagnosis.cause import Cause, Reference, Solved, percent
+from boxcal.calib.diagnosis.cause import Reference, Solved, percent
 from boxcal.calib.likelihood.explanation import Columns
 from boxcal.calib.likelihood.finding import Finding
 from boxcal.calib.likelihood.leg_model import leg_model
@@ -32,12 +33,9 @@ class Scrub:
     ----------
     at
         Reference.
-    alike
-        Whether a loss alike in all turns is an unknown too; it is left out of the test, which cannot see it.
     """
 
     at: Reference
-    alike: bool = False
 
     @property
     def family(self) -> str:
@@ -46,22 +44,23 @@ class Scrub:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Left less right and on the spot (shares), drift (m/rad); and alike in all turns (share)."""
-        return ("scrub-side", "scrub-spot", "scrub-drift", *(("scrub-alike",) if self.alike else ()))
+        """Left less right and on the spot (shares), drift (m/rad)."""
+        return ("scrub-side", "scrub-spot", "scrub-drift")
 
     @property
     def prior(self) -> tuple[float, ...]:
         """Of the shares 1 %, of the drift 2 mm a radian."""
-        return (TYPICAL, TYPICAL, 2e-3, *((TYPICAL,) if self.alike else ()))
+        return (TYPICAL, TYPICAL, 2e-3)
 
     @property
     def in_pictures(self) -> bool:
         """No."""
         return False
 
-    def adopted(self) -> Cause:
-        """Return itself, with a loss alike in all turns."""
-        return Scrub(at=self.at, alike=True)
+    @property
+    def unseen(self) -> dict[str, float]:
+        """Of the distance between the wheels, and of the camera's place ahead."""
+        return {"b": TYPICAL * self.at.b, "tx": TYPICAL * self.at.b / 2}
 
     def columns(self, problem: Problem, state: State) -> Columns:  # noqa: ARG002 (held at the reference)
         """Return the travel that undoes each loss, and the legs' displacement by the drift."""
@@ -69,7 +68,6 @@ class Scrub:
         dth = (u[:, 0] - u[:, 1]) / b
         spot = np.abs(u.mean(axis=1)) < _ON_SPOT * np.abs(u[:, 0] - u[:, 1])
         shares = [0.5 * np.sign(dth), spot.astype(np.float64), np.zeros_like(dth)]
-        shares += [np.ones_like(dth)] if self.alike else []
         travel = np.stack([_lost(share * dth, b) for share in shares], axis=2)
         legs = np.zeros((len(problem.leg_stop), 3, len(shares)))
         none = np.zeros((len(problem.leg_stop), 2))
@@ -98,7 +96,7 @@ class Scrub:
         largest = int(np.argmax(np.abs(solved.values[:2]) / solved.sigma[:2]))
         return Finding(
             cause="scrub",
-            text=f"the wheels scrub in turns: {text}. What all turns lose alike cannot be told from the distance "
+            text=f"the wheels scrub in turns: {text}; what all turns lose alike cannot be told from the distance "
             f"between the wheels, whose sigma allows for {TYPICAL:.0%}",
             advice="Turn slower, on a smoother floor; wider tyres scrub more.",
             adopted=True,

@@ -52,9 +52,12 @@ def _print(fit: Fit) -> Iterator[Finding]:
 
 def _places(fit: Fit) -> Iterator[Finding]:
     words = {"tx": ("to the right", "to the left"), "ty": ("high", "low"), "tz": ("outward", "inward")}
-    for f in range(FACES):
-        for axis, (more, less) in words.items():
-            value, sigma = _value(fit, f"face{f}_{axis}")
+    for axis, (more, less) in words.items():
+        each = [_value(fit, f"face{f}_{axis}") for f in range(FACES)]
+        # All sheets alike to the right or high are the box' frame turned or raised: one sheet against most others.
+        usual = float(np.median([value for value, _ in each])) if axis != "tz" else 0.0
+        for f, (at, sigma) in enumerate(each):
+            value = at - usual
             if _large(value, sigma, "place"):
                 yield Finding(
                     cause=f"sheet-{f}-place",

@@ -184,6 +184,9 @@ class Estimate:
         right perturbation of the mounting, ``R_body_cam @ exp_so3(rx, ry, rz)``: about the camera's own axes. The
         translation is that of ``t_body_cam`` itself, along the body's axes. What is not determined has infinite
         variance, and NaN covariances.
+    odometry_cov : (14, 14), optional
+        The same without what changes parameters but not where wheels lead, such as a scrub alike in all turns; None
+        where that is ``cov``.
     names, values, cov_all
         All unknowns that the stops share (the 14, tilts, lens coefficients, the box' shape), their values (0 for the
         mounting's perturbation) and their covariance, same conventions.
@@ -234,6 +237,7 @@ class Estimate:
     cost: float
     log_likelihood: float
     findings: tuple[Finding, ...] = ()
+    odometry_cov: Array | None = None
 
     @property
     def sigma(self) -> dict[str, float]:

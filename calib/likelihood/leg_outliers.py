@@ -54,7 +54,7 @@ def _flagged(problem: Problem, state: State, tests: LegTests, drives: list[Corre
     d, a, b = int(problem.drive[i]), int(problem.stop[i]), int(problem.stop[i + 1])
     difference = tests.difference[k]
     size_mm, turn_deg = float(np.hypot(*difference[:2])) * 1e3, float(np.degrees(difference[2]))
-    move, turn = _box_motion(state.poses[i], state.poses[i + 1], difference)
+    move, turn = box_motion(state.poses[i], state.poses[i + 1], difference)
     slip = find_slip(problem.path.dphi[problem.path.leg == k], state.wheels, difference, tests.covariance[k])
     t_ns = drives[d].wheels.t_ns
     start, end = drives[d].stops[a].t_end_ns, drives[d].stops[b].t_start_ns
@@ -102,7 +102,7 @@ def _slip_words(slip: Slip) -> str:
     return f"a slip of both wheels by {(right + left) / 2:.1f} mm"
 
 
-def _box_motion(first: Array, second: Array, difference: Array) -> tuple[Array, float]:
+def box_motion(first: Array, second: Array, difference: Array) -> tuple[Array, float]:
     """Return the box' displacement (2,), m, and turn, rad, in its frame before, that explains a leg.
 
     The wheels lead from the first stop to X; seen from the moved box the robot is at Y, so the box moved by X inv(Y).

@@ -78,6 +78,7 @@ def leg_tests(
         [np.broadcast_to(s.d_shared[:, None, 5:8], (K, N, 3)), s.d_stops[:, i], s.d_stops[:, i + 1]], axis=2
     )
     J = at.legs.jacobian
+    J_all = np.concatenate([J, at.legs.J_explained], axis=2)
     C = leg_covariance(problem, at.legs.model, profile.slip)
     used = weights.legs > 0
     w = np.where(used, weights.legs, 1.0)
@@ -86,7 +87,7 @@ def leg_tests(
     if at.legs.J_explained.shape[2]:
         residual = residual - np.einsum("nij,kj->kni", at.legs.J_explained, s.d_shared[:, problem.explained])
     r = np.linalg.solve(L, residual[..., None])[..., 0]
-    half = np.linalg.solve(L, J @ cov @ np.swapaxes(J, 1, 2))
+    half = np.linalg.solve(L, J_all @ cov @ np.swapaxes(J_all, 1, 2))
     V = np.linalg.solve(L, np.swapaxes(half, -1, -2))
     v, vectors = np.linalg.eigh((V + np.swapaxes(V, -1, -2)) / 2)
     rest = np.where(used[:, None], 1 - v, 1.0)
@@ -126,18 +127,23 @@ def _survival(square: Array, freedom: Array, tail: float) -> Array:
 
 
 def leg_unknowns(problem: Problem, s: Solution) -> Array:
-    """Return the covariance of what each leg depends on, (K, N, 13, 13): wheels and the unknowns of its two stops."""
+    """Return the covariance of what legs depend on, (K, N, 13 + k, 13 + k): wheels, both stops, and explanations."""
     i = problem.leg_stop
     own, cross = s.stop_blocks()
     with_stops = -s.Y @ s.cov[:, None]  # (K, P, 5, n): covariance of stop and shared unknowns
-    cov = np.empty((len(s.cov), len(i), LEG_UNKNOWNS, LEG_UNKNOWNS))
-    cov[:, :, :3, :3] = s.cov[:, None, WHEELS, WHEELS]
+    shared = np.r_[WHEELS, problem.explained]
+    at = np.concatenate([np.arange(FIRST_STOP.start), np.arange(LEG_UNKNOWNS, LEG_UNKNOWNS + len(shared) - 3)])
+    size = LEG_UNKNOWNS + len(shared) - 3
+    cov = np.empty((len(s.cov), len(i), size, size))
+    cov[:, :, at[:, None], at] = s.cov[:, None][:, :, shared[:, None], shared]
     cov[:, :, FIRST_STOP, FIRST_STOP], cov[:, :, SECOND_STOP, SECOND_STOP] = own[:, i], own[:, i + 1]
     cov[:, :, FIRST_STOP, SECOND_STOP] = cross[:, i]
     cov[:, :, SECOND_STOP, FIRST_STOP] = np.swapaxes(cross[:, i], -1, -2)
     for part, stop in ((FIRST_STOP, i), (SECOND_STOP, i + 1)):
-        cov[:, :, part, :3] = with_stops[:, stop, :, WHEELS]
-        cov[:, :, :3, part] = np.swapaxes(cov[:, :, part, :3], -1, -2)
+        rows = np.arange(part.start, part.stop)
+        with_shared = with_stops[:, stop][..., shared]
+        cov[:, :, rows[:, None], at] = with_shared
+        cov[:, :, at[:, None], rows] = np.swapaxes(with_shared, -1, -2)
     return cov
 
 

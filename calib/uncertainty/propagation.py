@@ -103,7 +103,8 @@ def ground_uncertainty(
 def _move(estimate: Estimate, wheels: Array, phi: Array) -> MoveUncertainty:
     model = _model(wheels, phi)
     J = model.d_wheels[0]
-    systematic = np.sqrt(np.diag(J @ estimate.cov[_WHEELS, _WHEELS] @ J.T))
+    cov = estimate.cov if estimate.odometry_cov is None else estimate.odometry_cov
+    systematic = np.sqrt(np.diag(J @ cov[_WHEELS, _WHEELS] @ J.T))
     step = estimate.noise.encoder_step
     ends = model.d_start[0] @ model.d_start[0].T + model.d_end[0] @ model.d_end[0].T
     random = np.sqrt(np.diag(estimate.noise.slip**2 * model.slip[0] + step**2 / 12 * ends))

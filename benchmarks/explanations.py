@@ -1,0 +1,210 @@
+"""What the diagnosis makes of drives on which something is not as the model has it.
+
+Every violation of the catalogue (:mod:`boxcal.calib.simulate.violations`) is drawn at random, beside what a careful
+user has anyway: a hand-made box, a robot that leans, a real lens, corner noise common to a stop. No pictures are made.
+Printed: what was named for what was injected, the sizes found, errors in their own sigmas, and how many results are
+called good or usable that are wrong by more than 5 sigma.
+
+    python benchmarks/explanations.py --quick
+"""
+
+import argparse
+import re
+import time
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from boxcal.calib.calibrate import calibrate
+from boxcal.calib.errors import CalibError
+from boxcal.calib.geometry.so3_se3 import exp_se3, log_so3
+from boxcal.calib.results.calibration import Calibration
+from boxcal.calib.simulate.drive import DriveOptions
+from boxcal.calib.simulate.imperfect_drive import ImperfectDrive, hand_made, imperfect_drive
+from boxcal.calib.simulate.robot import khepera, turtlebot
+from boxcal.calib.simulate.violations import HARMLESS, STOPS, VIOLATIONS, Violation
+from boxcal.target.arrays import Array
+from boxcal.target.box import make_target
+
+TARGET = make_target()
+WRONG = 5.0
+"""An error of more than this many sigmas is a wrong result."""
+OF_TARGET = ("sheet-", "print-", "bow")
+"""Causes that a hand-made box may well have: naming them on an otherwise clean drive is no false alarm."""
+REFUSALS = (
+    ("wheels-swapped", "joints are swapped"),
+    ("wheel-reversed", "readings fall while"),
+    ("box-on-side", "lies on its side"),
+    ("other-box", "another box"),
+    ("unit", "--joint-unit|whole numbers"),
+    ("clock", "stamps"),
+    ("few-stops", "usable stops|fewer than|can be used"),
+)
+"""What a refusal names, by its words."""
+FAMILIES = re.compile(r"-(right|left|both|\d+).*$")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Run:
+    """One drive: what was named, the size found in sigmas off, the verdict, the largest error over its sigma."""
+
+    causes: tuple[str, ...]
+    size: float
+    level: str
+    worst: float
+    errors: Array
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter, allow_abbrev=False
+    )
+    parser.add_argument("--runs", type=int, default=40, help="drives of each violation and size (40)")
+    parser.add_argument("--clean", type=int, default=500, help="drives without a violation (500)")
+    parser.add_argument("--quick", action="store_true", help="3 drives of each violation, 20 clean ones")
+    parser.add_argument("--only", default="", help="violations whose name holds this word")
+    parser.add_argument("--seed", type=int, default=0)
+    arguments = parser.parse_args(argv)
+    runs, clean = (3, 20) if arguments.quick else (arguments.runs, arguments.clean)
+    confusion: dict[str, Counter[str]] = {}
+    everything: list[Run] = []
+    print("named: right cause / another one beside or instead; size: rms of (found - true) / sigma;")
+    print("errors: rms and largest of all parameters over their sigmas; wrong: beyond 5 sigma and called good, usable")
+    print(
+        f"{'violation':24}{'size':>12}{'named':>12}{'size z':>8}{'rms':>7}{'worst':>8}"
+        f"{'refused':>9}{'wrong':>9}{'s':>7}"
+    )
+    for k, violation in enumerate((*VIOLATIONS, *HARMLESS)):
+        if arguments.only not in violation.name:
+            continue
+        for size in violation.sizes:
+            begun = time.process_time()
+            found = [one(violation, size, np.random.default_rng([arguments.seed, k, run]), run) for run in range(runs)]
+            everything += found
+            confusion.setdefault(violation.name, Counter()).update(
+                cause for run in found for cause in (families(run) or ["nothing"])
+            )
+            print(line(violation, size, found, time.process_time() - begun), flush=True)
+    if not arguments.only:
+        show_clean(clean, arguments.seed)
+    table(confusion)
+    calibrated = [run for run in everything if run.level != "refused"]
+    for level in ("good", "usable"):
+        wrong = sum(run.level == level and run.worst > WRONG for run in calibrated)
+        print(f"{level} with an error beyond {WRONG:g} sigma: {wrong} of {sum(r.level == level for r in calibrated)}")
+    return 0
+
+
+def one(violation: Violation, size: float, rng: np.random.Generator, run: int) -> Run:
+    robot = (turtlebot, khepera)[run % 2]()
+    faults = violation.draw(hand_made(rng), size, robot, rng)
+    drive = imperfect_drive(robot, TARGET, DriveOptions(stops=STOPS, steps_per_sample=4), faults, rng)
+    return judged(drive, violation, size)
+
+
+def judged(drive: ImperfectDrive, violation: Violation | None, size: float) -> Run:
+    try:
+        found = calibrate(drive.seen, TARGET)
+    except CalibError as error:
+        causes = tuple(cause for cause, words in REFUSALS if re.search(words, str(error)))
+        return Run(causes=causes[:1], size=np.nan, level="refused", worst=0.0, errors=np.zeros(0))
+    detail = found.detail
+    assert detail is not None
+    off = [
+        abs(abs(finding.size) - size * violation.scale) / finding.sigma
+        for finding in detail.findings
+        if violation is not None and violation.scale and finding.cause.startswith(violation.causes)
+    ]
+    z = errors_in_sigmas(found, drive)
+    level = str(found.verdict.level) if found.verdict is not None else "none"
+    return Run(
+        causes=tuple(finding.cause for finding in detail.findings),
+        size=min(off, default=np.nan),
+        level=level,
+        worst=float(np.max(np.abs(z))),
+        errors=z,
+    )
+
+
+def errors_in_sigmas(found: Calibration, drive: ImperfectDrive) -> Array:
+    """Errors of camera (fu, fv, cu, cv), wheels and extrinsics over their sigmas; what cannot be seen is left out."""
+    robot, faults = drive.robot, drive.faults
+    camera = np.array([robot.camera.fu, robot.camera.fv, robot.camera.cu, robot.camera.cv])
+    T = robot.T_body_cam
+    if faults.camera.knocked is not None:
+        T = T @ exp_se3(np.array(faults.camera.knocked[1]))
+    if faults.camera.focus is not None:
+        _, scale, right, down = faults.camera.focus
+        centre = (np.array(robot.image_size) - 1) / 2
+        camera = np.concatenate([scale * camera[:2], centre + scale * (camera[2:] - centre) + (right, down)])
+    assert found.detail is not None
+    sigma = found.detail.covariance.sigma
+    c, w = found.camera, found.wheels
+    off = dict(zip(("fu", "fv", "cu", "cv"), np.array([c.fu, c.fv, c.cu, c.cv]) - camera, strict=True))
+    off |= {"rR": w.rR - robot.rR, "rL": w.rL - robot.rL, "b": w.b - robot.b}
+    off |= dict(zip(("rx", "ry", "rz"), log_so3(T[:3, :3].T @ found.T_body_cam[:3, :3]), strict=True))
+    off |= dict(zip(("tx", "ty", "tz"), found.T_body_cam[:3, 3] - T[:3, 3], strict=True))
+    standing = faults.box.standing
+    if standing is not None and standing[2, 2] > 0:  # a box on a table shows nothing of how high it stands
+        del off["tz"]
+    return np.array([float(value) / sigma[name] for name, value in off.items()])
+
+
+def families(run: Run) -> list[str]:
+    """Return what was named, one entry a family; what a hand-made box has anyway is one."""
+    return sorted({"target" if cause.startswith(OF_TARGET) else FAMILIES.sub("", cause) for cause in run.causes})
+
+
+def line(violation: Violation, size: float, found: list[Run], seconds: float) -> str:
+    right = sum(any(cause.startswith(violation.causes) for cause in run.causes) for run in found)
+    other = sum(any(not cause.startswith((*violation.causes, *OF_TARGET)) for cause in run.causes) for run in found)
+    named = f"{right if violation.causes else '-'}/{other} of {len(found)}"
+    solved = [run for run in found if run.level != "refused"]
+    z = np.concatenate([run.errors for run in solved]) if solved else np.zeros(0)
+    sizes = np.array([run.size for run in solved if np.isfinite(run.size)])
+    wrong = [sum(run.level == level and run.worst > WRONG for run in solved) for level in ("good", "usable")]
+    return (
+        f"{violation.name:24}{f'{size:g} {violation.unit}':>12}{named:>12}"
+        f"{np.sqrt(np.mean(sizes**2)) if len(sizes) else np.nan:8.1f}"
+        f"{np.sqrt(np.mean(z**2)) if len(z) else np.nan:7.2f}{np.max(np.abs(z), initial=0):8.1f}"
+        f"{len(found) - len(solved):9d}{f'{wrong[0]}, {wrong[1]}':>9}{seconds / len(found):7.1f}"
+    )
+
+
+def show_clean(count: int, seed: int) -> None:
+    """Print what is found where nothing is wrong: hand-made boxes and leaning robots, nothing else."""
+    found = list(clean_runs(count, seed))
+    named = Counter(cause for run in found for cause in families(run))
+    false = sum(any(cause != "target" for cause in families(run)) for run in found)
+    z = np.concatenate([run.errors for run in found])
+    levels = Counter(run.level for run in found)
+    print(
+        f"{count} clean drives: {false} with a false alarm ({100 * false / count:.1f} %; {dict(named)}), errors rms "
+        f"{np.sqrt(np.mean(z**2)):.2f}, worst {np.max(np.abs(z)):.1f}, 95 % intervals hold "
+        f"{100 * np.mean(np.abs(z) < 1.96):.1f} %, verdicts {dict(levels)}"
+    )
+
+
+def clean_runs(count: int, seed: int) -> Iterator[Run]:
+    for run in range(count):
+        rng = np.random.default_rng([seed, 999, run])
+        robot = (turtlebot, khepera)[run % 2]()
+        faults = hand_made(rng)
+        options = DriveOptions(stops=STOPS, steps_per_sample=4)
+        yield judged(imperfect_drive(robot, TARGET, options, replace(faults), rng), None, 0.0)
+
+
+def table(confusion: dict[str, Counter[str]]) -> None:
+    """Print what was named (across) for what was injected (down)."""
+    columns = sorted({cause for counts in confusion.values() for cause in counts})
+    print("\nnamed (across) for what was injected (down):")
+    print(" " * 24 + " ".join(f"{k:>3d}" for k in range(len(columns))))
+    for name, counts in confusion.items():
+        print(f"{name:24}" + " ".join(f"{counts[c] or '.':>3}" for c in columns))
+    print("\n".join(f"{k:3d} {cause}" for k, cause in enumerate(columns)) + "\n")
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

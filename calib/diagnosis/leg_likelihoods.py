@@ -1,0 +1,81 @@
+"""How likely a leg's difference is as a slip of one wheel, a pushed box or a robot carried: their evidence compared.
+
+A slip at some moment of a leg can look like almost any small displacement, and a pushed box like any at all: each
+explanation is charged for all that it could have explained besides.
+"""
+
+from enum import StrEnum
+from math import radians
+
+import numpy as np
+from scipy.special import logsumexp
+from scipy.stats import multivariate_normal
+
+from boxcal.calib.likelihood.fit import Fit
+from boxcal.calib.likelihood.leg_outliers import box_motion
+from boxcal.target.arrays import Array
+
+SLIP = 0.02
+"""Travel that a wheel slips at one moment, standard deviation, m."""
+PUSHED = (0.01, radians(1.5))
+"""How far a box is pushed, along each axis, and turned: standard deviations, m and rad."""
+CARRIED = (0.2, radians(40))
+"""The same of a robot that is carried."""
+_STEP = 1e-6
+
+
+class LegCause(StrEnum):
+    """What may happen on one leg."""
+
+    SLIPPED = "leg-slipped"
+    BOX_MOVED = "box-moved"
+    CARRIED = "robot-carried"
+
+
+def leg_log_evidences(fit: Fit, k: int) -> dict[LegCause, float]:
+    """Return the logarithm of the evidence of each cause of a leg's difference.
+
+    Parameters
+    ----------
+    fit
+        The solution, without the leg.
+    k
+        Which leg.
+    """
+    d, C = fit.tests.difference[k], fit.tests.covariance[k]
+    own = fit.problem.path.leg == k
+    by_travel = fit.at.legs.model.by_travel[:, :, own]
+    bend = 0.5 * abs(d[2]) * float(np.hypot(*d[:2]))  # a slip's effect is linear to this
+    rough = C + np.diag([bend**2, bend**2, 0.0])
+    moments = np.concatenate(list(by_travel), axis=1).T  # (2 S, 3)
+    slips = [_log_normal(d, rough + SLIP**2 * np.outer(g, g)) for g in moments[:: max(1, len(moments) // _MOMENTS)]]
+    to_box = _box_jacobian(fit, k, d)
+    pushed = np.linalg.inv(to_box)
+    return {
+        LegCause.SLIPPED: float(logsumexp(slips) - np.log(len(slips))),
+        LegCause.BOX_MOVED: _log_normal(d, C + pushed @ _spread(PUSHED) @ pushed.T),
+        LegCause.CARRIED: _log_normal(d, C + _spread(CARRIED)),
+    }
+
+
+_MOMENTS = 200
+"""Moments of a leg at which a slip is tried."""
+
+
+def _spread(sigma: tuple[float, float]) -> Array:
+    return np.diag(np.square([sigma[0], sigma[0], sigma[1]]))
+
+
+def _box_jacobian(fit: Fit, k: int, difference: Array) -> Array:
+    """Return the derivative of the box' displacement and turn by the leg's difference, (3, 3)."""
+    i = fit.problem.leg_stop[k]
+    first, second = fit.state.poses[i], fit.state.poses[i + 1]
+    columns = []
+    for e in np.eye(3):
+        there, here = (box_motion(first, second, difference + s * _STEP * e) for s in (1, -1))
+        columns.append(np.append(there[0] - here[0], there[1] - here[1]) / (2 * _STEP))
+    return np.stack(columns, axis=1)
+
+
+def _log_normal(d: Array, cov: Array) -> float:
+    return float(multivariate_normal.logpdf(d, mean=np.zeros(3), cov=cov, allow_singular=True))

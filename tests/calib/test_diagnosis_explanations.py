@@ -1,0 +1,169 @@
+"""Explanations that compete: what is wrong is named with its size and solved for; where nothing is, nothing is."""
+
+from dataclasses import replace
+from math import radians
+
+import numpy as np
+import pytest
+
+from boxcal.calib.diagnosis.catalogue import candidates
+from boxcal.calib.diagnosis.choose import explain
+from boxcal.calib.diagnosis.explained_estimate import estimate_explained
+from boxcal.calib.geometry.so3_se3 import exp_se3
+from boxcal.calib.likelihood import EstimateOptions
+from boxcal.calib.likelihood.estimate import Estimate
+from boxcal.calib.likelihood.estimator import fit
+from boxcal.calib.likelihood.finding import Finding
+from boxcal.calib.likelihood.fit import Fit
+from boxcal.calib.likelihood.levenberg_marquardt import linearize
+from boxcal.calib.likelihood.score_test import extended
+from boxcal.calib.simulate.drive import DriveOptions
+from boxcal.calib.simulate.imperfect_drive import imperfect_drive
+from boxcal.calib.simulate.imperfections import BoxFaults, CameraFaults, Imperfections, WheelFaults
+from boxcal.calib.simulate.robot import Robot, turtlebot
+from boxcal.detect.correspondences import Correspondences
+from boxcal.target.box import make_target
+
+TARGET = make_target()
+OPTIONS = EstimateOptions(target=TARGET, lens=None)
+
+
+def drive(faults: Imperfections, seed: int = 5, robot: Robot | None = None) -> Correspondences:
+    options = DriveOptions(stops=14, steps_per_sample=2)
+    faults = replace(faults, lean=radians(0.02))
+    return imperfect_drive(robot or turtlebot(), TARGET, options, faults, np.random.default_rng(seed)).seen
+
+
+def diagnosed(faults: Imperfections, seed: int = 5) -> tuple[Estimate, Finding]:
+    found, _ = estimate_explained([drive(faults, seed)], None, OPTIONS)
+    assert len(found.findings) == 1, [f.text for f in found.findings]
+    return found, found.findings[0]
+
+
+def assert_right(found: Estimate, *, but: tuple[str, ...] = ()) -> None:
+    robot = turtlebot()
+    for name, value, true in (
+        ("rR", found.rR, robot.rR),
+        ("rL", found.rL, robot.rL),
+        ("b", found.b, robot.b),
+        ("fu", found.camera.fu, robot.camera.fu),
+        ("tx", found.T_body_cam[0, 3], robot.T_body_cam[0, 3]),
+    ):
+        if name not in but:
+            assert abs(value - true) < 4 * found.sigma[name], name
+
+
+@pytest.fixture(scope="module")
+def clean() -> Fit:
+    return fit([drive(Imperfections())], None, OPTIONS)
+
+
+def test_a_clean_drive_needs_no_explanation_and_no_other_solution(clean: Fit) -> None:
+    explained = explain(clean)
+    assert explained.adopted == ()
+    assert explained.fit is clean
+
+
+def test_columns_of_every_cause_are_the_derivatives_of_what_it_does(clean: Fit) -> None:
+    """The effect is linear in the unknowns, so the residuals' differences are exact but for the path's bending."""
+    for cause in candidates(clean):
+        if getattr(cause, "stop", 5) != 5:
+            continue
+        problem, state = extended(clean.problem, clean.state, [cause])
+        at = linearize(problem, state, clean.weights)
+        for k, prior in enumerate(cause.prior):
+            step = 1e-3 * prior
+            moved = [
+                linearize(problem, replace(state, explained=step * sign * np.eye(len(cause.prior))[k]), clean.weights)
+                for sign in (1, -1)
+            ]
+            legs = (moved[0].legs.residual - moved[1].legs.residual) / (2 * step)
+            scale = max(float(np.abs(legs).max()), 1e-9)
+            np.testing.assert_allclose(-at.legs.J_explained[:, :, k], legs, atol=1e-5 * scale)
+
+
+@pytest.mark.parametrize(
+    ("wheels", "cause", "size", "unit"),
+    [
+        (WheelFaults(backward=0.01), "backward", 1.0, "%"),
+        (WheelFaults(outer=0.01), "outer", 1.0, "%"),
+        (WheelFaults(backlash=radians(2)), "backlash", 2.0, "deg"),
+        (WheelFaults(eccentric=(0.02, 0.0, 0.0, 0.0)), "eccentric-right", 2.0, "%"),
+        (WheelFaults(scrub=(0.0, 0.0, 0.02)), "scrub", 2.0, "%"),
+    ],
+)
+def test_what_wheels_do_is_named_with_its_size(wheels: WheelFaults, cause: str, size: float, unit: str) -> None:
+    found, finding = diagnosed(Imperfections(wheels=wheels))
+    assert finding.cause == cause
+    assert finding.unit == unit
+    assert finding.adopted
+    assert abs(finding.size - size) < 3.5 * finding.sigma
+    assert finding.sigma < 0.2 * size
+    assert_right(found)
+
+
+def test_a_scrub_leaves_the_odometry_sure_and_the_distance_between_the_wheels_unsure() -> None:
+    found, finding = diagnosed(Imperfections(wheels=WheelFaults(scrub=(0.015, 0.009, 0.0), drift=0.001)))
+    assert finding.cause == "scrub"
+    assert found.odometry_cov is not None
+    assert found.sigma["b"] == pytest.approx(0.01 * found.b, rel=0.05)
+    effective = turtlebot().b / (1 - 0.012)
+    assert abs(found.b - effective) < 5 * np.sqrt(found.odometry_cov[7, 7])
+    assert_right(found)
+
+
+def test_a_knocked_camera_is_found_where_it_is_after_the_knock() -> None:
+    knock = (radians(0.3), radians(-0.2), 0.0, 0.0, 0.0, 0.0)
+    found, finding = diagnosed(Imperfections(camera=CameraFaults(knocked=(7, knock))))
+    assert finding.cause == "camera-knocked"
+    assert "before stop 8" in finding.text
+    assert abs(finding.size - np.hypot(0.3, 0.2)) < 3.5 * finding.sigma
+    after = turtlebot().T_body_cam @ exp_se3(np.array(knock))
+    assert np.degrees(np.arccos((np.trace(after[:3, :3].T @ found.T_body_cam[:3, :3]) - 1) / 2)) < 0.06
+
+
+def test_a_changed_focus_is_found_as_it_is_after_the_change() -> None:
+    found, finding = diagnosed(Imperfections(camera=CameraFaults(focus=(6, 1.005, 0.0, 0.0))))
+    assert finding.cause == "focus-changed"
+    assert "before stop 7" in finding.text
+    assert abs(finding.size - 0.5) < 3.5 * finding.sigma
+    assert abs(found.camera.fu - 1.005 * turtlebot().camera.fu) < 4 * found.sigma["fu"]
+
+
+def test_autofocus_is_named_by_its_spread() -> None:
+    _, finding = diagnosed(Imperfections(camera=CameraFaults(autofocus=0.003)))
+    assert finding.cause == "focus-varies"
+    assert 0.15 < finding.size < 0.5
+
+
+@pytest.mark.parametrize(
+    ("faults", "cause", "size"),
+    [
+        (Imperfections(box=BoxFaults(moved=(6, 0.005, -0.003, radians(0.8)))), "box-moved", np.hypot(5, 3)),
+        (Imperfections(wheels=WheelFaults(carried=(4, 0.12, 0.05, radians(20)))), "robot-carried", None),
+        (Imperfections(wheels=WheelFaults(slipped=(8, 0.01, 0.0))), "leg-slipped", None),
+        (Imperfections(wheels=WheelFaults(restart=(3, 3.0))), "encoder-restart", None),
+    ],
+)
+def test_what_happens_on_one_leg_is_named(faults: Imperfections, cause: str, size: float | None) -> None:
+    found, finding = diagnosed(faults)
+    assert finding.cause == cause
+    assert finding.adopted
+    if size is not None:
+        assert abs(finding.size - size) < 3.5 * finding.sigma
+    assert_right(found)
+
+
+def test_the_target_as_built_is_named_where_it_is_off() -> None:
+    place = np.zeros((4, 3))
+    place[1, 1] = -0.001
+    _, low = diagnosed(Imperfections(box=BoxFaults(place=place)))
+    assert low.cause == "sheet-1-place"
+    assert "low" in low.text
+    assert abs(low.size + 1.0) < 3.5 * low.sigma
+    _, printed = diagnosed(Imperfections(box=BoxFaults(scale=(0.97, 0.97))))
+    assert printed.cause == "print-scale"
+    assert abs(printed.size + 3.0) < 4 * printed.sigma
+    _, bow = diagnosed(Imperfections(box=BoxFaults(bow=(0.001,) * 4)))
+    assert bow.cause == "bow"
+    assert abs(bow.size - 1.0) < 4 * bow.sigma
