@@ -5,7 +5,7 @@ from math import radians
 
 import numpy as np
 
-from boxcal.calib.diagnosis.cause import Reference, Solved
+from boxcal.calib.diagnosis.cause import OfWheels, Reference, Solved
 from boxcal.calib.likelihood.explanation import Columns
 from boxcal.calib.likelihood.finding import Finding
 from boxcal.calib.likelihood.problem import Problem
@@ -14,23 +14,13 @@ from boxcal.target.arrays import Array, Ids
 
 
 @dataclass(frozen=True, slots=True)
-class Backlash:
+class Backlash(OfWheels):
     """Each wheel stands still while its encoder turns by an angle after a reversal."""
 
     at: Reference
     family: str = "backlash"
     names: tuple[str, ...] = ("backlash-right", "backlash-left")
     prior: tuple[float, ...] = (radians(1.0), radians(1.0))
-
-    @property
-    def in_pictures(self) -> bool:
-        """No."""
-        return False
-
-    @property
-    def unseen(self) -> dict[str, float]:
-        """Nothing."""
-        return {}
 
     def columns(self, problem: Problem, state: State) -> Columns:  # noqa: ARG002 (held at the reference)
         """Return the travel lost at reversals, all in the first sample after each."""

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from boxcal.calib.diagnosis.cause import Reference, Solved, one_column, percent
+from boxcal.calib.diagnosis.cause import OfWheels, Reference, Solved, one_column, percent
 from boxcal.calib.likelihood.explanation import Columns
 from boxcal.calib.likelihood.finding import Finding
 from boxcal.calib.likelihood.problem import Problem
@@ -12,23 +12,13 @@ from boxcal.calib.likelihood.state import State
 
 
 @dataclass(frozen=True, slots=True)
-class Backward:
+class Backward(OfWheels):
     """Both radii grow by a share while a wheel rolls backward."""
 
     at: Reference
     family: str = "backward"
     names: tuple[str, ...] = ("backward",)
     prior: tuple[float, ...] = (0.005,)
-
-    @property
-    def in_pictures(self) -> bool:
-        """No."""
-        return False
-
-    @property
-    def unseen(self) -> dict[str, float]:
-        """Nothing."""
-        return {}
 
     def columns(self, problem: Problem, state: State) -> Columns:  # noqa: ARG002 (held at the reference)
         """Return the travel of all backward samples."""

@@ -5,7 +5,7 @@ from math import radians
 
 import numpy as np
 
-from boxcal.calib.diagnosis.cause import Solved
+from boxcal.calib.diagnosis.cause import OfPictures, Solved
 from boxcal.calib.likelihood.explanation import Columns
 from boxcal.calib.likelihood.finding import Finding
 from boxcal.calib.likelihood.problem import Problem
@@ -15,7 +15,7 @@ _ANGLE, _PLACE = radians(0.5), 2e-3
 
 
 @dataclass(frozen=True, slots=True)
-class CameraKnocked:
+class CameraKnocked(OfPictures):
     """Before a stop (counted over all drives) the extrinsics are moved by a right perturbation."""
 
     stop: int
@@ -34,16 +34,6 @@ class CameraKnocked:
     def prior(self) -> tuple[float, ...]:
         """Half a degree and 2 mm about and along each axis."""
         return (_ANGLE,) * 3 + (_PLACE,) * 3
-
-    @property
-    def in_pictures(self) -> bool:
-        """Yes."""
-        return True
-
-    @property
-    def unseen(self) -> dict[str, float]:
-        """Nothing."""
-        return {}
 
     def columns(self, problem: Problem, state: State) -> Columns:
         """Return the camera's motion at all stops before that one."""

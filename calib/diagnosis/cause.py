@@ -61,6 +61,33 @@ class Cause(Explanation, Protocol):
         """Return it in words, with its size."""
 
 
+class OfWheels:
+    """A cause that changes what wheels roll, and all that it does shows."""
+
+    __slots__ = ()
+
+    @property
+    def in_pictures(self) -> bool:
+        """No."""
+        return False
+
+    @property
+    def unseen(self) -> dict[str, float]:
+        """Nothing."""
+        return {}
+
+
+class OfPictures(OfWheels):
+    """A cause that changes what cameras see."""
+
+    __slots__ = ()
+
+    @property
+    def in_pictures(self) -> bool:
+        """Yes."""
+        return True
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reference:
     """Wheels and camera about which the effect of causes is linear; held, so that effects do not change as they move.

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from boxcal.calib.diagnosis.cause import Reference, Solved, percent
+from boxcal.calib.diagnosis.cause import OfWheels, Reference, Solved, percent
 from boxcal.calib.likelihood.explanation import Columns
 from boxcal.calib.likelihood.finding import Finding
 from boxcal.calib.likelihood.problem import Problem
@@ -16,7 +16,7 @@ TYPICAL = 0.005
 
 
 @dataclass(frozen=True, slots=True)
-class Eccentric:
+class Eccentric(OfWheels):
     """Radii are ``r (1 + c cos phi + s sin phi)``, phi the wheel's reading.
 
     Attributes
@@ -49,16 +49,6 @@ class Eccentric:
     def prior(self) -> tuple[float, ...]:
         """Alike for all, so that every phase is as likely."""
         return (TYPICAL,) * (2 * len(self.wheels))
-
-    @property
-    def in_pictures(self) -> bool:
-        """No."""
-        return False
-
-    @property
-    def unseen(self) -> dict[str, float]:
-        """Nothing."""
-        return {}
 
     def columns(self, problem: Problem, state: State) -> Columns:  # noqa: ARG002 (held at the reference)
         """Return the travel by all amplitudes: the integral of the radius over each sample's turn."""

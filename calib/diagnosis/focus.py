@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from boxcal.calib.diagnosis.cause import Reference, Solved, percent
+from boxcal.calib.diagnosis.cause import OfPictures, Reference, Solved, percent
 from boxcal.calib.likelihood.explanation import Columns
 from boxcal.calib.likelihood.finding import Finding
 from boxcal.calib.likelihood.problem import Problem
@@ -15,7 +15,7 @@ _LEAST = 2.0
 
 
 @dataclass(frozen=True, slots=True)
-class FocusChanged:
+class FocusChanged(OfPictures):
     """Before a stop (counted over all drives) focal length and principal point were others."""
 
     stop: int
@@ -35,16 +35,6 @@ class FocusChanged:
     def prior(self) -> tuple[float, ...]:
         """One per cent and 5 px."""
         return (0.01, 5.0, 5.0)
-
-    @property
-    def in_pictures(self) -> bool:
-        """Yes."""
-        return True
-
-    @property
-    def unseen(self) -> dict[str, float]:
-        """Nothing."""
-        return {}
 
     def columns(self, problem: Problem, state: State) -> Columns:
         """Return the camera's change at all stops before that one."""
@@ -78,7 +68,7 @@ class FocusChanged:
 
 
 @dataclass(frozen=True, slots=True)
-class FocusVaries:
+class FocusVaries(OfPictures):
     """At each stop the focal length is another: autofocus."""
 
     stops: int
@@ -98,16 +88,6 @@ class FocusVaries:
     def prior(self) -> tuple[float, ...]:
         """A fifth of a per cent: what autofocus does between near and far."""
         return (2e-3,) * self.stops
-
-    @property
-    def in_pictures(self) -> bool:
-        """Yes."""
-        return True
-
-    @property
-    def unseen(self) -> dict[str, float]:
-        """Nothing."""
-        return {}
 
     def columns(self, problem: Problem, state: State) -> Columns:
         """Return the camera's change at each stop."""

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from boxcal.calib.diagnosis.leg_likelihoods import LegCause, leg_log_evidences
+from boxcal.calib.diagnosis.leg_likelihoods import LegCause, leg_log_evidences, slip_of
 from boxcal.calib.likelihood.estimate import Estimate, FlaggedLeg
 from boxcal.calib.likelihood.finding import Finding
 from boxcal.calib.likelihood.fit import Fit
@@ -60,7 +60,13 @@ def _finding(leg: FlaggedLeg, fit: Fit, k: int, drive: Correspondences) -> Findi
         cause, text = "encoder-restart", f"{where} the wheels' readings jump by {jump:.2f} rad within one sample"
         advice = "Look for a restart of the driver or of its counters."
     elif likeliest is LegCause.SLIPPED:
-        cause, text = "leg-slipped", f"{where} a wheel slipped: wheels and images differ by {moved}"
+        side, length, s_length = slip_of(fit, k)
+        cause = "leg-slipped"
+        text = (
+            f"{where} the {side} wheel slipped by {1e3 * abs(length):.1f} +- {1e3 * s_length:.1f} mm, or the robot was "
+            f"held: wheels and images differ by {moved}"
+        )
+        size, sigma = abs(length), s_length
         advice = "Drive slower, with gentle starts, on a dry floor without sills or cables."
     elif likeliest is LegCause.CARRIED:
         cause, text = "robot-carried", f"{where} the robot was carried or pushed: wheels and images differ by {moved}"

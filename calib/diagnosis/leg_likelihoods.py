@@ -32,6 +32,17 @@ class LegCause(StrEnum):
     CARRIED = "robot-carried"
 
 
+def slip_of(fit: Fit, k: int) -> tuple[str, float, float]:
+    """Return which wheel's slip at one moment explains a leg best, how long it is and its standard deviation, m."""
+    d, rough, moments = _slips(fit, k)
+    N = np.linalg.inv(rough)
+    information = np.einsum("si,ij,sj->s", moments, N, moments) + SLIP**-2
+    length = moments @ N @ d / information
+    best = int(np.argmax(length**2 * information - np.log(information)))
+    side = "right" if best < len(moments) // 2 else "left"
+    return side, float(length[best]), float(1 / np.sqrt(information[best]))
+
+
 def leg_log_evidences(fit: Fit, k: int) -> dict[LegCause, float]:
     """Return the logarithm of the evidence of each cause of a leg's difference.
 
@@ -42,12 +53,8 @@ def leg_log_evidences(fit: Fit, k: int) -> dict[LegCause, float]:
     k
         Which leg.
     """
-    d, C = fit.tests.difference[k], fit.tests.covariance[k]
-    own = fit.problem.path.leg == k
-    by_travel = fit.at.legs.model.by_travel[:, :, own]
-    bend = 0.5 * abs(d[2]) * float(np.hypot(*d[:2]))  # a slip's effect is linear to this
-    rough = C + np.diag([bend**2, bend**2, 0.0])
-    moments = np.concatenate(list(by_travel), axis=1).T  # (2 S, 3)
+    C = fit.tests.covariance[k]
+    d, rough, moments = _slips(fit, k)
     slips = [_log_normal(d, rough + SLIP**2 * np.outer(g, g)) for g in moments[:: max(1, len(moments) // _MOMENTS)]]
     to_box = _box_jacobian(fit, k, d)
     pushed = np.linalg.inv(to_box)
@@ -60,6 +67,14 @@ def leg_log_evidences(fit: Fit, k: int) -> dict[LegCause, float]:
 
 _MOMENTS = 200
 """Moments of a leg at which a slip is tried."""
+
+
+def _slips(fit: Fit, k: int) -> tuple[Array, Array, Array]:
+    """Return a leg's difference, its covariance to the order in which slips are linear, and slips' effects (2 S, 3)."""
+    d, C = fit.tests.difference[k], fit.tests.covariance[k]
+    by_travel = fit.at.legs.model.by_travel[:, :, fit.problem.path.leg == k]
+    bend = 0.5 * abs(d[2]) * float(np.hypot(*d[:2]))
+    return d, C + np.diag([bend**2, bend**2, 0.0]), np.concatenate(list(by_travel), axis=1).T
 
 
 def _spread(sigma: tuple[float, float]) -> Array:

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from boxcal.calib.diagnosis.cause import Reference, Solved, one_column, percent
+from boxcal.calib.diagnosis.cause import OfWheels, Reference, Solved, one_column, percent
 from boxcal.calib.likelihood.explanation import Columns
 from boxcal.calib.likelihood.finding import Finding
 from boxcal.calib.likelihood.problem import Problem
@@ -12,23 +12,13 @@ from boxcal.calib.likelihood.state import State
 
 
 @dataclass(frozen=True, slots=True)
-class Outer:
+class Outer(OfWheels):
     """The outer wheel's radius grows by half a share and the inner one's shrinks by as much."""
 
     at: Reference
     family: str = "outer"
     names: tuple[str, ...] = ("outer",)
     prior: tuple[float, ...] = (0.005,)
-
-    @property
-    def in_pictures(self) -> bool:
-        """No."""
-        return False
-
-    @property
-    def unseen(self) -> dict[str, float]:
-        """Nothing."""
-        return {}
 
     def columns(self, problem: Problem, state: State) -> Columns:  # noqa: ARG002 (held at the reference)
         """Return half the travel of outer wheels and less half that of inner ones."""

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from boxcal.calib.diagnosis.cause import Reference, Solved, percent
+from boxcal.calib.diagnosis.cause import OfWheels, Reference, Solved, percent
 from boxcal.calib.likelihood.explanation import Columns
 from boxcal.calib.likelihood.finding import Finding
 from boxcal.calib.likelihood.leg_model import leg_model
@@ -26,7 +26,7 @@ _ON_SPOT = 0.1
 
 
 @dataclass(frozen=True, slots=True)
-class Scrub:
+class Scrub(OfWheels):
     """Turns lose a share: to the left more than to the right, on the spot more; the robot drifts to the left.
 
     Attributes
@@ -51,11 +51,6 @@ class Scrub:
     def prior(self) -> tuple[float, ...]:
         """Of the shares 1 %, of the drift 2 mm a radian."""
         return (TYPICAL, TYPICAL, 2e-3)
-
-    @property
-    def in_pictures(self) -> bool:
-        """No."""
-        return False
 
     @property
     def unseen(self) -> dict[str, float]:

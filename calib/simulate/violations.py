@@ -149,7 +149,12 @@ VIOLATIONS: tuple[Violation, ...] = (
     ),
     Violation(name="one leg slips", causes=("leg-",), sizes=(3.0, 10.0), unit="mm", draw=_slipped),
     Violation(
-        name="robot carried", causes=("leg-", "robot-", "box-moved"), sizes=(30.0, 150.0), unit="mm", draw=_carried
+        name="robot carried",
+        causes=("robot-carried", "leg-slipped", "box-moved"),
+        sizes=(30.0, 150.0),
+        unit="mm",
+        draw=_carried,
+        scale=0.0,
     ),
     Violation(name="box moved", causes=("box-moved",), sizes=(3.0, 6.0), unit="mm", draw=_moved),
     Violation(name="camera knocked", causes=("camera-knocked",), sizes=(0.1, 0.5), unit="deg", draw=_knocked),

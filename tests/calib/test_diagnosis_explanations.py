@@ -139,9 +139,9 @@ def test_autofocus_is_named_by_its_spread() -> None:
 @pytest.mark.parametrize(
     ("faults", "cause", "size"),
     [
-        (Imperfections(box=BoxFaults(moved=(6, 0.005, -0.003, radians(0.8)))), "box-moved", np.hypot(5, 3)),
+        (Imperfections(box=BoxFaults(moved=(9, 0.005, -0.003, radians(0.8)))), "box-moved", np.hypot(5, 3)),
         (Imperfections(wheels=WheelFaults(carried=(4, 0.12, 0.05, radians(20)))), "robot-carried", None),
-        (Imperfections(wheels=WheelFaults(slipped=(8, 0.01, 0.0))), "leg-slipped", None),
+        (Imperfections(wheels=WheelFaults(slipped=(8, 0.01, 0.0))), "leg-slipped", 10.0),
         (Imperfections(wheels=WheelFaults(restart=(3, 3.0))), "encoder-restart", None),
     ],
 )
