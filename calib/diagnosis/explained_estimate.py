@@ -39,7 +39,7 @@ def estimate_explained(
     findings = (*explained.findings, *leg_findings(solved, found, drives), *target_findings(solved))
     of_wheels = tuple(cause for cause, _ in explained.adopted if not cause.in_pictures)
     options = replace(options, lens=found.camera.kind, explanations=(*options.explanations, *of_wheels))
-    return replace(found, findings=findings), options
+    return replace(found, findings=(*findings, *found.findings)), options
 
 
 def _with_unseen(found: Estimate, explained: Explained) -> Estimate:

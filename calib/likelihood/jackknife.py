@@ -101,7 +101,8 @@ def _without_legs(fit: Fit, s: Solution, W: Array) -> Array:
     i, J = problem.leg_stop, legs.jacobian
     step = np.concatenate([np.tile(s.d_shared[WHEELS], (len(i), 1)), s.d_stops[i], s.d_stops[i + 1]], axis=1)
     residual = legs.residual - (J @ step[:, :, None])[:, :, 0]
-    V = J @ leg_unknowns(problem, _batched(s))[0] @ np.swapaxes(J, 1, 2)
+    J_all = np.concatenate([J, legs.J_explained], axis=2)
+    V = J_all @ leg_unknowns(problem, _batched(s))[0] @ np.swapaxes(J_all, 1, 2)
     across = _with_legs(i, s) @ np.swapaxes(J, 1, 2)  # (N, n, 3)
     if legs.J_explained.shape[2]:
         residual = residual - legs.J_explained @ s.d_shared[problem.explained]
