@@ -17,7 +17,9 @@ from boxcal.target.arrays import Array, Ids
 MAX_ANGLE = 1e9
 """Largest wheel angle that is believed, rad."""
 _RESET_SPEED = 6.0
-"""A jump is faster than so many times the fastest of ordinary motion (its 99 % quantile)."""
+"""A jump is faster than so many times the fastest of ordinary motion (its 90 % quantile)."""
+_RESET_BESIDE = 4.0
+"""And than so many times the motion just before and after it."""
 _RESET_ANGLE = 0.5
 """Smallest jump that counts as a reset of the counter, rad."""
 _FEWEST_COUNTS = 256
@@ -29,6 +31,8 @@ _STILL = 0.01
 _STRAY_RUN = 3
 """Most readings in a row that can be strays."""
 _STRAY_STEPS = 4.0
+_MOVING_WRAPS = 0.6
+"""Part of the wraps that must happen while the wheel turns."""
 _BESIDE, _MOST_STRAYS = 4, 0.02
 """Travel is compared with so many readings on either side; more strays than this part are the signal itself."""
 _STRAY_ANGLE = 0.02
@@ -257,9 +261,16 @@ def _unwrapped(phi: Array, step: float, periods: Sequence[float]) -> tuple[Array
         usual = float(np.max(np.abs(delta[~jump])))
         slack = 3 * usual + 2 * step
         known = period in periods
-        if usual < period / 4 and np.max(np.abs(rest)) <= slack and (known or extent >= period - slack):
+        full = known or extent >= period - slack
+        if usual < period / 4 and np.max(np.abs(rest)) <= slack and full and _in_motion(delta, np.flatnonzero(jump)):
             return np.asarray(np.unwrap(phi, period=period)), period
     return phi, 0.0
+
+
+def _in_motion(delta: Array, jumps: Ids) -> bool:
+    """Tell whether jumps happen while the wheel turns, as wraps do; a counter that is set anew may stand."""
+    beside = np.abs(delta[np.clip([jumps - 1, jumps + 1], 0, delta.size - 1)])
+    return bool(np.mean(np.max(beside, axis=0) > 0) >= _MOVING_WRAPS)
 
 
 def _period_by_jumps(phi: Array, delta: Array, step: float, extent: float) -> float:
@@ -294,8 +305,10 @@ def _resets_joined(t_ns: Ids, phi: Array, step: float) -> tuple[Array, Ids, Flag
     none = np.zeros(0, dtype=np.int64)
     if moving.size < 3:
         return phi, none, none.astype(np.bool_)
-    limit = _RESET_SPEED * float(np.quantile(moving, 0.99 if moving.size > 200 else 0.9))
+    limit = _RESET_SPEED * float(np.quantile(moving, 0.9))
     jumps = np.flatnonzero((speed > limit) & (np.abs(delta) > max(_RESET_ANGLE, 4 * step)))
+    beside = np.max(speed[np.clip([jumps - 1, jumps + 1], 0, speed.size - 1)], axis=0, initial=0.0)
+    jumps = jumps[speed[jumps] > _RESET_BESIDE * beside]
     if not jumps.size or jumps.size > max(20, phi.size // 100):
         return phi, none, none.astype(np.bool_)
     change = delta.copy()

@@ -16,7 +16,7 @@ from boxcal.detect.log.wheel_choice import WheelChoice
 from boxcal.detect.log.wheel_samples import JointUnit, WheelSamples, WheelUnits
 from boxcal.target.arrays import Array, Ids
 
-SLOWEST_HZ = 2.0
+SLOWEST_HZ = 3.0
 """Wheel readings that come more rarely tell nothing of the way between two of them."""
 _MOST_WILD = 0.02
 """More impossible readings than this part are no strays."""

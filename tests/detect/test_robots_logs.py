@@ -469,7 +469,7 @@ def _once_a_second(angles: Angles) -> Iterator[Message]:
 
 CAUSES: dict[str, tuple[Callable[[Angles], Iterator[Message]], str]] = {
     "wheels never move": (lambda a: _zeros("/joint_states", a, [LEFT, RIGHT]), r"the wheels \(.*\) never move"),
-    "joints at 1 Hz": (_once_a_second, r"come at 1 Hz, 2 Hz at least"),
+    "joints at 1 Hz": (_once_a_second, r"come at 1 Hz, 3 Hz at least"),
 }
 
 
