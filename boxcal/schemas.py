@@ -154,7 +154,7 @@ def _of_likelihood() -> dict[str, Schema]:
     """Return the schemas of the fields that the likelihood adds to a calibration."""
     from boxcal.calib.geometry.parameters import ORDER
     from boxcal.calib.likelihood.estimate import FlaggedCorner, FlaggedLeg, NoiseLevels
-    from boxcal.calib.results.diagnostics import Detail, Ground, HeldOut, Leg
+    from boxcal.calib.results.diagnostics import Detail, Ground, HeldOut, LeaveOneOut, Leg
     from boxcal.calib.uncertainty.convergence import ConvergencePoint
 
     said = attributes(Detail)
@@ -174,6 +174,12 @@ def _of_likelihood() -> dict[str, Schema]:
         "covariance": _covariance(said["covariance"], {"const": list(ORDER)}),
         "noise": of_dataclass(NoiseLevels, nullable=True),
         "camera_covariance": {"anyOf": [both, {"type": "null"}], "description": said["camera_covariance"]},
+        "leave_one_out": {
+            "anyOf": [of_dataclass(LeaveOneOut, nullable=True), {"type": "null"}],
+            "description": said["leave_one_out"],
+        },
+        "effects": _named(said["effects"]),
+        "scale_sigma": {**NUMBER_OR_NULL, "description": said["scale_sigma"]},
         "extra": _named(said["extra"]),
         "extra_sigma": _named(said["extra_sigma"]),
         "ground": of_dataclass(Ground, nullable=True),

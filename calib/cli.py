@@ -346,15 +346,15 @@ def _write_fleet(args: argparse.Namespace, job: "Job", outcomes: "list[Outcome]"
 
 
 def _print_results(args: argparse.Namespace, results: "list[Calibration]", failed: list[str]) -> None:
-    from boxcal.calib.console.judgement import judgement
+    from boxcal.calib.console.judgement import judgement, own_notes
     from boxcal.calib.console.tables import results_tables, verdict_table
 
     print(verdict_table(results, failed=failed) + "\n")
     for c in results:
         if c.verdict is not None:
             print(judgement(c.robot, c.verdict))
-            for note in c.notes:
-                print(f"  {note}")
+            for note in own_notes(c):
+                print(note)
     print("\n" + results_tables(results))
     print(f"\nwritten: {args.out}/<robot>/calibration.json and files for ROS and Kalibr")
     print(f"fleet:   {args.out}/fleet.csv, {args.out}/fleet.json")

@@ -8,6 +8,7 @@ from boxcal.calib.results.verdict import Kind, Level, Reason
 _FIT = ("sharpness", "legs", "slip", "floor", "wheels", "corners", "fit", "held-out")
 _SURE = ("open", "straight", "heading", "turn", "camera-angle", "camera-place")
 FOLLOWS: dict[str, tuple[str, ...]] = {
+    "recording": (),
     "print": (*_FIT, *_SURE, "misfit"),
     "stops": ("moves", *_SURE),
     "around": (),
@@ -29,6 +30,7 @@ FOLLOWS: dict[str, tuple[str, ...]] = {
     "camera-angle": (),
     "camera-place": (),
     "held-out": (),
+    "ruler": (),
 }
 """What each rule explains of the others. Its order is that of causes: a rule follows only from one before it."""
 _OF_A_CAUSE = (*_FIT, *_SURE, "print", "misfit", "moves")

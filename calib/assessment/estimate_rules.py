@@ -6,10 +6,26 @@ from math import isfinite
 import numpy as np
 
 from boxcal.calib.assessment.limits import LIMITS, angle, graded, length, sentence
+from boxcal.calib.geometry.parameters import ORDER
 from boxcal.calib.likelihood.estimate import FlaggedLeg
 from boxcal.calib.results.calibration import Calibration
 from boxcal.calib.results.diagnostics import Detail
 from boxcal.calib.results.verdict import Level, Reason
+
+_DOUBTFUL = ("the recording is damaged:", "the sizes mean nothing")
+"""Beginnings of what reading a log says where its data are not whole (``Source.notes``)."""
+NAMES = {
+    **dict.fromkeys(("fu", "fv"), "the focal length"),
+    **dict.fromkeys(("cu", "cv"), "the principal point"),
+    "kr": "the distortion",
+    "rR": "the right wheel's radius",
+    "rL": "the left wheel's radius",
+    "b": "the wheel separation",
+    **dict.fromkeys(("rx", "ry", "rz"), "the camera's direction"),
+    **dict.fromkeys(("tx", "ty"), "the camera's place"),
+    "tz": "the camera's height",
+}
+"""The reported parameters in words."""
 
 
 def _open(_: Calibration, detail: Detail) -> list[Reason]:
@@ -68,11 +84,18 @@ def _camera(_: Calibration, detail: Detail) -> list[Reason]:
     ]
 
 
-def _legs(_: Calibration, detail: Detail) -> list[Reason]:
+def _legs(c: Calibration, detail: Detail) -> list[Reason]:
+    """Judge the legs that were left out; one whose cause is named elsewhere is told there, as a note."""
     count, flagged = len(detail.legs), detail.flagged_legs
     if not flagged:
         return graded("legs", 0.0, f"Wheels and images agree on all {count} legs: no slip, no pushed box.", "")
     level = LIMITS["legs"].grade(len(flagged) / max(count, 1))
+    named = {finding.stops for finding in c.findings if finding.adopted}
+    if level is not Level.REDO:
+        flagged = tuple(leg for leg in flagged if (leg.leg, leg.next_stop) not in named)
+        if not flagged:
+            text = "Wheels and images agree on all legs but those left out, whose causes are known."
+            return [Reason(rule="legs", level=Level.GOOD, text=text)]
     return [
         Reason(rule="legs", level=level, text=_leg_text(leg, several=_drives(detail) > 1), advice=_leg_advice(leg))
         for leg in flagged
@@ -144,6 +167,33 @@ def _corners(c: Calibration, detail: Detail) -> list[Reason]:
     return graded("corners", share, text, "Look for glare, dirt and damaged tags on the box; light it evenly.")
 
 
+def _misfit(_: Calibration, detail: Detail) -> list[Reason]:
+    """Judge what single stops and legs do to the answer: sigmas that do not trust the model."""
+    found = detail.leave_one_out
+    if found is None:
+        return []
+    worst = int(np.argmax(found.ratio))
+    if not found.unexplained:
+        text = "No single stop or leg moves the answer by more than noise explains."
+        return [Reason(rule="misfit", level=Level.GOOD, text=text)]
+    text = (
+        f"Something is not as the model has it: leaving out single stops and legs moves {NAMES[ORDER[worst]]} by "
+        f"{found.ratio[worst]:.0f} times what noise explains. The standard deviations are enlarged to that."
+    )
+    advice = (
+        "Look at stops and legs in the report that do not fit; check that the camera and the box are fixed and the "
+        "floor is even, then drive again."
+    )
+    return [Reason(rule="misfit", level=Level.USABLE, text=text, advice=advice)]
+
+
+def _recording(c: Calibration, _: Detail) -> list[Reason]:
+    """Judge what reading the logs said: data that were lost, sizes that nothing told."""
+    said = [note for note in c.notes if any(mark in note for mark in _DOUBTFUL)]
+    advice = "Record the drive again, on a disk with room, and stop the recorder before the robot is switched off."
+    return [Reason(rule="recording", level=Level.USABLE, text=sentence(note), advice=advice) for note in said]
+
+
 def _held_out(_: Calibration, detail: Detail) -> list[Reason]:
     ratio = held_out_ratio(detail)
     if ratio is None:
@@ -177,6 +227,8 @@ DETAIL_RULES: Sequence[Callable[[Calibration, Detail], list[Reason]]] = (
     _slip,
     _sharpness,
     _fit,
+    _misfit,
+    _recording,
     _corners,
     _held_out,
 )

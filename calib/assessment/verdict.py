@@ -26,6 +26,8 @@ _HEADLINES = {
     Level.USABLE: "It works, but not as well as it could. Read the reasons before you rely on it.",
     Level.REDO: "Do not put it on the robot.",
 }
+_RULER = 5e-4
+"""What the print leaves open in all lengths is noted from here on: half of what a careful user's print has."""
 _KEEP = "Put it on the robot. Calibrate again after a new tyre, a knock on the camera or a change of its focus."
 
 
@@ -73,6 +75,7 @@ def verdict(
     else:
         found += [reason for rule in DETAIL_RULES for reason in rule(calibration, detail)]
     found += [finding_reason(finding) for finding in calibration.findings]
+    found += _ruler(detail)
     reasons = arrange([*found, *_print(detail, print_scale), *unchecked])
     level = max((r.level for r in reasons), key=lambda level: level.rank)
     steps = dict.fromkeys(r.advice for r in reasons if r.advice and not r.because)
@@ -87,6 +90,17 @@ def _uncertainty(c: Calibration) -> Reason:
     return Reason(
         rule="uncertainty", level=Level.USABLE, text=text, advice="Calibrate the same log with maximum likelihood."
     )
+
+
+def _ruler(detail: Detail | None) -> list[Reason]:
+    """Return how sure all lengths are by the print alone, where that is worth a note."""
+    if detail is None or detail.scale_sigma is None or detail.scale_sigma < _RULER:
+        return []
+    text = (
+        f"All lengths are only as sure as the size of the print: {detail.scale_sigma:.2%} (one standard deviation), "
+        "which is part of their sigmas; a ruler and measure-target make it less."
+    )
+    return [Reason(rule="ruler", level=Level.GOOD, text=text, kind=Kind.NOTE)]
 
 
 def _print_unchecked(calibration: Calibration, seen: Sequence[SeenStop]) -> tuple[Reason, ...]:

@@ -3,11 +3,14 @@
 import textwrap
 from collections.abc import Iterator
 
+from boxcal.calib.results.calibration import Calibration
 from boxcal.calib.results.verdict import Level, Verdict
 
 WIDTH = 80
 """Columns of a terminal that nobody widened."""
 _MARK = {Level.GOOD: "GOOD", Level.USABLE: "USABLE", Level.REDO: "REDO"}
+_TOLD = ("leaving out single stops", "camera model chosen", "the recording is damaged:")
+"""Notes that the verdict tells as reasons, or that matter to who reads calibration.json."""
 _LABEL = {"why": "why: ", "hence": "  so: ", "do": "do: ", "note": "note: ", "not checked": "not checked: "}
 
 
@@ -18,6 +21,15 @@ def judgement(robot: str, verdict: Verdict, *, width: int = WIDTH) -> str:
         if label != "do" or verdict.level is not Level.GOOD:
             lines += _wrapped(f"  {_LABEL[label]}", text, width)
     return "\n".join(lines)
+
+
+def own_notes(calibration: Calibration, *, width: int = WIDTH) -> Iterator[str]:
+    """Yield the notes of a result that its verdict does not say already, wrapped to a width."""
+    legs = calibration.detail.flagged_legs if calibration.detail else ()
+    told = {leg.text for leg in legs} if calibration.verdict else set()
+    for note in calibration.notes:
+        if note not in told and not note.startswith(_TOLD):
+            yield from _wrapped("  ", note, width)
 
 
 def header_lines(verdict: Verdict | None) -> Iterator[str]:

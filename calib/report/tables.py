@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from math import isfinite, log10
+from math import isfinite, log10, pi
 
 import numpy as np
 
@@ -125,6 +125,18 @@ def leg_row(leg: DrivenLeg) -> LegRow:
     )
 
 
+_EFFECTS = {
+    "lean_rad": ("Lean of the robot", "°", 180 / pi, "roll and pitch, from stop to stop"),
+    "height_m": ("Height of the robot", "mm", 1e3, "from stop to stop"),
+    "growth_px": ("Width of the tags' black", "px", 1.0, "from picture to picture"),
+    "print": ("Scale of the sheets", "%", 100.0, "how well the box was made, by the data"),
+    "place_m": ("Place of the faces", "mm", 1e3, "likewise"),
+    "turn_rad": ("Turn of the faces", "°", 180 / pi, "likewise"),
+    "bow_m": ("Bow of the faces", "mm", 1e3, "likewise"),
+}
+"""Random effects: words, unit, what SI is multiplied with, remark."""
+
+
 def noise_rows(detail: Detail | None) -> list[tuple[str, str, str]]:
     """Return name, level and remark of each noise."""
     if detail is None:
@@ -143,6 +155,13 @@ def noise_rows(detail: Detail | None) -> list[tuple[str, str, str]]:
         rows.append(("Step of the encoders", f"{np.degrees(n.encoder_step):.4f}°", "found in the readings"))
     else:
         rows.append(("Step of the encoders", "none", "the readings show no steps"))
+    rows += [
+        (words, f"{detail.effects[name] * scale:.3g} {unit}", remark)
+        for name, (words, unit, scale, remark) in _EFFECTS.items()
+        if detail.effects.get(name, 0.0) > 0
+    ]
+    if detail.scale_sigma is not None:
+        rows.append(("Size of the print", f"{detail.scale_sigma:.2%}", "part of every length's sigma"))
     return rows
 
 

@@ -10,7 +10,7 @@ from boxcal.calib.geometry.so3_se3 import inverse
 from boxcal.calib.likelihood import Estimate
 from boxcal.calib.likelihood.finding import Finding
 from boxcal.calib.results.calibration import Calibration, Provenance, Quality, StopResult, Wheels
-from boxcal.calib.results.diagnostics import Covariance, Detail, Ground, HeldOut, Leg
+from boxcal.calib.results.diagnostics import Covariance, Detail, Ground, HeldOut, LeaveOneOut, Leg
 from boxcal.calib.uncertainty.convergence import ConvergencePoint
 from boxcal.calib.uncertainty.cross_validation import Validation
 from boxcal.calib.uncertainty.propagation import camera_covariance, ground_uncertainty
@@ -18,6 +18,10 @@ from boxcal.detect.correspondences import Correspondences
 
 PROJECTION_DISTANCE = 1.0
 """Distance that the projection's uncertainty is given for, m."""
+
+
+_EFFECT_UNIT = {"place": "_m", "turn": "_rad", "bow": "_m"}
+"""Of how well the box was made, by component; the print's scale is relative."""
 
 
 def closed_form(
@@ -123,8 +127,24 @@ def refined(
             held_out=_held_out(validation),
             growth=growth,
             camera_covariance=Covariance(names=camera_names, matrix=camera_cov),
+            leave_one_out=_leave_one_out(estimate),
+            effects=_effects(estimate),
+            scale_sigma=float(estimate.scale_sigma),
         ),
     )
+
+
+def _leave_one_out(estimate: Estimate) -> LeaveOneOut:
+    found = estimate.jackknife
+    sigma, ratio = tuple(found.sigma.tolist()), tuple(found.ratio.tolist())
+    return LeaveOneOut(sigma=sigma, ratio=ratio, limit=float(found.limit), unexplained=found.unexplained)
+
+
+def _effects(estimate: Estimate) -> dict[str, float]:
+    """Return the standard deviations of the random effects, named with their units."""
+    c = estimate.components
+    target = {f"{name}{_EFFECT_UNIT.get(name, '')}": float(value) for name, value in c.target.items()}
+    return {"lean_rad": float(c.lean), "height_m": float(c.height), "growth_px": float(c.growth), **target}
 
 
 def _legs(d: int, drive: Correspondences, estimate: Estimate) -> list[Leg]:

@@ -10,7 +10,7 @@ import numpy as np
 from boxcal.calib.geometry.parameters import ORDER
 from boxcal.calib.likelihood.estimate import Direction, FlaggedCorner, FlaggedLeg, NoiseLevels
 from boxcal.calib.likelihood.finding import Finding
-from boxcal.calib.results.diagnostics import SIDE, Covariance, Detail, Ground, HeldOut, Leg
+from boxcal.calib.results.diagnostics import SIDE, Covariance, Detail, Ground, HeldOut, LeaveOneOut, Leg
 from boxcal.calib.uncertainty.convergence import ConvergencePoint
 from boxcal.target.arrays import Array
 
@@ -25,6 +25,9 @@ def detail_document(detail: Detail) -> dict[str, Any]:
             "covariance": {"order": ORDER, "side": SIDE, "matrix": detail.covariance.matrix.tolist()},
             "noise": asdict(detail.noise),
             "camera_covariance": _covariance(detail.camera_covariance),
+            "leave_one_out": None if detail.leave_one_out is None else asdict(detail.leave_one_out),
+            "effects": detail.effects,
+            "scale_sigma": detail.scale_sigma,
             "extra": detail.extra,
             "extra_sigma": detail.extra_sigma,
             "ground": asdict(detail.ground),
@@ -56,6 +59,9 @@ def read_detail(document: Mapping[str, Any]) -> Detail | None:
         covariance=Covariance(matrix=_square(covariance["matrix"], len(ORDER))),
         noise=_one(NoiseLevels, document["noise"]),
         camera_covariance=_read_covariance(document.get("camera_covariance")),
+        leave_one_out=_one(LeaveOneOut, document["leave_one_out"]) if document.get("leave_one_out") else None,
+        effects={str(k): float(v) for k, v in document.get("effects", {}).items()},
+        scale_sigma=None if document.get("scale_sigma") is None else float(document["scale_sigma"]),
         extra={str(k): float(v) for k, v in document["extra"].items()},
         extra_sigma={str(k): math.inf if v is None else float(v) for k, v in document["extra_sigma"].items()},
         ground=_one(Ground, document["ground"]),

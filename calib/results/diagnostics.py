@@ -1,7 +1,7 @@
 """What a calibration says beyond its numbers: how sure they are, what happened on each leg, what cannot be seen."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -130,6 +130,26 @@ class HeldOut:
     sigma: tuple[float, float, float]
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LeaveOneOut:
+    """Standard deviations that do not trust the model, from leaving out each stop's picture and each leg.
+
+    Attributes
+    ----------
+    sigma, ratio : (14,)
+        In the order of the covariance; their ratio to what the likelihood alone claims, 1 where it was not tested.
+    limit
+        Of the ratio, beyond which it is not by chance; the covariance is enlarged to what is beyond.
+    unexplained
+        Whether any is beyond chance: something is not as the model has it.
+    """
+
+    sigma: tuple[float, ...]
+    ratio: tuple[float, ...]
+    limit: float
+    unexplained: bool
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Detail:
     """All that the likelihood adds to a calibration.
@@ -153,6 +173,13 @@ class Detail:
         What the drive determines badly or not at all, in words.
     ground
         What the uncertainty means on the ground.
+    leave_one_out
+        Standard deviations from leaving out stops and legs; None in files of before 0.2.
+    effects
+        Standard deviations of random effects by name with their unit: how much the robot leans from stop to stop, how
+        well the box was made. Those that the data say are none are zero.
+    scale_sigma
+        What the print's own size leaves open in every length, relative: it is a part of every length's sigma.
     held_out
         Stops predicted from the others, where asked for.
     growth
@@ -171,3 +198,6 @@ class Detail:
     held_out: tuple[HeldOut, ...] = ()
     growth: tuple[ConvergencePoint, ...] = ()
     camera_covariance: Covariance | None = None
+    leave_one_out: LeaveOneOut | None = None
+    effects: dict[str, float] = field(default_factory=dict)
+    scale_sigma: float | None = None

@@ -40,6 +40,7 @@ _PATTERNS: tuple[tuple[str, str, tuple[str, float]], ...] = (
     (r"width|depth", "{name} of the box less its design", _MM),
     (r"seat", "all sheets higher than designed", _MM),
     (r"ink", "dot gain of the print: edges of the black outward", _MM),
+    (r"growth", "edges of the tags' black outward in the picture", ("px", 1.0)),
     (r"bow(\d)", "face {0} bowed outward", _MM),
     (r"k\d|p\d", "distortion coefficient {name}", ("", 1.0)),
 )
