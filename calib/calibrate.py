@@ -14,6 +14,7 @@ from boxcal.calib.diagnosis.last_look import last_look
 from boxcal.calib.errors import CalibError
 from boxcal.calib.exports.files import STALE_FILES, exports
 from boxcal.calib.exports.foxglove.results_mcap import results_mcap
+from boxcal.calib.exports.names import names_for
 from boxcal.calib.exports.rerun import rerun_recording
 from boxcal.calib.exports.scene import make_scene
 from boxcal.calib.exports.stop_images import draw_stops, stop_jpegs
@@ -267,7 +268,7 @@ def write(job: Job, result: Calibration, drives: Sequence[Correspondences]) -> N
     settings = job.settings
     if job.out is not None:
         folder = job.out / job.robot
-        files = dict(exports(result, settings.nominal))
+        files = dict(exports(result, settings.nominal, names_for(settings, drives[0].source)))
         if settings.report:
             files["report.html"] = robot_report(result, drives, job.target)
         if settings.draw:
@@ -284,6 +285,7 @@ def write(job: Job, result: Calibration, drives: Sequence[Correspondences]) -> N
             number = f"-{k + 1}" if len(drives) > 1 else ""
             drive.save(folder / f"correspondences{number}{CORRESPONDENCES}")
         write_together(folder, {**files, CALIBRATION: calibration_bytes(result)})
+        (folder / "static_transform.sh").chmod(0o755)
         for name in STALE_FILES:
             if name not in files:
                 (folder / name).unlink(missing_ok=True)

@@ -2,6 +2,7 @@
 
 import argparse
 import os
+import re
 import shlex
 import sys
 import time
@@ -90,6 +91,16 @@ def _parser() -> argparse.ArgumentParser:
         "--reverse-left", action="store_true", help="the left wheel's positions fall as it rolls forward"
     )
     names.add_argument("--reverse-right", action="store_true", help="the right wheel's likewise")
+    names.add_argument("--base-frame", type=_frame, metavar="NAME", help="on the floor below the axle (base_footprint)")
+    names.add_argument("--camera-frame", type=_frame, metavar="NAME", help="camera's optical frame (the images' own)")
+    names.add_argument("--prefix", type=_frame, default="", metavar="TEXT", help="before frames: robots in one TF tree")
+    names.add_argument(
+        "--controller",
+        type=_frame,
+        default="diff_drive_controller",
+        metavar="NAME",
+        help="node that drives the wheels (diff_drive_controller)",
+    )
     names.add_argument(
         "--bits", type=int, choices=(8, 10, 12, 14, 16), help="used bits of 16-bit frames (told from the frames)"
     )
@@ -133,7 +144,7 @@ def _parser() -> argparse.ArgumentParser:
     model.add_argument(
         "--scale-prior-percent",
         type=_size,
-        metavar="%%",
+        metavar="PERCENT",
         help="scale of the print in x and y; 0: exact (the data say how well the box was made)",
     )
     model.add_argument(
@@ -159,6 +170,12 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--jobs", type=_positive, metavar="N", help="robots worked on at once (as many as cores)")
     parser.add_argument("--quiet", action="store_true", help="no progress, only results and errors")
     return parser
+
+
+def _frame(text: str) -> str:
+    if not re.fullmatch(r"/?[A-Za-z][A-Za-z0-9_]*(/[A-Za-z0-9_]+)*/?", text):
+        raise argparse.ArgumentTypeError(f"{text!r} is no name for ROS: letters, digits, _ and / are, a letter first")
+    return text
 
 
 def _positive(text: str) -> int:
@@ -216,6 +233,10 @@ def _settings(args: argparse.Namespace, target: "Target") -> "Settings":
         slip=None if args.slip_mm is None else args.slip_mm * 1e-3,
         report=not args.no_report and _has_report(),
         draw=args.draw,
+        base_frame=args.base_frame,
+        camera_frame=args.camera_frame,
+        prefix=args.prefix,
+        controller=args.controller,
         nominal=load_nominal(args.nominal) if args.nominal else None,
         rerun=args.rerun,
         results_mcap=args.results_mcap,

@@ -81,6 +81,11 @@ class Settings:
         Write each stop's picture with detected and reprojected corners.
     nominal
         What a data sheet says of the wheels, for diff_drive_controller's multipliers.
+    base_frame, camera_frame, prefix
+        Frames in the files for ROS: on the floor below the axle, and the camera's optical frame; what stands before
+        both. ROS' usual base and the log's own camera frame where none is given.
+    controller
+        Name of the node that drives the wheels.
     rerun, results_mcap
         Files for the Rerun viewer and for Foxglove.
     """
@@ -104,6 +109,10 @@ class Settings:
     report: bool = True
     draw: bool = False
     nominal: Nominal | None = None
+    base_frame: str | None = None
+    camera_frame: str | None = None
+    prefix: str = ""
+    controller: str = "diff_drive_controller"
     rerun: Path | None = None
     results_mcap: Path | None = None
 

@@ -2,7 +2,8 @@
 
 from collections.abc import Mapping
 
-from boxcal.calib.exports.kalibr import camchain
+from boxcal.calib.exports.kalibr import camchain, camchain_missing
+from boxcal.calib.exports.names import Names
 from boxcal.calib.exports.ros_camera_info import camera_info
 from boxcal.calib.exports.ros_diff_drive import diff_drive_yaml
 from boxcal.calib.exports.ros_static_transform import static_transform
@@ -10,11 +11,13 @@ from boxcal.calib.exports.ros_urdf import urdf, xacro
 from boxcal.calib.results.calibration import Calibration
 from boxcal.calib.settings import Nominal
 
-STALE_FILES = ("camchain.yaml", "FAILED.txt")
+STALE_FILES = ("camchain.yaml", "camchain-missing.txt", "FAILED.txt")
 """What an earlier calibration of a robot may have left that this one does not write."""
 
 
-def exports(calibration: Calibration, nominal: Nominal | None = None) -> Mapping[str, bytes]:
+def exports(
+    calibration: Calibration, nominal: Nominal | None = None, names: Names | None = None
+) -> Mapping[str, bytes]:
     """Return file name -> content, for one robot's folder.
 
     Parameters
@@ -23,13 +26,16 @@ def exports(calibration: Calibration, nominal: Nominal | None = None) -> Mapping
         The robot's.
     nominal
         What its data sheet says of the wheels; diff_drive_controller's multipliers are against it.
+    names
+        Of frames, topic and controller; ROS' usual ones if None.
     """
     files = {
         "camera_info.yaml": camera_info(calibration),
-        "camera.urdf": urdf(calibration),
-        "camera.urdf.xacro": xacro(calibration),
-        "static_transform.sh": static_transform(calibration),
-        "diff_drive_controller.yaml": diff_drive_yaml(calibration, nominal),
-        "camchain.yaml": camchain(calibration),
+        "camera.urdf": urdf(calibration, names),
+        "camera.urdf.xacro": xacro(calibration, names),
+        "static_transform.sh": static_transform(calibration, names),
+        "diff_drive_controller.yaml": diff_drive_yaml(calibration, nominal, names),
+        "camchain.yaml": camchain(calibration, names),
+        "camchain-missing.txt": camchain_missing(calibration),
     }
     return {name: text.encode() for name, text in files.items() if text is not None}

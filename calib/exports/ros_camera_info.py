@@ -4,6 +4,12 @@ from boxcal.calib.exports.lens_models import ros_distortion
 from boxcal.calib.exports.text import comment, heading, numbers, ros_name, sigma_line
 from boxcal.calib.results.calibration import Calibration
 
+_MODELS = {
+    "plumb_bob": "k1, k2, p1, p2, k3 in OpenCV's order, of (x/z, y/z); k1 is kr",
+    "rational_polynomial": "k1, k2, p1, p2, k3, k4, k5, k6 in OpenCV's order, of (x/z, y/z); k1 is kr",
+    "equidistant": "k1, k2, k3, k4 of OpenCV's fisheye, of the angle off the axis",
+}
+
 
 def camera_info(calibration: Calibration) -> str:
     """Return the file; the projection matrix is the camera matrix, for a monocular camera without rectification."""
@@ -12,9 +18,9 @@ def camera_info(calibration: Calibration) -> str:
     P = [c.fu, 0.0, c.cu, 0.0, 0.0, c.fv, c.cv, 0.0, 0.0, 0.0, 1.0, 0.0]
     width, height = calibration.image_size
     lines = [
-        heading(calibration, "camera intrinsics for ROS (camera_calibration_parsers)"),
+        *heading(calibration, "camera intrinsics for ROS (camera_calibration_parsers)"),
         "pixels; pixel (0, 0) is the centre of the top-left pixel, u to the right, v down",
-        "plumb_bob is k1, k2, p1, p2, k3 in OpenCV's order, of (x/z, y/z); k1 is kr",
+        f"{lens.model}: {_MODELS[lens.model]}",
         sigma_line(calibration, ("fu", "fv", "cu", "cv", "kr")),
     ]
     parts = [

@@ -5,11 +5,21 @@ the separation is its multiplier times ``wheel_separation``; ``linear = (right +
 ``angular = (right - left)/separation``.
 """
 
+import re
 from dataclasses import dataclass
+from math import isfinite
 
-from boxcal.calib.exports.text import comment, heading, in_comment, number, sigma_line
+from boxcal.calib.exports.names import Names
+from boxcal.calib.exports.text import comment, heading, in_comment, number, numbers, sigma_line
 from boxcal.calib.results.calibration import Calibration, Wheels
 from boxcal.calib.settings import Nominal
+
+STRAIGHT = 10.0
+"""Way that the calibration's ground uncertainty is given for, m."""
+_SPEED = 0.5
+"""Speed that the twist's covariance is meant for, m/s."""
+_STILL = 1e-6
+"""Variance of what a robot on a floor does not do (m^2, rad^2): as robot_localization's examples have it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -24,7 +34,7 @@ class DiffDrive:
 
 
 def diff_drive(wheels: Wheels, nominal: Nominal | None = None) -> DiffDrive:
-    """Return the parameters against nominal values, or against the mean radius and the wheelbase found."""
+    """Return the parameters against nominal values, or against the mean radius and the wheel separation found."""
     radius = (wheels.rR + wheels.rL) / 2 if nominal is None else nominal.wheel_radius
     separation = wheels.b if nominal is None else nominal.wheel_separation
     return DiffDrive(
@@ -36,23 +46,68 @@ def diff_drive(wheels: Wheels, nominal: Nominal | None = None) -> DiffDrive:
     )
 
 
-def diff_drive_yaml(calibration: Calibration, nominal: Nominal | None = None) -> str:
-    """Return a ROS 2 parameter file."""
+def diff_drive_yaml(calibration: Calibration, nominal: Nominal | None = None, names: Names | None = None) -> str:
+    """Return a ROS 2 parameter file.
+
+    It is keyed by the controller's name: parameters under ``/**`` lose against those that another file gives by name,
+    and would leave nominal radii with calibrated multipliers.
+    """
+    controller = (names or Names()).controller
     p = diff_drive(calibration.wheels, nominal)
-    against = "the mean radius and the wheelbase found" if nominal is None else in_comment(nominal.source)
+    against = "the mean radius and the wheel separation found" if nominal is None else in_comment(nominal.source)
     lines = [
-        heading(calibration, "wheels for diff_drive_controller"),
+        *heading(calibration, "wheels for diff_drive_controller"),
         f"m; multipliers are against {against}",
         "positive wheel angles roll the robot forward; separation is between the wheels' contact points",
         sigma_line(calibration, ("rR", "rL", "b")),
-        "/** reaches the controller whatever it is called; give this file after your own parameters",
+        f"give this file after your own parameters; it reaches the node {in_comment(controller)}",
+        *_covariance_lines(calibration),
     ]
     return comment(lines) + (
-        "/**:\n"
+        f"{_key(controller)}:\n"
         "  ros__parameters:\n"
         f"    wheel_separation: {number(p.wheel_separation)}\n"
         f"    wheel_radius: {number(p.wheel_radius)}\n"
         f"    wheel_separation_multiplier: {number(p.wheel_separation_multiplier)}\n"
         f"    left_wheel_radius_multiplier: {number(p.left_wheel_radius_multiplier)}\n"
         f"    right_wheel_radius_multiplier: {number(p.right_wheel_radius_multiplier)}\n"
+        + "".join(f"    {name}: {numbers(values)}\n" for name, values in covariance_diagonals(calibration).items())
+    )
+
+
+def covariance_diagonals(calibration: Calibration) -> dict[str, tuple[float, ...]]:
+    """Return the diagonals of pose and twist covariance (x, y, z, roll, pitch, yaw); nothing for the closed form.
+
+    Pose: after one metre straight ahead. Twist: over one second at 0.5 m/s. Each is the calibration's own uncertainty
+    and the wheels' slip together; what a robot on a floor does not do has the small variance that filters expect.
+    """
+    detail, b = calibration.detail, calibration.wheels.b
+    if detail is None:
+        return {}
+    sigma, slip = detail.covariance.sigma, detail.noise.slip
+    along = max(sigma["rR"] / calibration.wheels.rR, sigma["rL"] / calibration.wheels.rL)
+    heading_1m = detail.ground.straight_heading / STRAIGHT
+
+    def diagonal(way: float) -> tuple[float, ...]:
+        x = (along * way) ** 2 + slip**2 * way / 2
+        yaw = (heading_1m * way) ** 2 + 2 * slip**2 * way / b**2
+        y = max(yaw * way**2 / 3, _STILL)
+        return (max(x, _STILL), y, _STILL, _STILL, _STILL, max(yaw, _STILL))
+
+    found = {"pose_covariance_diagonal": diagonal(1.0), "twist_covariance_diagonal": diagonal(_SPEED)}
+    return found if all(isfinite(v) for values in found.values() for v in values) else {}
+
+
+def _covariance_lines(calibration: Calibration) -> list[str]:
+    if calibration.detail is None:
+        return []
+    return ["covariances: pose after 1 m straight ahead, twist over 1 s at 0.5 m/s; calibration and slip together"]
+
+
+def _key(controller: str) -> str:
+    """Return a node's name as a key of a parameter file."""
+    return (
+        controller
+        if re.fullmatch(r"/?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z0-9_]+)*", controller)
+        else "diff_drive_controller"
     )

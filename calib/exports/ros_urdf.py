@@ -1,54 +1,54 @@
 """The camera in a robot's description: its mount link and its optical frame, as URDF and as a xacro macro."""
 
+from boxcal.calib.exports.names import Names
 from boxcal.calib.exports.text import heading, in_xml_comment, ros_name, sigma_line
 from boxcal.calib.geometry.euler import OPTICAL_RPY, link_pose, roll_pitch_yaw
 from boxcal.calib.results.calibration import Calibration
 from boxcal.target.arrays import Array
 
-BODY = "base_footprint"
-LINK = "camera_link"
-OPTICAL = "camera_optical_frame"
 
-
-def urdf(calibration: Calibration) -> str:
-    """Return a URDF of three links that loads as it is: ``base_footprint``, ``camera_link``, the optical frame."""
+def urdf(calibration: Calibration, names: Names | None = None) -> str:
+    """Return a URDF of three links that loads as it is: the base on the floor, the camera's link, its optical frame."""
+    names = names or Names()
     return (
-        f'<?xml version="1.0"?>\n{_comment(calibration)}<robot name="{ros_name(calibration.robot)}">\n'
-        f'  <link name="{BODY}"/>\n{_links(calibration.T_body_cam, BODY, "", "  ")}</robot>\n'
+        f'<?xml version="1.0"?>\n{_comment(calibration, names)}<robot name="{ros_name(calibration.robot)}">\n'
+        f'  <link name="{names.base}"/>\n{_links(calibration.T_body_cam, names.base, "", "  ", names)}</robot>\n'
     )
 
 
-def xacro(calibration: Calibration) -> str:
+def xacro(calibration: Calibration, names: Names | None = None) -> str:
     """Return a xacro file whose macro ``calibrated_camera`` puts the camera on a robot that has a base link."""
+    names = names or Names()
     usage = (
         f'<!-- in the robot\'s xacro: <xacro:include filename="camera.urdf.xacro"/> <xacro:calibrated_camera/>\n'
-        f"     parent: a link on the floor below the middle of the axle ({BODY}); prefix: for several cameras -->\n"
+        f"     parent: a link on the floor below the middle of the axle ({names.base});\n"
+        "     prefix: for several cameras -->\n"
     )
     return (
-        f'<?xml version="1.0"?>\n{_comment(calibration)}{usage}<robot xmlns:xacro="http://www.ros.org/wiki/xacro">\n'
-        f'  <xacro:macro name="calibrated_camera" params="parent:={BODY} prefix:=\'\'">\n'
-        f"{_links(calibration.T_body_cam, '${parent}', '${prefix}', '    ')}  </xacro:macro>\n</robot>\n"
+        f'<?xml version="1.0"?>\n{_comment(calibration, names)}{usage}<robot xmlns:xacro="http://www.ros.org/wiki/xacro">\n'
+        f'  <xacro:macro name="calibrated_camera" params="parent:={names.base} prefix:=\'\'">\n'
+        f"{_links(calibration.T_body_cam, '${parent}', '${prefix}', '    ', names)}  </xacro:macro>\n</robot>\n"
     )
 
 
-def _comment(calibration: Calibration) -> str:
+def _comment(calibration: Calibration, names: Names) -> str:
     lines = [
-        heading(calibration, "where the camera sits"),
-        f"m and rad; {BODY}: on the floor below the middle of the axle, x forward, y left, z up",
-        f"{LINK}: at the optical centre, x along the view, y left, z up; {OPTICAL}: x right, y down, z forward",
+        *heading(calibration, "where the camera sits"),
+        f"m and rad; {names.base}: on the floor below the middle of the axle, x forward, y left, z up",
+        f"{names.link}: at the optical centre, x along the view, y left, z up",
+        f"{names.optical}: x right, y down, z forward",
         "rpy: R = Rz(yaw) Ry(pitch) Rx(roll); a joint's origin maps points of its child to its parent",
         sigma_line(calibration, ("rx", "ry", "rz", "tx", "ty", "tz")),
     ]
     return "<!-- " + "\n     ".join(in_xml_comment(line) for line in lines) + " -->\n"
 
 
-def _links(T_body_cam: Array, parent: str, prefix: str, indent: str) -> str:
+def _links(T_body_cam: Array, parent: str, prefix: str, indent: str, names: Names) -> str:
     T = link_pose(T_body_cam)
-    mount = _joint(f"{prefix}camera_joint", parent, f"{prefix}{LINK}", T[:3, 3], roll_pitch_yaw(T[:3, :3]))
-    optical = _joint(
-        f"{prefix}camera_optical_joint", f"{prefix}{LINK}", f"{prefix}{OPTICAL}", (0.0, 0.0, 0.0), OPTICAL_RPY
-    )
-    lines = [f'<link name="{prefix}{LINK}"/>', *mount, f'<link name="{prefix}{OPTICAL}"/>', *optical]
+    link, optical, joint = (f"{prefix}{name}" for name in (names.link, names.optical, names.joint))
+    mount = _joint(f"{joint}_joint", parent, link, T[:3, 3], roll_pitch_yaw(T[:3, :3]))
+    turn = _joint(f"{joint}_optical_joint", link, optical, (0.0, 0.0, 0.0), OPTICAL_RPY)
+    lines = [f'<link name="{link}"/>', *mount, f'<link name="{optical}"/>', *turn]
     return "".join(f"{indent}{line}\n" for line in lines)
 
 

@@ -2,7 +2,9 @@
 
 import re
 from collections.abc import Iterable
+from zlib import crc32
 
+from boxcal.calib.console.judgement import header_lines
 from boxcal.calib.results.calibration import Calibration
 from boxcal.detect.log.safe_text import printable
 
@@ -27,8 +29,13 @@ def numbers(values: Iterable[float]) -> str:
 
 
 def ros_name(robot: str) -> str:
-    """Return a robot's name as ROS accepts it: letters, digits and single underscores, a letter first."""
+    """Return a robot's name as ROS accepts it: letters, digits and single underscores, a letter first.
+
+    Of letters that ROS does not know a number is kept, so that two robots keep two names.
+    """
     name = re.sub(r"_+", "_", re.sub(r"[^A-Za-z0-9]", "_", robot))[:MAX_ROS_NAME].strip("_")
+    if any(c.isalnum() and not c.isascii() for c in robot):  # what is lost tells robots apart
+        name = f"{name[: MAX_ROS_NAME - 9] or 'robot'}_{crc32(robot.encode('utf-8', 'replace')):08x}"
     return name if name[:1].isalpha() else f"robot_{name}".rstrip("_")
 
 
@@ -43,10 +50,11 @@ def in_xml_comment(text: str) -> str:
     return re.sub(r"-(?=-)", "- ", plain).removesuffix("-")
 
 
-def heading(calibration: Calibration, what: str) -> str:
-    """Return the first line of a file's comment: what it is, whose, and where it came from."""
+def heading(calibration: Calibration, what: str) -> list[str]:
+    """Return the first lines of a file's comment: what it is, whose, where it came from, and whether it may be used."""
     p = calibration.provenance
-    return in_comment(calibration.robot) + f": {what}, by boxcal {in_comment(p.version)}, {in_comment(p.created)}"
+    first = in_comment(calibration.robot) + f": {what}, by boxcal {in_comment(p.version)}, {in_comment(p.created)}"
+    return [first, *(in_comment(line) for line in header_lines(calibration.verdict))]
 
 
 def sigma_line(calibration: Calibration, names: Iterable[str]) -> str:

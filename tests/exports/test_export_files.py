@@ -3,10 +3,14 @@
 import csv
 import io
 import math
+import re
 import shlex
+import subprocess
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree as ET
 
+import cv2
 import numpy as np
 import pytest
 import xacro
@@ -17,14 +21,18 @@ from urdf_parser_py import urdf as urdf_reader
 
 from boxcal.calib.exports.files import exports
 from boxcal.calib.exports.fleet_csv import fleet_csv
-from boxcal.calib.exports.ros_diff_drive import diff_drive
+from boxcal.calib.exports.names import names_for
+from boxcal.calib.exports.ros_diff_drive import covariance_diagonals, diff_drive
 from boxcal.calib.exports.text import number, ros_name
 from boxcal.calib.geometry.diff_drive import Legs, unit_path
 from boxcal.calib.geometry.parameters import ORDER
 from boxcal.calib.geometry.so3_se3 import exp_so3, inverse, rigid
 from boxcal.calib.results.calibration import Calibration, Wheels
-from boxcal.calib.settings import Nominal
+from boxcal.calib.results.verdict import Level, Reason, Verdict
+from boxcal.calib.settings import Nominal, Settings
+from boxcal.detect.correspondences import Source
 from boxcal.target.arrays import Array
+from boxcal.target.camera.camera_model import project
 
 NOMINAL = Nominal(wheel_radius=0.033, wheel_separation=0.16, source="robot.yaml")
 CLOSE = 1e-9
@@ -68,14 +76,15 @@ def test_every_file_reads_back_with_another_reader(made: Calibration) -> None:
     assert _same(_urdf_pose(files["camera.urdf"], "base_footprint", "camera_optical_frame"), T)
 
     words = shlex.split(files["static_transform.sh"], comments=True)
-    assert words[:4] == ["ros2", "run", "tf2_ros", "static_transform_publisher"]
-    args = dict(zip(words[4::2], words[5::2], strict=True))
+    assert words[:5] == ["exec", "ros2", "run", "tf2_ros", "static_transform_publisher"]
+    args = dict(zip(words[5::2], words[6::2], strict=True))
     assert (args["--frame-id"], args["--child-frame-id"]) == ("base_footprint", "camera_optical_frame")
     xyz, q = ([float(args[f"--{k}"]) for k in keys] for keys in ("xyz", ("qx", "qy", "qz", "qw")))
     assert _same(matrix_of(np.array(xyz), np.array(q)), T)
 
-    parameters = yaml.safe_load(files["diff_drive_controller.yaml"])["/**"]["ros__parameters"]
-    assert all(type(v) is float for v in parameters.values())  # ROS refuses a double given as an integer
+    parameters = yaml.safe_load(files["diff_drive_controller.yaml"])["diff_drive_controller"]["ros__parameters"]
+    numbers_ = [v for value in parameters.values() for v in (value if isinstance(value, list) else [value])]
+    assert all(type(v) is float for v in numbers_)  # ROS refuses a double given as an integer
     radius, separation = parameters["wheel_radius"], parameters["wheel_separation"]
     assert (radius, separation) == (0.033, 0.16)
     assert _same(radius * parameters["right_wheel_radius_multiplier"], w.rR)
@@ -161,6 +170,7 @@ def test_richer_lenses_keep_all_their_coefficients_or_are_left_out() -> None:
     files = exports(calibration(camera=camera("brown", **{**brown, "k3": 0.5})))
     assert yaml.safe_load(files["camera_info.yaml"])["distortion_coefficients"]["data"][-1] == 0.5
     assert "camchain.yaml" not in files  # Kalibr's radtan has no k3
+    assert "brown" in files["camchain-missing.txt"].decode()
     fisheye = exports(calibration(camera=camera("fisheye", k2=0.1, k3=0.2, k4=0.3)))
     for name, key in (("camera_info.yaml", "distortion_model"), ("camchain.yaml", "distortion_model")):
         document = yaml.safe_load(fisheye[name])
@@ -183,14 +193,16 @@ def test_each_file_says_its_conventions_and_how_sure_it_is() -> None:
 def test_names_with_markup_stay_data() -> None:
     assert ros_name(EVIL) == "script_alert_1_script_x_rm_rf_1_1_1_1"
     assert ros_name("7") == "robot_7"
-    assert ros_name("日本") == "robot"
+    assert ros_name("日本") != ros_name("東京")  # two robots keep two names
+    assert re.fullmatch(r"robot_[0-9a-f]{8}", ros_name("日本"))
     for name, content in exports(calibration(robot=EVIL)).items():
         text = content.decode()
         if name.startswith("camera.urdf"):
             assert "<script>" not in text
         else:
-            assert [line for line in text.splitlines() if "script>" in line] == [text.splitlines()[0]], name
-            assert text.startswith("# "), name
+            first = text.removeprefix("#!/bin/sh\n").splitlines()[0]
+            assert [line for line in text.splitlines() if "script>" in line] == [first], name
+            assert first.startswith("# "), name
     for evil in ("=cmd|' /C calc'!A0", "+1", "-1", "@x", " =1", "#1", "\t=1"):
         rows = list(csv.reader(io.StringIO(fleet_csv([calibration(robot=evil)]).decode())))
         assert rows[-1][0].startswith("'")
@@ -201,3 +213,86 @@ def test_numbers_are_floats_to_a_yaml_reader(value: float) -> None:
     read = yaml.safe_load(number(value))
     assert type(read) is float
     assert read == value
+
+
+@pytest.mark.parametrize("kind", ["radial", "brown", "rational", "fisheye"])
+def test_every_camera_model_is_exported_as_opencv_projects_it(kind: str) -> None:
+    further = {"brown": ("k2", "p1", "p2", "k3"), "rational": ("k2", "p1", "p2", "k3", "k4", "k5", "k6")}
+    names = further.get(kind, ("k2", "k3", "k4") if kind == "fisheye" else ())
+    made = calibration(camera=camera(kind, **{name: 0.003 * (k + 1) for k, name in enumerate(names)}))
+    files = exports(made)
+    info = yaml.safe_load(files["camera_info.yaml"])
+    K, D = np.array(info["camera_matrix"]["data"]).reshape(3, 3), np.array(info["distortion_coefficients"]["data"])
+    p_cam = np.array([[0.3, -0.2, 1.0], [-0.1, 0.25, 0.8], [0.0, 0.0, 2.0]])
+    if kind == "fisheye":
+        uv_px, _ = cv2.fisheye.projectPoints(p_cam[:, None], np.zeros(3), np.zeros(3), K, D)
+    else:
+        uv_px, _ = cv2.projectPoints(p_cam, np.zeros(3), np.zeros(3), K, D)
+    assert np.allclose(uv_px.reshape(-1, 2), project(made.camera, p_cam), atol=1e-9)
+    assert ("camchain.yaml" in files) != ("camchain-missing.txt" in files)
+
+
+@pytest.mark.parametrize("level", list(Level))
+def test_every_file_says_in_its_head_whether_it_may_be_used(level: Level) -> None:
+    reason = Reason(rule="slip", level=level, text="The wheels slip -- by 9 mm.", advice="Drive slower.")
+    judged = Verdict(level=level, headline="So it is.", reasons=(reason,), next_steps=("Drive slower.",))
+    files = exports(calibration(detail=detail(), verdict=judged, camera=camera("brown", k3=0.1)), NOMINAL)
+    assert len(files) == 6
+    for name, content in files.items():
+        head = "\n".join(content.decode().splitlines()[:8])
+        assert f"verdict: {level.upper()} - So it is." in head, name
+        assert ("Drive slower." in head) == (level is not Level.GOOD), name
+        assert ("The wheels slip" in head) == (level is not Level.GOOD), name
+    ET.fromstring(files["camera.urdf"])  # two hyphens would end its comment
+
+
+def test_frames_and_topic_are_the_logs_own_or_as_they_are_named() -> None:
+    source = Source(camera_topic="/front/image_raw", camera_frame="front_rgb_optical_frame", base_frame="base_link")
+    own = names_for(Settings(), source)
+    assert (own.base, own.optical, own.link) == ("base_footprint", "front_rgb_optical_frame", "front_rgb_link")
+    files = exports(calibration(), names=own)
+    assert yaml.safe_load(files["camchain.yaml"])["cam0"]["rostopic"] == "/front/image_raw"
+    assert _same(_urdf_pose(files["camera.urdf"].decode(), own.base, own.optical), calibration().T_body_cam)
+    given = names_for(Settings(base_frame="ground", camera_frame="eye", prefix="r01/", controller="wheels"), source)
+    assert (given.base, given.optical, given.link) == ("r01/ground", "r01/eye", "r01/eye_link")
+    text = exports(calibration(), names=given)["static_transform.sh"].decode()
+    assert "--frame-id r01/ground --child-frame-id r01/eye" in text
+    assert list(yaml.safe_load(exports(calibration(), names=given)["diff_drive_controller.yaml"])) == ["wheels"]
+    hostile = names_for(Settings(), Source(camera_frame="x; rm -rf /", camera_topic="a b"))
+    assert (hostile.optical, hostile.topic) == ("camera_optical_frame", "/camera/image_raw")
+    assert names_for(Settings(camera_frame="cam_link"), Source()).link == "cam_mount_link"
+
+
+def test_two_robots_share_one_tf_tree_by_their_prefixes() -> None:
+    links = []
+    for prefix in ("r01_", "r02_"):
+        files = exports(calibration(), names=names_for(Settings(prefix=prefix), Source()))
+        links.append({link.get("name") for link in ET.fromstring(files["camera.urdf"]).findall("link")})
+    assert len(links[0]) == 3
+    assert not links[0] & links[1]
+
+
+def test_static_transform_runs(tmp_path: Path) -> None:
+    (tmp_path / "ros2").write_text('#!/bin/sh\nprintf "%s\\n" "$@"\n')
+    (tmp_path / "ros2").chmod(0o755)
+    script = tmp_path / "static_transform.sh"
+    script.write_bytes(exports(calibration(robot="r 1; $(false)"))["static_transform.sh"])
+    script.chmod(0o755)
+    done = subprocess.run(
+        [script], env={"PATH": f"{tmp_path}:/usr/bin:/bin"}, capture_output=True, text=True, check=True
+    )
+    assert done.stdout.splitlines()[:3] == ["run", "tf2_ros", "static_transform_publisher"]
+
+
+def test_covariance_diagonals_are_those_of_calibration_and_slip() -> None:
+    made = calibration(detail=detail())
+    found = covariance_diagonals(made)
+    x, y, z, roll, pitch, yaw = found["pose_covariance_diagonal"]
+    assert made.detail is not None
+    slip, b = made.detail.noise.slip, made.wheels.b
+    assert yaw == pytest.approx((made.detail.ground.straight_heading / 10) ** 2 + 2 * slip**2 / b**2)
+    assert x > slip**2 / 2
+    assert y == pytest.approx(yaw / 3)
+    assert z == roll == pitch == 1e-6
+    assert found["twist_covariance_diagonal"][5] < yaw
+    assert not covariance_diagonals(calibration())

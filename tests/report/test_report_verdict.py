@@ -17,6 +17,7 @@ from boxcal.calib.assessment.print_scale import PrintScale
 from boxcal.calib.assessment.verdict import judge, verdict
 from boxcal.calib.console.judgement import judgement
 from boxcal.calib.errors import CalibError
+from boxcal.calib.geometry.parameters import ORDER
 from boxcal.calib.geometry.so3_se3 import rigid, rot_z
 from boxcal.calib.likelihood.estimate import Direction, FlaggedCorner
 from boxcal.calib.likelihood.finding import Finding
@@ -373,7 +374,38 @@ def test_what_was_solved_for_is_a_note_and_no_fault(calibrations: Calibrations) 
     c = calibrations("good_drive")
     found = verdict(replace(c, findings=(_finding(adopted=True),)))
     assert found.level is Level.GOOD
-    assert [r.text for r in found.notes] == ["The right wheel is 1.0 ± 0.1 % out of round; taken into account."]
+    notes = [r.text for r in found.notes if r.rule != "ruler"]
+    assert notes == ["The right wheel is 1.0 ± 0.1 % out of round; taken into account."]
+
+
+def test_sigmas_that_do_not_trust_the_model_keep_a_result_from_being_good(calibrations: Calibrations) -> None:
+    c = calibrations("good_drive")
+    assert c.detail is not None
+    assert c.detail.leave_one_out is not None
+    ratio = tuple(9.0 if name == "b" else 1.0 for name in ORDER)
+    off = replace(c.detail.leave_one_out, ratio=ratio, unexplained=True)
+    found = verdict(_with(c, leave_one_out=off))
+    assert found.level is Level.USABLE
+    assert "the wheel separation by 9 times" in found.causes[0].text
+    explained = verdict(replace(_with(c, leave_one_out=off), findings=(_finding(),)))
+    assert [r.because for r in explained.reasons if r.rule == "misfit"] == ["eccentric-right"]
+
+
+def test_a_leg_whose_cause_is_named_is_told_once(calibrations: Calibrations) -> None:
+    c = calibrations("slipped")
+    assert c.detail is not None
+    leg = c.detail.flagged_legs[0]
+    named = replace(c, findings=(_finding(cause="leg-slipped", adopted=True, stops=(leg.leg, leg.next_stop)),))
+    found = verdict(named)
+    assert all(r.level is Level.GOOD for r in found.reasons if r.rule == "legs")
+    assert [r.rule for r in found.notes if r.rule != "ruler"] == ["leg-slipped"]
+
+
+def test_a_damaged_recording_is_never_good(calibrations: Calibrations) -> None:
+    c = replace(calibrations("good_drive"), notes=("the recording is damaged: 3 chunks are lost",))
+    found = verdict(c)
+    assert found.level is Level.USABLE
+    assert "3 chunks are lost" in found.causes[0].text
 
 
 @pytest.mark.parametrize(("blocks", "level"), [(False, Level.USABLE), (True, Level.REDO)])

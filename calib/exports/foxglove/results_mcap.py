@@ -11,7 +11,7 @@ from mcap.writer import CompressionType, Writer
 from boxcal.calib.exports.foxglove import messages as fox
 from boxcal.calib.exports.foxglove.schemas import SCHEMAS
 from boxcal.calib.exports.lens_models import ros_distortion
-from boxcal.calib.exports.ros_urdf import BODY, OPTICAL
+from boxcal.calib.exports.names import BODY, OPTICAL
 from boxcal.calib.exports.scene import MAGNIFIED, Images, Scene, residual_colours
 from boxcal.calib.geometry.so3_se3 import inverse, planar, rigid
 from boxcal.calib.results.stop_residuals import SeenStop
