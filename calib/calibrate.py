@@ -257,8 +257,8 @@ def _check_one_robot(job: Job, steps: Sequence[FourSteps]) -> None:
             if abs(found / first - 1) > limit:
                 raise CalibError(
                     f"not drives of one robot with one lens setting: {what} {found:.4g}, "
-                    f"{job.logs[0].name} has {first:.4g}",
-                    source=log.name,
+                    f"{listed(job.logs[:1])} has {first:.4g}",
+                    source=listed([log]),
                     remedy="leave it out or calibrate each by itself",
                 )
 

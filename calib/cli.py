@@ -93,7 +93,7 @@ def _parser() -> argparse.ArgumentParser:
     names.add_argument("--reverse-right", action="store_true", help="the right wheel's likewise")
     names.add_argument("--base-frame", type=_frame, metavar="NAME", help="on the floor below the axle (base_footprint)")
     names.add_argument("--camera-frame", type=_frame, metavar="NAME", help="camera's optical frame (the images' own)")
-    names.add_argument("--prefix", type=_frame, default="", metavar="TEXT", help="before frames: robots in one TF tree")
+    names.add_argument("--prefix", type=_frame, metavar="TEXT", help="before frames: robots in one TF tree")
     names.add_argument(
         "--controller",
         type=_frame,
@@ -235,7 +235,7 @@ def _settings(args: argparse.Namespace, target: "Target") -> "Settings":
         draw=args.draw,
         base_frame=args.base_frame,
         camera_frame=args.camera_frame,
-        prefix=args.prefix,
+        prefix=args.prefix or "",
         controller=args.controller,
         nominal=load_nominal(args.nominal) if args.nominal else None,
         rerun=args.rerun,

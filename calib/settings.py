@@ -211,5 +211,7 @@ def robot_name(log: Path) -> str:
 
 
 def listed(logs: Sequence[Path]) -> str:
-    """Return the names of logs in one line."""
-    return ", ".join(log.name for log in logs)
+    """Return the names of logs in one line; of saved correspondences, which are all named alike, with their folder."""
+    return ", ".join(
+        f"{log.parent.name}/{log.name}" if log.name == f"correspondences{CORRESPONDENCES}" else log.name for log in logs
+    )

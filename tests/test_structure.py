@@ -30,7 +30,6 @@ WIDE: dict[str, str] = {
 SAME_LINES = 6
 TWICE: dict[str, str] = {
     "detect/alignment/backend.py": "two backends of the same functions, which the type checker holds to one signature",
-    "calib/results/build.py": "to be merged",
 }
 """Files that share code, and why."""
 

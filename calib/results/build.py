@@ -14,7 +14,8 @@ from boxcal.calib.results.diagnostics import Covariance, Detail, Ground, HeldOut
 from boxcal.calib.uncertainty.convergence import ConvergencePoint
 from boxcal.calib.uncertainty.cross_validation import Validation
 from boxcal.calib.uncertainty.propagation import camera_covariance, ground_uncertainty
-from boxcal.detect.correspondences import Correspondences
+from boxcal.detect.correspondences import Correspondences, StopObservation
+from boxcal.target.arrays import Array
 
 PROJECTION_DISTANCE = 1.0
 """Distance that the projection's uncertainty is given for, m."""
@@ -87,14 +88,7 @@ def refined(
     """
     camera_names, camera_cov = camera_covariance(estimate)
     stops = tuple(
-        StopResult(
-            drive=d,
-            t_start_ns=drive.stops[j].t_start_ns,
-            t_end_ns=drive.stops[j].t_end_ns,
-            landmarks=len(drive.stops[j].landmark_ids),
-            reprojection_rms_px=float(rms),
-            T_box_cam=T_box_body @ estimate.T_body_cam,
-        )
+        _stop(d, drive.stops[j], float(rms), T_box_body @ estimate.T_body_cam)
         for d, (drive, found) in enumerate(zip(drives, estimate.drives, strict=True))
         for j, rms, T_box_body in zip(found.stops, found.stop_rms_px, found.T_box_body, strict=True)
     )
@@ -218,16 +212,22 @@ def _quality(steps: Sequence[FourSteps], stops: tuple[StopResult, ...]) -> Quali
 
 def _closed_form_stops(drives: Sequence[Correspondences], steps: Sequence[FourSteps]) -> tuple[StopResult, ...]:
     return tuple(
-        StopResult(
-            drive=d,
-            t_start_ns=drive.stops[j].t_start_ns,
-            t_end_ns=drive.stops[j].t_end_ns,
-            landmarks=len(drive.stops[j].landmark_ids),
-            reprojection_rms_px=float(rms),
-            T_box_cam=T,
-        )
+        _stop(d, drive.stops[j], float(rms), T_box_cam)
         for d, (drive, step) in enumerate(zip(drives, steps, strict=True))
-        for j, rms, T in zip(step.camera.kept, step.camera.stop_rms_px, inverse(step.camera.T_cam_box), strict=True)
+        for j, rms, T_box_cam in zip(
+            step.camera.kept, step.camera.stop_rms_px, inverse(step.camera.T_cam_box), strict=True
+        )
+    )
+
+
+def _stop(drive: int, seen: StopObservation, rms_px: float, T_box_cam: Array) -> StopResult:
+    return StopResult(
+        drive=drive,
+        t_start_ns=seen.t_start_ns,
+        t_end_ns=seen.t_end_ns,
+        landmarks=len(seen.landmark_ids),
+        reprojection_rms_px=rms_px,
+        T_box_cam=T_box_cam,
     )
 
 
