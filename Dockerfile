@@ -6,11 +6,11 @@
 FROM python:3.12-slim AS build
 WORKDIR /src
 COPY . .
-RUN python -m pip wheel --no-cache-dir --constraint constraints.txt --wheel-dir /wheels '.[report,fast]'
+RUN python -m pip wheel --no-cache-dir --constraint constraints.txt --wheel-dir /wheels '.[report]'
 
 FROM python:3.12-slim
 RUN --mount=type=bind,from=build,source=/wheels,target=/wheels \
-    python -m pip install --no-cache-dir --no-index --find-links /wheels "$(ls /wheels/boxcal-*.whl)[report,fast]" \
+    python -m pip install --no-cache-dir --no-index --find-links /wheels "$(ls /wheels/boxcal-*.whl)[report]" \
     && useradd --create-home --uid 1000 boxcal
 # Code compiled at the first picture is kept where any user may write.
 ENV NUMBA_CACHE_DIR=/tmp/boxcal-numba PYTHONUNBUFFERED=1
