@@ -1,4 +1,4 @@
-"""What is asked for: one robot, its logs, and what a user may choose."""
+"""Settings of a calibration and jobs of a fleet."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -38,7 +38,7 @@ class Nominal:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Settings:
-    """What a user may choose.
+    """Settings of a calibration that a user may choose.
 
     Attributes
     ----------
@@ -147,7 +147,7 @@ class Job:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Stage:
-    """How far the work on one robot has come.
+    """Progress of the work on one robot.
 
     Attributes
     ----------
@@ -173,7 +173,7 @@ Progress = Callable[[Stage], None]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Outcome:
-    """What became of one robot: a calibration, or why there is none.
+    """Outcome of one robot's job: a calibration, or the reason why there is none.
 
     Attributes
     ----------

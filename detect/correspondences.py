@@ -25,7 +25,7 @@ _STOP_ARRAYS = ("landmark_ids", "p_box", "uv_px", "cov_px2", "faces")
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class StopObservation:
-    """What the camera saw while the robot stood still once.
+    """Landmarks seen during one stop, with the wheel angles there.
 
     Attributes
     ----------
@@ -79,7 +79,7 @@ class StopObservation:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Source:
-    """Where correspondences came from.
+    """Source of correspondences: log and target by their hashes.
 
     Attributes
     ----------

@@ -35,7 +35,7 @@ Progress = Callable[[str, float], None]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ExtractSettings:
-    """How correspondences are extracted.
+    """Settings of the extraction of correspondences from a log.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""When the robot stands still, from its wheels alone.
+"""Detection of stops from the wheels alone.
 
 A *stand* is a run of samples in which each wheel stays within a band of a little more than one encoder step, for long
 enough. Slow creep seen through a coarse encoder looks like a stand too, until the next step comes; what tells them
@@ -30,7 +30,7 @@ _BLOCK = 64
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StopSettings:
-    """How stops are found.
+    """Settings of the detection of stops.
 
     Attributes
     ----------

@@ -87,7 +87,7 @@ class Box:
 
     @property
     def tags_a_face(self) -> int:
-        """How many tags one face carries."""
+        """Number of tags on one face."""
         return self.columns * self.rows
 
     def T_box_face(self, face: int) -> Array:

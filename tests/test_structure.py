@@ -107,3 +107,14 @@ def test_every_folder_says_in_one_line_what_lives_there() -> None:
         if name.endswith("__init__.py"):
             text = ast.get_docstring(tree) or ""
             assert re.fullmatch(r"[A-Z].*\.", text.partition("\n")[0]), name
+
+
+def test_first_lines_of_docstrings_say_what_a_thing_is() -> None:
+    """No first line begins like a question: a stranger reads it without its neighbours, in a listing."""
+    for name, tree in _sources():
+        for node in ast.walk(tree):
+            if isinstance(node, (ast.Module, ast.ClassDef, ast.FunctionDef)):
+                first = (ast.get_docstring(node) or "").partition("\n")[0]
+                where = f"{name}, {getattr(node, 'name', 'module')}: {first}"
+                assert not re.match(r"(How|Where|What|Which|When|Why|Of|If)\b", first), where
+                assert isinstance(node, ast.FunctionDef) or not first.startswith("Whether "), where

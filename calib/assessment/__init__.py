@@ -1,1 +1,1 @@
-"""Whether a calibration can be used, and why: rules, limits and the verdict."""
+"""Verdict on a calibration: rules, limits and reasons."""

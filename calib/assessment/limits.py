@@ -12,7 +12,7 @@ SYMBOLS = frozenset((*ORDER, "a1", "a2", "a3", "aR", "aL"))
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Limit:
-    """How large a figure may be to be good, and to be usable."""
+    """Limits of one figure of a calibration: up to which it is good, and up to which usable."""
 
     good: float
     usable: float

@@ -1,4 +1,4 @@
-"""What the corners say about the size of the print: the share of their errors that two print scales explain.
+"""Print scale as a score test on the reprojection errors, without solving for it.
 
 A sheet printed with "fit to page", or on a printer that feeds unevenly, is larger or smaller across or up than
 designed. Camera and poses adapt to some of that; what they cannot adapt to stays in the reprojection errors. One

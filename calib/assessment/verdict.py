@@ -1,4 +1,4 @@
-"""Whether a calibration can be used, why, and what to drive next: rules in words that need no mathematics.
+"""Verdict on a calibration with reasons and next steps, in words that need no mathematics.
 
 Each rule judges one thing against two limits, derived in docs/report.md from what matters on the ground. The verdict is
 the worst that any rule says.

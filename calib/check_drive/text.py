@@ -1,4 +1,4 @@
-"""What a check drive showed, as text."""
+"""Text of a check drive's result."""
 
 from collections.abc import Sequence
 

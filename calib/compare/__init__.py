@@ -1,1 +1,1 @@
-"""How two calibrations differ, and how far one is from a simulated robot's truth."""
+"""Comparison of two calibrations, and of a calibration with a simulated robot's truth."""

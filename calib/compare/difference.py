@@ -1,4 +1,4 @@
-"""How two calibrations of one robot differ: in sigmas, on the ground, and whether chance explains it."""
+"""Difference of two calibrations of one robot: in sigmas, on the ground, and as a chi-square test."""
 
 from dataclasses import dataclass
 
@@ -23,7 +23,7 @@ _SINGULAR = 1e-12
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GroundDifference:
-    """What one calibration does otherwise than another.
+    """Differences of two calibrations in what they predict for the robot's motion and images.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""How far a calibration is from a simulated robot's true parameters."""
+"""Errors of a calibration against a simulated robot's true parameters."""
 
 from dataclasses import dataclass
 from pathlib import Path

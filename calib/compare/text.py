@@ -1,4 +1,4 @@
-"""How two calibrations differ, in words and a table."""
+"""Text and table of the difference of two calibrations."""
 
 from collections.abc import Sequence
 

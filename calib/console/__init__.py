@@ -1,1 +1,1 @@
-"""What the terminal shows: tables, verdicts, progress."""
+"""Terminal output: tables, verdicts, progress."""

@@ -1,4 +1,4 @@
-"""What goes on while robots are calibrated: a live display on a terminal, plain lines elsewhere."""
+"""Progress of a fleet's calibration: a live display on a terminal, plain lines elsewhere."""
 
 import sys
 import time

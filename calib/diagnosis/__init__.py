@@ -1,1 +1,1 @@
-"""What explains what noise does not: one explanation a file, one catalogue, one chooser."""
+"""Explanations of misfit beyond noise: one explanation a file, one catalogue, one chooser."""

@@ -1,4 +1,4 @@
-"""What a continuous cause adds to an explanation of the likelihood: its family, and its sentence."""
+"""Continuous cause of misfit: an explanation of the likelihood with its family and its sentence."""
 
 from dataclasses import dataclass
 from typing import Protocol
@@ -14,7 +14,7 @@ from boxcal.target.arrays import Array
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Solved:
-    """What an adopted explanation came out as.
+    """Size of an adopted explanation.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Which explanations a drive needs: ranked by score tests, solved, and kept if the evidence says so.
+"""Choice of the explanations that a drive needs: ranked by score tests, solved, kept on evidence.
 
 Tests at one solution rank the whole catalogue. The best are solved for; where the evidence, all variances found anew,
 is better by enough, the best of them stays, and the rest is ranked again; an explanation that others make needless
@@ -55,7 +55,7 @@ class Explained:
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """What was adopted, in words."""
+        """Adopted explanations in words."""
         return tuple(cause.finding(_solved(self.fit, cause, gain), self.fit.problem) for cause, gain in self.adopted)
 
 

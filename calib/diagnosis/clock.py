@@ -1,4 +1,4 @@
-"""Whether camera and wheels are stamped by one clock: pictures that move while the wheels stand, and by how much late.
+"""Clock offset between camera and wheels, estimated from pictures that move while the wheels stand.
 
 The stamps of the pictures are shifted against the wheels until turns seen and turns rolled agree.
 """
@@ -45,7 +45,7 @@ _LEAST_RAD = 0.1
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ClockOffset:
-    """How late the pictures' stamps are.
+    """Delay of the pictures' stamps against the wheels'.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What unit wheel readings are in, from how large the wheels come out: their size against the distance between them.
+"""Unit of wheel readings, inferred from the ratio of wheel radius to wheel separation.
 
 The images fix every length, so the distance between the wheels comes out right whatever the readings' unit; the radii
 come out smaller or larger by the unit. Wheels of real robots measure between 0.08 and 0.6 of the distance between them.

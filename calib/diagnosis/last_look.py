@@ -1,4 +1,4 @@
-"""What makes a solution too odd to be used, however well it fits: units, heights, another box, another clock."""
+"""Plausibility checks of a solution that fits well: units, heights, another box, another clock."""
 
 import numpy as np
 

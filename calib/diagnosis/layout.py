@@ -1,4 +1,4 @@
-"""Whether the prints are the box's: tags that are too large or too small for their spacing belong to another box."""
+"""Check of tag size against tag spacing, which tells another box's prints."""
 
 from collections.abc import Sequence
 

@@ -1,4 +1,4 @@
-"""What happened on legs that were left out: a slip, a pushed box, a robot carried, encoders that jumped or fell silent.
+"""Causes of legs that were left out: slip, a pushed box, a robot carried, encoders that jumped or fell silent.
 
 A leg that was left out is a leg whose displacement was solved for: three unknowns of its own. A box that was pushed and
 a robot that was carried look alike to camera and wheels; how far tells which is likelier.

@@ -49,7 +49,7 @@ class Scrub(OfWheels):
 
     @property
     def prior(self) -> tuple[float, ...]:
-        """Of the shares 1 %, of the drift 2 mm a radian."""
+        """Prior sigmas of the explanations: 1 % for shares, 2 mm a radian for drift."""
         return (TYPICAL, TYPICAL, 2e-3)
 
     @property

@@ -1,4 +1,4 @@
-"""Which sheet is glued to which face, and which way up, told from views of two faces at once.
+"""Arrangement of the sheets on the box (face and orientation), estimated from views of two faces at once.
 
 A sheet's pose in a picture needs no other sheet, so two sheets in one picture show how one lies against the other. All
 orders of the sheets, each upright or upside down, are compared with that; turning the whole box changes nothing and is
@@ -34,7 +34,7 @@ _CAP_DEG = 90.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Gluing:
-    """Where the sheets are.
+    """Arrangement of the sheets: the face that each is on, and its orientation.
 
     Attributes
     ----------

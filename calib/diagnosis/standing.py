@@ -1,4 +1,4 @@
-"""How the box stands on the floor: upright, upside down, on its side, or raised, told from how the cameras stand."""
+"""Attitude of the box on the floor (upright, upside down, on its side, raised), estimated from camera poses."""
 
 from enum import StrEnum
 
@@ -11,7 +11,7 @@ from boxcal.target.box import FACES, Target
 
 
 class Standing(StrEnum):
-    """How the box stands, as far as the pictures tell: UNCLEAR where they lie on their side themselves."""
+    """Attitude of the box as far as the pictures tell; UNCLEAR where the camera itself lies on its side."""
 
     UPRIGHT = "upright"
     UNCLEAR = "unclear"

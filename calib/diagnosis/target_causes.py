@@ -1,4 +1,4 @@
-"""Where the target as built differs from its description by more than a careful user's would, in words.
+"""Deformations of the target beyond those of a careful user's box, in words.
 
 The estimator solves for print, places, tilts and bows of all sheets anyway; here is said what is worth knowing of it.
 """

@@ -1,4 +1,4 @@
-"""Why wheels and images agree on no wheels that roll forward: exchanged or reversed joints, or a box upside down.
+"""Causes of impossible wheel signs: exchanged or reversed joints, or a box upside down.
 
 Each explanation is tried: the paper's steps are solved with the wheels, or the box, as it has them. It is said only
 where it fits, with the figures of the fit.
@@ -49,7 +49,7 @@ class Explained:
 
     @property
     def figures(self) -> str:
-        """How well it fits, in words."""
+        """Quality of the fit in words."""
         rms = np.degrees(self.steps.heading.rms)
         return (
             f"so turns seen and rolled agree to {rms:.2g} deg and places to {self.steps.mounting.misfit * 1e3:.2g} mm"

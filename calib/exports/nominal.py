@@ -1,4 +1,4 @@
-"""What a data sheet says of a robot's wheels: read from YAML, JSON or the robot's URDF."""
+"""Nominal wheels of a data sheet, read from YAML, JSON or the robot's URDF."""
 
 import math
 from collections.abc import Iterator

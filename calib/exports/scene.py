@@ -1,4 +1,4 @@
-"""What happened on a robot's drives, ready to be shown: stops, path over time, and how the box looks."""
+"""Scene of a robot's drives for 3-D viewers: stops, path over time, and the box."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace

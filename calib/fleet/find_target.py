@@ -1,4 +1,4 @@
-"""Which box the robots drove around, where nobody says so: the ``target.json`` beside or above their logs."""
+"""Search for the box that the robots drove around: the ``target.json`` beside or above their logs."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -23,7 +23,7 @@ class FoundTarget:
 
     @property
     def said(self) -> str:
-        """Which box that is, in one line."""
+        """Description of the box that was found, in one line."""
         if self.path is None:
             return "box: the default one as designed (no target.json beside or above the logs; else give --target)"
         return f"box: {self.path} ({'as measured' if self.target.measured is not None else 'as designed'})"

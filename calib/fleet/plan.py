@@ -1,4 +1,4 @@
-"""What is to be done: one job a robot, and all that speaks against it said before the work."""
+"""Plan of a run: one job a robot, with everything that speaks against it said before the work."""
 
 import tempfile
 from argparse import Namespace

@@ -1,4 +1,4 @@
-"""What a folder of results holds: the team, whether its robots were calibrated together or one after another.
+"""Contents of a results folder: the team, calibrated together or one robot after another.
 
 The results themselves are the record: every ``<robot>/calibration.json`` of the folder belongs to it. ``fleet.json``
 adds what no result can say: whose last log failed, and which box all drove around.

@@ -1,4 +1,4 @@
-"""What is written about all robots of a folder: ``fleet.json``, ``fleet.csv``, ``fleet.html``."""
+"""Files about all robots of a folder: ``fleet.json``, ``fleet.csv``, ``fleet.html``."""
 
 from collections.abc import Sequence
 from pathlib import Path

@@ -42,7 +42,7 @@ class FourSteps:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What the user should know about the result."""
+        """Remarks for the user about the result."""
         return self.camera.notes + self.axis.notes
 
 

@@ -26,7 +26,7 @@ _STOPS_FOR_GUESS = 6
 
 
 class CameraMode(StrEnum):
-    """How the intrinsics are found."""
+    """Ways to estimate the intrinsics: jointly over all stops, or stop by stop."""
 
     JOINT = "joint"
     PER_STOP = "per-stop"
@@ -34,7 +34,7 @@ class CameraMode(StrEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CameraStep:
-    """What step 1 returns.
+    """Result of step 1: camera model and camera pose at every stop.
 
     Attributes
     ----------

@@ -24,7 +24,7 @@ _ALIKE = 0.2
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class HeadingStep:
-    """What step 2 returns.
+    """Result of step 2: wheel radii over wheel separation.
 
     Attributes
     ----------

@@ -16,7 +16,7 @@ STRAIGHT_DOWN = 1e-4
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class AxisStep:
-    """What step 3 returns.
+    """Result of step 3: direction of the vertical in the camera, and signed turns.
 
     Attributes
     ----------

@@ -17,7 +17,7 @@ _PARAMETERS = ("rL", "tx", "ty", "cos a1", "sin a1")
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class MountingStep:
-    """What step 4 returns.
+    """Result of step 4: camera extrinsics, wheel radii and wheel separation.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""How a camera model does on the images of a drive."""
+"""Score of a camera model on the images of a drive."""
 
 from dataclasses import dataclass
 
@@ -7,7 +7,7 @@ from boxcal.target.camera.camera_model import CameraKind
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CameraScore:
-    """How one camera model does.
+    """Score of one camera model.
 
     Attributes
     ----------

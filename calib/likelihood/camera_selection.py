@@ -1,4 +1,4 @@
-"""Which camera model the images ask for, by an information criterion from one solution.
+"""Choice of the camera model by an information criterion, from one solution.
 
 Brown's model with five coefficients holds the paper's one and is held by the rational one, so one solution tells of all
 three: what its further coefficients lower the sum of squares by (a Wald test), and what three more would (a score

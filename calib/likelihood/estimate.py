@@ -1,4 +1,4 @@
-"""What the estimator returns."""
+"""Result of the maximum-likelihood estimator."""
 
 from dataclasses import dataclass
 

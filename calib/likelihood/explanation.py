@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Columns:
-    """What the k unknowns of explanations change, per unit; None where they change nothing.
+    """Derivatives of the data by the k unknowns of explanations; None where they change nothing.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What was found about a drive beyond its parameters: a cause, its size and what to do, ready to be shown."""
+"""Named cause of misfit in a drive, with its size and what to do about it."""
 
 from dataclasses import dataclass
 

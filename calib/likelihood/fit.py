@@ -15,7 +15,7 @@ from boxcal.target.arrays import Array, Ids
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Fit:
-    """What the estimate is made from, and what tests, validation and benchmarks build on.
+    """Converged fit of the likelihood, the basis of estimate, tests, validation and benchmarks.
 
     Attributes
     ----------

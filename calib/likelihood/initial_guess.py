@@ -1,4 +1,4 @@
-"""Where the likelihood starts: consecutive stops only, and robustly, so that one slipped leg spoils nothing.
+"""Initial guess of the likelihood from consecutive stops, robust against slipped legs.
 
 The four steps weigh a long way like a short one and take every pair of stops; strong slip, a lifted robot or a moved
 box spoils many of their pairs. Between *consecutive* stops a fault touches one leg. Camera poses are taken as they are;

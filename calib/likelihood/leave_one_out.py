@@ -1,4 +1,4 @@
-"""What leaving out single pictures and legs says of an estimate's sigmas."""
+"""Leave-one-out (jackknife) check of an estimate's sigmas over pictures and legs."""
 
 from dataclasses import dataclass
 
@@ -34,7 +34,7 @@ class Jackknife:
 
     @property
     def inflation(self) -> Array:
-        """What the likelihood's sigmas are multiplied by, (14,): 1 where nothing speaks against them."""
+        """Factors on the likelihood's sigmas, (14,): 1 where nothing speaks against them."""
         return np.where(self.ratio > self.limit, self.ratio, 1.0)
 
     @property

@@ -1,4 +1,4 @@
-"""What the wheels say about each leg, how it depends on the wheels' figures, and how noisy it is.
+"""Odometry of each leg with its derivatives and its covariance.
 
 A leg's displacement ``(dx, dy, dtheta)`` is the pose of its second stop in the body frame of its first. Two kinds of
 noise reach it, both propagated through the path that was really driven:
@@ -56,7 +56,7 @@ class WheelPath:
 
     @property
     def legs(self) -> int:
-        """How many legs there are."""
+        """Number of legs."""
         return len(self.starts)
 
 

@@ -1,4 +1,4 @@
-"""What may have happened on a leg whose wheels and images disagree, in numbers and in words.
+"""Possible causes of an outlier leg, in numbers and in words.
 
 One leg gives three numbers, so causes cannot be proven: a box that was pushed and a robot that was carried look alike
 to camera and wheels. What can be told is whether a slip of one wheel (or of both alike) at one moment explains all

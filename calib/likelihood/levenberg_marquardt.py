@@ -30,7 +30,7 @@ _SLIGHT_DAMPING, _MOST_DAMPING = 1e-6, 1e10
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Weights:
-    """Which data count.
+    """Weights of corners and legs; zero leaves one out.
 
     Attributes
     ----------

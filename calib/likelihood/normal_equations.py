@@ -37,7 +37,7 @@ class Local:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Eliminated:
-    """What is needed to find the local unknowns again.
+    """Factors of the elimination, from which the local unknowns are recovered.
 
     Attributes
     ----------

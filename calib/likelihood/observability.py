@@ -1,4 +1,4 @@
-"""What a drive does not determine, or only badly, in words.
+"""Directions of the parameters that a drive determines badly or not at all, in words.
 
 The information matrix of the shared unknowns is taken in natural units, in which 1 is a poor result: 1 % of a focal
 length, a radius or the wheelbase, 10 mrad, 5 mm. Its eigenvectors of little information are combinations of parameters

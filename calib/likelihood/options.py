@@ -1,4 +1,4 @@
-"""What the estimator solves for, and what it is told beforehand."""
+"""Options of the estimator: unknowns, priors and known noise levels."""
 
 from dataclasses import dataclass, field
 from math import isfinite, radians

@@ -29,7 +29,7 @@ _TESTABLE = 1e-6
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class LegTests:
-    """How each leg compares with what the other data predict.
+    """Outlier tests of all legs against the prediction of the other data.
 
     Attributes
     ----------

@@ -105,32 +105,32 @@ class Problem:
 
     @property
     def tilt_count(self) -> int:
-        """How many tilt angles are unknown."""
+        """Number of unknown tilt angles."""
         return sum(name.startswith("tilt") for name in self.names)
 
     @property
     def tilts(self) -> slice:
-        """Where the tilts stand among the shared unknowns."""
+        """Columns of the tilts among the shared unknowns."""
         return slice(COUNT, COUNT + self.tilt_count)
 
     @property
     def extras(self) -> slice:
-        """Where the camera model's further coefficients stand among the shared unknowns."""
+        """Columns of the further distortion coefficients among the shared unknowns."""
         return slice(self.tilts.stop, self.tilts.stop + len(further_names(self.lens)))
 
     @property
     def shapes(self) -> slice:
-        """Where the target's unknowns stand among the shared ones."""
+        """Columns of the target's deformation among the shared unknowns."""
         return slice(self.extras.stop, self.extras.stop + len(self.target.names))
 
     @property
     def growth(self) -> slice:
-        """Where the growth of the tags' black in px, common to all pictures, stands among the shared unknowns."""
+        """Column of the tags' growth in px, common to all pictures, among the shared unknowns."""
         return slice(self.shapes.stop, self.shapes.stop + ("growth" in self.names))
 
     @property
     def explained(self) -> slice:
-        """Where the explanations' unknowns stand among the shared ones."""
+        """Columns of the explanations among the shared unknowns."""
         return slice(self.growth.stop, len(self.names))
 
 

@@ -22,7 +22,7 @@ from boxcal.target.arrays import Array
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ScoreTest:
-    """What the present solution says about one explanation.
+    """Score test of one explanation at the present solution.
 
     Attributes
     ----------

@@ -158,7 +158,7 @@ def profile_of(
 
 
 class _System(NamedTuple):
-    """What slip does not change: the pictures' equations without local unknowns, their sum of squares; the legs."""
+    """Parts of the normal equations that do not depend on slip."""
 
     problem: Problem
     legs: LegResiduals

@@ -122,7 +122,7 @@ def retract(problem: Problem, state: State, d_shared: Array, d_stops: Array, d_l
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CameraMotions:
-    """Where the cameras are and how they move, as right perturbations of ``T_box_cam``.
+    """Camera poses and their derivatives as right perturbations of ``T_box_cam``.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""How the target as built differs from its description: print, dot gain, where each face lies, how it bows.
+"""Target deformation: print scale, dot gain, pose and bow of each face.
 
 Every sheet is a rigid face that lies where the description has it, moved by a small rigid motion (glued a little
 aside, low or turned; a box that is not square), printed a little too large or small, and bowed. All landmarks of one
@@ -75,7 +75,7 @@ class TargetDeformation:
 
     @property
     def direct(self) -> int:
-        """How many columns of its own the target has in a corner's Jacobian."""
+        """Number of the target's own columns in a corner's Jacobian."""
         return DIRECT if self.names else 0
 
     def column(self, name: str) -> int | None:

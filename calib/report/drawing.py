@@ -1,4 +1,4 @@
-"""What a page's script draws, as plain numbers."""
+"""Data of a page's drawings as plain numbers."""
 
 from collections.abc import Sequence
 from typing import Any

@@ -113,7 +113,7 @@ class OddOne:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Step:
-    """What to do now, and which robots need it."""
+    """Next step of a fleet, and the robots that need it."""
 
     text: str
     robots: tuple[str, ...]

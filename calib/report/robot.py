@@ -98,7 +98,7 @@ def _all(drives: Drives) -> tuple[Correspondences, ...]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Shown:
-    """What of a verdict is shown first, and what is in order and shown on demand."""
+    """Parts of a verdict: reasons shown first, and those in order, shown on demand."""
 
     first: tuple[Reason, ...]
     fine: tuple[Reason, ...]

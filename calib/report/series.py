@@ -47,7 +47,7 @@ def growth_data(detail: Detail | None) -> dict[str, Any] | None:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GrowthRow:
-    """What the first stops gave: value and sigma of the first six panels, in their units; None where infinite."""
+    """Values and sigmas over the number of stops for the first six panels, in their units; None where infinite."""
 
     stops: int
     cells: tuple[tuple[float | None, float | None], ...]

@@ -34,7 +34,7 @@ class Wheels:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Quality:
-    """How well the data fit the calibration.
+    """Goodness of fit of a calibration.
 
     Attributes
     ----------
@@ -88,7 +88,7 @@ class StopResult:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Provenance:
-    """How a result came about.
+    """Provenance of a result.
 
     Attributes
     ----------
@@ -184,7 +184,7 @@ class Calibration:
 
     @property
     def yaw_pitch_roll(self) -> tuple[float, float, float]:
-        """Where the camera looks, rad: yaw to the left, pitch down, roll; zeros for straight ahead."""
+        """Camera direction as yaw to the left, pitch down and roll, rad; zeros for straight ahead."""
         return yaw_pitch_roll(self.T_body_cam[:3, :3])
 
     @property

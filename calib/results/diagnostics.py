@@ -1,4 +1,4 @@
-"""What a calibration says beyond its numbers: how sure they are, what happened on each leg, what cannot be seen."""
+"""Uncertainty, legs, outliers and unobservable directions of a calibration."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -20,7 +20,7 @@ SIDE = (
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Covariance:
-    """How sure parameters are.
+    """Covariance of named parameters.
 
     Attributes
     ----------
@@ -88,7 +88,7 @@ class Leg:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Ground:
-    """What the uncertainty means on the ground (standard deviations).
+    """Standard deviations of odometry and projection that follow from a calibration's uncertainty.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""How a result came about: version, command, inputs and settings."""
+"""Provenance of a result: version, command, inputs and settings."""
 
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime

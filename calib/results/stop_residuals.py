@@ -1,4 +1,4 @@
-"""What was seen against what the calibration expects, corner by corner."""
+"""Reprojection errors of a calibration, corner by corner."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Whether a calibration can be used, and why: the judgement that it carries."""
+"""Verdict that a calibration carries: its level, reasons and next steps."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -28,7 +28,7 @@ class Kind(StrEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reason:
-    """What one rule says.
+    """Judgement of one rule.
 
     Attributes
     ----------
@@ -56,7 +56,7 @@ class Reason:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Verdict:
-    """Whether a calibration can be used.
+    """Verdict on a calibration: good, usable or redo, with reasons.
 
     Attributes
     ----------
@@ -78,17 +78,17 @@ class Verdict:
 
     @property
     def causes(self) -> tuple[Reason, ...]:
-        """What is wrong, without what follows from it."""
+        """Reasons that are causes, without those that follow from them."""
         return tuple(r for r in self.reasons if r.level is not Level.GOOD and not r.because)
 
     @property
     def notes(self) -> tuple[Reason, ...]:
-        """What was solved for, so that the result allows for it."""
+        """Causes that were solved for, so that the result allows for them."""
         return tuple(r for r in self.reasons if r.kind is Kind.NOTE)
 
     @property
     def unchecked(self) -> tuple[Reason, ...]:
-        """What could not be checked."""
+        """Checks that could not be made."""
         return tuple(r for r in self.reasons if r.kind is Kind.UNCHECKED)
 
     @property
@@ -98,7 +98,7 @@ class Verdict:
 
     @property
     def count(self) -> str:
-        """How many checks were made and how they went, in words."""
+        """Summary of the checks in words."""
         follow = sum(bool(r.because) for r in self.reasons)
         return "; ".join(
             part

@@ -1,4 +1,4 @@
-"""What of a simulated robot, its box and its floor is not exact, as it is asked for on the command line."""
+"""Faults of a simulated robot, its box and its floor as command-line options."""
 
 from dataclasses import dataclass, field, replace
 
@@ -14,7 +14,7 @@ from boxcal.calib.simulate.violations import HARMLESS, STOPS, VIOLATIONS, Violat
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AskedFaults:
-    """What is not to be exact.
+    """Faults that were asked for.
 
     Attributes
     ----------

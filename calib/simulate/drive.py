@@ -27,7 +27,7 @@ _EXACT_SIGMA_PX = 1e-6
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DriveOptions:
-    """How a robot is driven, and how well its wheels are measured.
+    """Options of a simulated drive: stops, speeds, slip and encoders.
 
     Attributes
     ----------

@@ -23,7 +23,7 @@ from boxcal.target.files.atomic_write import write_atomically
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Job:
-    """What one robot is to do.
+    """Job of one simulated robot.
 
     Attributes
     ----------
@@ -61,7 +61,7 @@ class Job:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Done:
-    """What one robot did.
+    """Outcome of one simulated robot's job.
 
     Attributes
     ----------

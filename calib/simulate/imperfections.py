@@ -1,4 +1,4 @@
-"""What is not exact about a robot, its floor, its camera and the box, in figures; all zero is the rigid model."""
+"""Imperfections of robot, floor, camera and box in figures; all zero is the rigid model."""
 
 from dataclasses import dataclass
 
@@ -8,7 +8,7 @@ from boxcal.target.box import FACES, Box
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class WheelFaults:
-    """How wheels and encoders depart from two round wheels that roll.
+    """Departures of wheels and encoders from two round wheels that roll.
 
     Attributes
     ----------
@@ -52,7 +52,7 @@ class WheelFaults:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CameraFaults:
-    """How the camera departs from one lens on one mounting with one clock.
+    """Departures of the camera from one model on one rigid mounting with one clock.
 
     Attributes
     ----------
@@ -83,7 +83,7 @@ class CameraFaults:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class BoxFaults:
-    """How the box that stands there departs from its description.
+    """Departures of the built box from its description.
 
     Attributes
     ----------

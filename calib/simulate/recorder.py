@@ -35,7 +35,7 @@ _SOUND = Imperfections().box
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RecordOptions:
-    """What goes into a log.
+    """Contents of a simulated log.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What stands where at each stop of a drive: the floor under the robot, the box, the camera on it, and its lens."""
+"""True scene at each stop of a drive: floor, box, camera pose and camera model."""
 
 from dataclasses import dataclass, replace
 

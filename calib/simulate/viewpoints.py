@@ -1,4 +1,4 @@
-"""Where to stop: poses spread around the box from which the camera sees it well."""
+"""Choice of stops: poses around the box from which the camera sees it well."""
 
 from math import atan2, ceil, hypot, pi
 

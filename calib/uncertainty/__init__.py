@@ -1,1 +1,1 @@
-"""How sure a calibration is: propagation, observability, cross-validation, the Cramer-Rao bound."""
+"""Uncertainty of a calibration: propagation, observability, cross-validation, the Cramer-Rao bound."""

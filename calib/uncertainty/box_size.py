@@ -1,4 +1,4 @@
-"""What a measured box's own uncertainty adds to every length of a calibration."""
+"""Uncertainty that a measured box adds to every length of a calibration."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""How the estimate grew with the drive: estimates from its first stops only (the paper's figures 8 and 9)."""
+"""Convergence over stops: estimates from a drive's first stops only (the paper's figures 8 and 9)."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

@@ -1,4 +1,4 @@
-"""How well a drive can be calibrated at best: the Cramer-Rao bound at the truth, and errors against the truth."""
+"""Cramer-Rao bound of a drive at the truth, and errors of estimates against the truth."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -23,7 +23,7 @@ from boxcal.target.camera.camera_model import CameraModel, first_values
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Truth:
-    """What a simulated robot and its drives truly are.
+    """True parameters of a simulated robot and its drives.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What the calibration's uncertainty means on the ground: where the robot thinks it is, and what its camera sees."""
+"""Propagation of a calibration's uncertainty to dead reckoning and projection."""
 
 from dataclasses import dataclass
 
@@ -39,7 +39,7 @@ class MoveUncertainty:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ProjectionUncertainty:
-    """How well a point that stands still relative to the robot is predicted in the image.
+    """Uncertainty of the pixel at which a point fixed to the robot is predicted.
 
     Attributes
     ----------
@@ -59,7 +59,7 @@ class ProjectionUncertainty:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GroundUncertainty:
-    """What the uncertainty of a calibration means for its user.
+    """Uncertainty of dead reckoning and projection under a calibration.
 
     Attributes
     ----------

@@ -46,7 +46,7 @@ _LEAST_PRIORS = np.array([0.003, 0.003, 0.003, 0.003, 0.001, 0.0005, 0.001, 0.00
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CameraPrior:
-    """What is known of a camera before a picture of it is searched.
+    """Prior knowledge of a camera before its picture is searched.
 
     Attributes
     ----------

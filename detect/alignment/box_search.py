@@ -39,7 +39,7 @@ _PAIRS = 24
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PredictedRegions:
-    """Where tags are looked for, and what says so.
+    """Image regions in which tags are predicted, with the source of each prediction.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Where tags may be: dark quadrilaterals whose inside resembles a pattern, to a pixel or so."""
+"""Tag candidates: dark quadrilaterals whose inside resembles a pattern, accurate to about a pixel."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass

@@ -40,7 +40,7 @@ benchmarks/detector.py, errors have so much of the variance that squares which k
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Misfit:
-    """What the alignment's model leaves out, as the residuals of some tags tell it.
+    """Variance that the alignment's model leaves out, estimated from the residuals of some tags.
 
     Attributes
     ----------

@@ -48,7 +48,7 @@ FINE_SIDE_PX = 22.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DetectorSettings:
-    """How tags are located.
+    """Settings of the tag detector.
 
     Attributes
     ----------
@@ -74,7 +74,7 @@ class DetectorSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class KnownCamera:
-    """What earlier pictures of a camera tell about the next one.
+    """Knowledge from earlier pictures of a camera that speeds up the next one.
 
     Attributes
     ----------

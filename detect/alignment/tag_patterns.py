@@ -1,4 +1,4 @@
-"""What the tags of a target look like: their modules, and how much white stands around them."""
+"""Patterns of a target's tags: their modules and the white margin around them."""
 
 from dataclasses import dataclass
 from functools import lru_cache

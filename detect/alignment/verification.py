@@ -1,4 +1,4 @@
-"""Which aligned tags are really there: the picture must resemble the pattern everywhere, not only on the whole."""
+"""Verification of aligned tags: the image must resemble the pattern everywhere, not only on the whole."""
 
 from dataclasses import dataclass, replace
 
@@ -12,7 +12,7 @@ from boxcal.target.arrays import Array
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Limits:
-    """What a tag must keep to.
+    """Limits that an aligned tag must keep to.
 
     Attributes
     ----------

@@ -51,7 +51,7 @@ def with_response(tags: TagAlignments, old: Array, new: Array) -> TagAlignments:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ImagingParameters:
-    """What all tags of a picture share.
+    """Imaging parameters that all tags of a picture share.
 
     Attributes
     ----------

@@ -20,7 +20,7 @@ _MANY_LAYOUTS = 16
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JointLayout:
-    """Where the numbers of a joint message stand.
+    """Layout of the numbers in a joint message.
 
     Attributes
     ----------

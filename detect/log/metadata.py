@@ -1,4 +1,4 @@
-"""What a recording says of the robot besides its readings: description, static transforms, camera figures."""
+"""Metadata of a recording: robot description, static transforms, camera info."""
 
 from dataclasses import dataclass, field
 from typing import Any

@@ -1,4 +1,4 @@
-"""What a recording says of wheels, before it is decided which of it are the wheels: numbers over time."""
+"""Candidate wheel signals of a recording: numbers over time, before the wheels are chosen."""
 
 from dataclasses import dataclass, field
 from enum import StrEnum
@@ -14,7 +14,7 @@ _FEW = 4
 
 
 class Quantity(StrEnum):
-    """What the numbers of a signal are."""
+    """Kinds of numbers that a signal may hold."""
 
     POSITION = "positions"
     VELOCITY = "velocities"

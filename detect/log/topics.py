@@ -1,4 +1,4 @@
-"""What a user may name in a recording, and which topic is the camera."""
+"""Names that a user may give for topics and joints, and the choice of the camera topic."""
 
 import re
 from collections.abc import Collection, Mapping
@@ -19,7 +19,7 @@ _DERIVED = re.compile(r"rect|annotat|overlay|debug|result|detections?_image|tag|
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Topics:
-    """What a user may name where names alone do not decide; None leaves it to the names.
+    """Topics and joints named by the user; None leaves the choice to the names in the log.
 
     A wheel is a joint, or any number in any topic: ``/wheel_ticks.ticks_left``, ``/encoders.data[0]``.
     """

@@ -1,4 +1,4 @@
-"""Which signals of a recording are the robot's wheels: what is named, else what its name means and what moves."""
+"""Choice of the wheel signals of a recording: by the user's names, else by what names mean and what moves."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -39,7 +39,7 @@ class WheelChoice:
 
     @property
     def quantity(self) -> Quantity:
-        """What the signals' numbers are."""
+        """Kind of the chosen signals' numbers."""
         return Quantity.ODOMETRY if self.odometry is not None else self.right[0].quantity
 
 

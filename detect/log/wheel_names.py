@@ -1,4 +1,4 @@
-"""Which wheel a name means, in the habits of public robots."""
+"""Wheel side meant by a joint's name, in the habits of public robots."""
 
 import re
 from typing import Literal

@@ -72,7 +72,7 @@ class JointUnit(StrEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WheelUnits:
-    """What a robot's wheel readings mean.
+    """Units and signs of a robot's wheel readings.
 
     Attributes
     ----------
@@ -102,7 +102,7 @@ class WheelUnits:
 
     @property
     def factors(self) -> tuple[float, float]:
-        """What turns a reading of the right and of the left wheel into rad (rolling forward is positive)."""
+        """Factors from readings of the right and the left wheel to rad (rolling forward is positive)."""
         size = {
             JointUnit.RADIANS: 1.0,
             JointUnit.DEGREES: radians(1.0),

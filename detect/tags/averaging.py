@@ -17,7 +17,7 @@ _LEAST_OUTLIER_PX = 0.1
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class AveragedCorners:
-    """What the frames of one stop agree on.
+    """Corners averaged over the frames of one stop.
 
     Attributes
     ----------
@@ -62,7 +62,7 @@ class AveragedCorners:
 
     @property
     def tags(self) -> int:
-        """How many tags have all four corners."""
+        """Number of tags with all four corners."""
         return int(np.sum(np.unique(self.landmark_ids // 4, return_counts=True)[1] == 4))
 
 

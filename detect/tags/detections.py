@@ -1,4 +1,4 @@
-"""Which tags of the target an image shows, and where their corners are."""
+"""Detection of the target's tags and their corners in an image."""
 
 from dataclasses import dataclass, field
 from functools import cache
@@ -30,7 +30,7 @@ _THRESHOLD_CONSTANT = 3.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TagSettings:
-    """How tags are found.
+    """Settings of the detection of tags.
 
     Attributes
     ----------

@@ -29,7 +29,7 @@ _SYSTEMATIC_MODULE_PX2 = 0.18
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CornerSettings:
-    """How corners are refined.
+    """Settings of the refinement of corners.
 
     Attributes
     ----------

@@ -36,7 +36,7 @@ _TUKEY = 4.685
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Stillness:
-    """How the frames of a stop differ from the picture that most of them show.
+    """Differences of a stop's frames from the picture that most of them show.
 
     Attributes
     ----------
@@ -63,7 +63,7 @@ class Stillness:
 
     @property
     def left_out(self) -> str:
-        """How many frames are left out and why, as a phrase; empty if none is."""
+        """Phrase with the number of frames left out and the reasons; empty if none is."""
         reasons = (("moved", self.moved), ("changed in part (covered?)", self.changed), ("flickered", self.flickered))
         told, seen = [], self.kept.copy()
         for word, which in reasons:

@@ -30,7 +30,7 @@ EXPOSURE = 0.005
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class StopMeasurement:
-    """What the frames of one stop show.
+    """Measurement of one stop from its frames.
 
     Attributes
     ----------

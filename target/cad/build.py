@@ -1,4 +1,4 @@
-"""How the box is built: the figures of its walls, lid, tabs, pins, numbers and inlays."""
+"""Dimensions of the printable solid: walls, lid, tabs, pins, numbers and inlays."""
 
 from dataclasses import dataclass, fields
 from math import isfinite

@@ -1,4 +1,4 @@
-"""What a box measures once it is printed and built: print scale and outer size, with their covariance."""
+"""Measured size of a built box: print scale and outer size, with their covariance."""
 
 from dataclasses import dataclass
 from math import isfinite

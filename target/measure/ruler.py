@@ -21,7 +21,7 @@ SIZE_PRIOR = 0.001
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Readings:
-    """What one length was read as.
+    """Readings of one length.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""How a target's corners follow the sizes that a ruler measures."""
+"""Derivatives of a target's corners by the sizes that a ruler measures."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""What ``make-target`` can write beside the paper: pictures, simulator models, CAD and cut files.
+"""Products of ``make-target`` besides the paper: pictures, simulator models, CAD and cut files.
 
 Light to import: every product brings in what it needs when it is made.
 """

@@ -1,4 +1,4 @@
-"""Where things lie on the printed page of a face: the face, its tags, and room for marks that disturb neither."""
+"""Layout of a face's printed page: the face, its tags, and room for marks that disturb neither."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace

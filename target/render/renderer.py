@@ -1,4 +1,4 @@
-"""What a camera sees of the box, from any pose outside it: pictures with edges right to a hundredth of a pixel.
+"""Renderer of the box from any pose outside it, with edges right to a hundredth of a pixel.
 
 A face is a sheet of black and white modules, so the mean of its ink over any rectangle of the sheet is exact from a
 few look-ups (:mod:`boxcal.target.render.texture`). A pixel that lies within one colour needs one such mean; a pixel
@@ -115,7 +115,7 @@ def encode_jpeg(image: Image, quality: int = 90) -> bytes:
 
 
 class _Scene:
-    """What is seen at each pixel, and at the samples of those pixels that an edge crosses."""
+    """Surface seen at each pixel, and at the samples of those pixels that an edge crosses."""
 
     def __init__(self, pixels: int) -> None:
         self.intensity = np.zeros(pixels, dtype=np.float32)

@@ -15,7 +15,7 @@ _BINS = 2.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Axis:
-    """Where the colour can change along one axis of a sheet.
+    """Positions along one axis of a sheet at which the colour can change.
 
     Cell 0 lies before the first break and cell ``len(breaks) - 1`` after the last one.
 

@@ -1,4 +1,4 @@
-"""Which tags of the box a camera has wholly in its picture, and which poses and sizes are possible at all."""
+"""Visibility of the box's tags to a camera, and checks of poses and image sizes."""
 
 import numpy as np
 

@@ -1,1 +1,1 @@
-"""What the folder above states in numpy, compiled by numba (extra ``fast``): the same arguments, the same results."""
+"""Functions of the folder above compiled by numba (extra ``fast``): the same arguments, the same results."""

@@ -1,4 +1,4 @@
-"""What arrays do in numpy by slices and calls, as loops: compiled, those would take longer than all the rest."""
+"""Array operations as loops, which compile faster than slices and calls."""
 
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""What module edges near the pixels of a block do to them, and the Jacobian's rows: short loops in single precision.
+"""Contributions of module edges to a block of pixels and to its Jacobian, in single precision.
 
 No loop has a branch, so that the compiler turns each into vector instructions. Edges enter by partial summation,
 ``sum_k E_k (Phi_k - Phi_k+1) = E_0 + sum_e Phi_e (E_e+1 - E_e)``, which needs the differences of the modules along u,

@@ -1,4 +1,4 @@
-"""How functions are compiled, and where compiled code is kept from one process to the next.
+"""Compilation of functions by numba, and the cache of compiled code.
 
 Compiled code lies in the user's cache (``~/.cache/boxcal``, or where ``NUMBA_CACHE_DIR``, ``XDG_CACHE_HOME`` or the
 system says), in a folder named by the hash of its sources and numba's version, so that an update never meets old code;

@@ -1,4 +1,4 @@
-"""How far the blocks of aligned tags lie from where the alignment has them: a deformation that no homography follows.
+"""Displacement of blocks of aligned tags from the alignment: a deformation that no homography follows.
 
 A tag is divided into three blocks each way. With ``g`` the picture's gradient at a pixel and ``r`` its residual, a
 block lies ``d = A^-1 y`` beside its place, ``A = sum g g^T``, ``y = sum g r`` (Lucas and Kanade 1981).

@@ -25,7 +25,7 @@ LONGEST_MODULES, LONGEST_LOG, MOST_EXPLAINED = 0.8, 0.35, 0.98
 
 
 class StepRules(NamedTuple):
-    """How Gauss-Newton steps are taken.
+    """Settings of the Gauss-Newton steps.
 
     Attributes
     ----------

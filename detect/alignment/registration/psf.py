@@ -1,4 +1,4 @@
-"""What one pixel sees of a tag: the pattern under a Gaussian blur, with its derivatives.
+"""Intensity of a tag's pattern under a Gaussian point spread function, with its derivatives.
 
 A pixel at (x, y) lies at ``(u, v) = H(x, y)`` on the tag. Blur and pixel area together weigh the image plane with an
 isotropic Gaussian of deviation sigma px, that is on the tag a Gaussian with deviations ``s_u = sigma |grad u|``,

@@ -1,4 +1,4 @@
-"""What every kind of recording gives: its messages in one pass, and single messages again by their place."""
+"""Common interface of all kinds of recordings: messages in one pass, and single messages by their place."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
@@ -82,7 +82,7 @@ class Batch(NamedTuple):
 
 
 class Place(NamedTuple):
-    """Where a message stands: a record of the recording, and an offset in what the record holds."""
+    """Place of a message: a record of the recording, and an offset in what the record holds."""
 
     record: int
     inner: int
@@ -90,7 +90,7 @@ class Place(NamedTuple):
 
 @dataclass(slots=True, kw_only=True)
 class Damage:
-    """What of a recording could not be read, and why.
+    """Parts of a recording that could not be read, with the reason.
 
     Attributes
     ----------
@@ -151,7 +151,7 @@ class Budget:
 
     @property
     def messages_left(self) -> int:
-        """How many more messages the file may hold."""
+        """Number of further messages that the file may hold."""
         return _FREE_MESSAGES + self.size // _BYTES_A_MESSAGE - self.messages
 
     def take(self, *, messages: int = 0, unpacked: int = 0) -> None:

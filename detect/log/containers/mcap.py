@@ -48,7 +48,7 @@ _MAX_CHANNELS = 65_536
 
 
 class ChunkHead(NamedTuple):
-    """What a chunk says of itself: times (ns), unpacked size, checksum, compression, and where its data begins."""
+    """Header of an MCAP chunk: times (ns), unpacked size, checksum, compression, and where its data begins."""
 
     start_ns: int
     end_ns: int

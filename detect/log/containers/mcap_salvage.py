@@ -1,4 +1,4 @@
-"""What helps where an MCAP file is damaged: its summary, and where records go on behind a lost place."""
+"""Salvage of damaged MCAP files: their summary, and where records go on behind a lost place."""
 
 import struct
 from collections.abc import Iterator
