@@ -1,4 +1,4 @@
-"""How likely a leg's difference is as a slip of one wheel, a pushed box or a robot carried: their evidence compared.
+"""Likelihood of a leg's difference as a slip of one wheel, a pushed box or a robot carried.
 
 A slip at some moment of a leg can look like almost any small displacement, and a pushed box like any at all: each
 explanation is charged for all that it could have explained besides.
@@ -25,7 +25,7 @@ _STEP = 1e-6
 
 
 class LegCause(StrEnum):
-    """What may happen on one leg."""
+    """Events that may happen on one leg."""
 
     SLIPPED = "leg-slipped"
     BOX_MOVED = "box-moved"

@@ -54,7 +54,7 @@ class Scrub(OfWheels):
 
     @property
     def unseen(self) -> dict[str, float]:
-        """Of the distance between the wheels, and of the camera's place ahead."""
+        """Prior sigmas of the wheel separation and of the camera's place ahead."""
         return {"b": TYPICAL * self.at.b, "tx": TYPICAL * self.at.b / 2}
 
     def columns(self, problem: Problem, state: State) -> Columns:  # noqa: ARG002 (held at the reference)

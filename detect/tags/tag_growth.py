@@ -1,4 +1,4 @@
-"""How far tags' edges lie outside their places, as a wrong response curve or spreading ink moves them all alike.
+"""Outward displacement of the tags' edges, which a wrong response curve or dot gain moves all alike.
 
 Under a wrong response curve all tags look too small or too large by the same few tenths of a pixel while their pitch
 stays, so the right curve is the one under which the tags of a face keep the size that their pitch says.
@@ -21,7 +21,7 @@ _LEAST_SIGMA_PX = 0.02
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TagGrowth:
-    """How tags differ from their places on their faces.
+    """Deviation of tags from their places on their faces.
 
     Attributes
     ----------
