@@ -92,11 +92,9 @@ class WheelUnits:
     def __post_init__(self) -> None:
         ticks = self.ticks_per_turn
         if (self.unit is JointUnit.TICKS) != (ticks is not None):
-            raise DetectError(
-                f"wheel readings in {self.unit} with {ticks} ticks per turn",
-                needed="ticks per turn with ticks, and only with them",
-                remedy="give --joint-unit ticks --ticks-per-turn N",
-            )
+            given = "wheel readings in ticks" if ticks is None else f"{ticks:g} ticks per turn"
+            missing = "the ticks of a wheel's turn are needed" if ticks is None else f"readings are in {self.unit}"
+            raise DetectError(given, needed=missing, remedy="give --joint-unit ticks --ticks-per-turn N together")
         if ticks is not None and not (isfinite(ticks) and ticks > 0):
             raise DetectError(f"{ticks} ticks per turn", needed="a positive number")
 

@@ -9,6 +9,7 @@ pytest.importorskip("foxglove_schemas_protobuf")
 pytest.importorskip("mcap_ros1")
 from recorded_kinds import KINDS, events, ros2_mcap
 
+from boxcal.detect.errors import DetectError
 from boxcal.detect.log.opener import robot_name_of
 from boxcal.detect.log.recording import Recording, open_recording, read_wheels
 
@@ -48,6 +49,17 @@ def test_a_bag_folder_without_its_metadata_is_read_and_said(tmp_path: Path) -> N
     found = open_recording(path)
     _same(found, open_recording(ros2_mcap(tmp_path / "twin.mcap", events())))
     assert any("no whole metadata.yaml" in note for note in found.notes)
+
+
+def test_a_folder_of_several_robots_recordings_is_no_bag(tmp_path: Path) -> None:
+    """What the simulator writes, and what a fleet's logs look like: joined they would be one nonsensical drive."""
+    whole = ros2_mcap(tmp_path / "one.mcap", events())
+    folder = tmp_path / "robots"
+    folder.mkdir()
+    for name in ("r01.mcap", "r02.mcap", "r03.mcap"):
+        (folder / name).write_bytes(whole.read_bytes())
+    with pytest.raises(DetectError, match=r"robots: a folder of 3 recordings of their own .*robots/\*\.mcap"):
+        open_recording(folder)
 
 
 def test_a_missing_part_of_a_bag_costs_its_time_and_is_said(tmp_path: Path) -> None:

@@ -79,13 +79,13 @@ class BagFolder:
 def folder_parts(path: Path) -> tuple[list[Path], bool, list[str]]:
     """Return the parts of a bag folder in order, whether its messages are compressed one by one, and what is odd.
 
-    The metadata names the parts; where it is missing or damaged, as after a crash, the recordings in the folder are
-    taken by name. Names that lead out of the folder are not followed.
+    The metadata names the parts; where it is missing or damaged, as after a crash, recordings that are numbered as
+    parts of one bag are taken by name. Names that lead out of the folder are not followed.
 
     Raises
     ------
     DetectError
-        If the folder holds no recording.
+        If the folder holds no recording, or several that are no parts of one.
     """
     there = sorted((p for p in path.iterdir() if p.name.lower().endswith(PARTS) and p.is_file()), key=_natural)[
         :_MAX_PARTS
@@ -100,6 +100,13 @@ def folder_parts(path: Path) -> tuple[list[Path], bool, list[str]]:
         if missing:
             notes.append(f"{len(missing)} of its {len(named)} parts are missing ({printable(missing[0])} ...)")
         there = parts or there
+    elif len({_stem(p) for p in there}) > 1:
+        raise DetectError(
+            f"a folder of {len(there)} recordings of their own ({printable(there[0].name)}, ...) and no {METADATA}",
+            source=path.name,
+            needed="one recording or the numbered parts of one bag are needed",
+            remedy=f"name the recordings themselves: {printable(path.name)}/*{there[0].suffix}",
+        )
     elif there:
         notes.append(f"no whole {METADATA}; the recordings in the folder were taken by name")
     if not there:
@@ -110,6 +117,14 @@ def folder_parts(path: Path) -> tuple[list[Path], bool, list[str]]:
             remedy="name the recording itself",
         )
     return there, packed, notes
+
+
+def _stem(path: Path) -> str:
+    """Return the name that the parts of one bag share: what stands before ``_0.mcap``."""
+    return _PART.sub("", path.name.lower())
+
+
+_PART = re.compile(r"_\d+(?=\.)")
 
 
 def _natural(path: Path) -> list[tuple[int, str]]:
