@@ -7,8 +7,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from math import isfinite, radians
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from boxcal.command_line import CommandParser
+
+if TYPE_CHECKING:
+    from boxcal.calib.simulate.fleet import Job
 
 _DESCRIPTION = """\
 example:
@@ -27,24 +31,40 @@ def main(argv: Sequence[str] | None = None) -> int:
     args = _parser().parse_args(argv)
 
     # What is heavy comes after --help has answered.
-    from boxcal.calib.simulate.asked_faults import AskedFaults, named_violation
-    from boxcal.calib.simulate.drive import DriveOptions
-    from boxcal.calib.simulate.fleet import Job, simulate_fleet
-    from boxcal.calib.simulate.recorder import RecordOptions
-    from boxcal.target.box import make_target
-    from boxcal.target.camera.camera_model import CameraKind
+    from boxcal.calib.simulate.fleet import simulate_fleet
     from boxcal.target.errors import BoxcalError
-    from boxcal.target.files.target_json import load_target
 
     try:
-        target = load_target(args.target) if args.target else make_target()
-        for name, _ in args.violation:
-            named_violation(name)
+        jobs = _jobs(args)
         args.folder.mkdir(parents=True, exist_ok=True)
     except BoxcalError as error:
         return _failed(str(error))
     except OSError as error:
         return _failed(f"{args.folder}: cannot be made ({error.strerror or error}); name another FOLDER")
+    failed = 0
+    for k, done in enumerate(simulate_fleet(jobs, args.jobs)):
+        failed += bool(done.error)
+        if done.error:
+            _failed(done.error)
+        else:
+            print(f"{done.log}: {done.stops} stops, {done.frames} pictures, {done.duration_s:.0f} s", flush=True)
+        print(f"simulate-fleet: {k + 1} of {len(jobs)} robots done", file=sys.stderr)
+    return 1 if failed else 0
+
+
+def _jobs(args: argparse.Namespace) -> "list[Job]":
+    """Return what each robot is to do."""
+    from boxcal.calib.simulate.asked_faults import AskedFaults, named_violation
+    from boxcal.calib.simulate.drive import DriveOptions
+    from boxcal.calib.simulate.fleet import Job
+    from boxcal.calib.simulate.recorder import RecordOptions
+    from boxcal.target.box import make_target
+    from boxcal.target.camera.camera_model import CameraKind
+    from boxcal.target.files.target_json import load_target
+
+    target = load_target(args.target) if args.target else make_target()
+    for name, _ in args.violation:
+        named_violation(name)
     drive = DriveOptions(
         stops=args.stops,
         encoder_step=radians(args.encoder_step_deg),
@@ -65,7 +85,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         tilt=None if args.tilt_deg is None else radians(args.tilt_deg),
         violations=tuple(args.violation),
     )
-    jobs = [
+    return [
         Job(
             folder=args.folder,
             number=k + 1,
@@ -79,15 +99,6 @@ def main(argv: Sequence[str] | None = None) -> int:
         )
         for k in range(args.robots)
     ]
-    failed = 0
-    for k, done in enumerate(simulate_fleet(jobs, args.jobs)):
-        failed += bool(done.error)
-        if done.error:
-            _failed(done.error)
-        else:
-            print(f"{done.log}: {done.stops} stops, {done.frames} pictures, {done.duration_s:.0f} s", flush=True)
-        print(f"simulate-fleet: {k + 1} of {len(jobs)} robots done", file=sys.stderr)
-    return 1 if failed else 0
 
 
 def _failed(message: str) -> int:

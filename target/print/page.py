@@ -64,6 +64,33 @@ class Joints:
     up: tuple[float, ...]
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Room:
+    """Where marks have been put on a page (m) that is cut at joints, and where the next one may stand."""
+
+    width: float
+    height: float
+    joints: Joints | None
+    taken: list[Rect]
+
+    def find(self, strips: Iterable[Strip], thickness: Callable[[float], float], length: float | None) -> Slot | None:
+        """Return and take the first free place in strips for a mark of a length; None if there is none."""
+        for strip in (piece for whole in strips for piece in whole.pieces(self._cuts(whole))):
+            slot = first_free(strip, self.taken, thickness(strip.length), length)
+            if slot is not None:
+                self.taken.append(slot.room)
+                return slot
+        return None
+
+    def _cuts(self, strip: Strip) -> list[float]:
+        """Return where joints cut a strip, along its writing."""
+        if self.joints is None:
+            return []
+        if strip.turned:
+            return [self.height / 2 + y for y in self.joints.up]
+        return [self.width / 2 + x for x in self.joints.across]
+
+
 def lay_out(
     box: Box, face: int, paper: Paper, notes_thickness: Callable[[float], float], joints: Joints | None = None
 ) -> Page:
@@ -96,24 +123,10 @@ def lay_out(
     quiet = box.tag_size / modules_per_side(box.dictionary)
     rim_top, rim_bottom, rim_left, rim_right, above, below, left, right = _strips(box, width, height, outline, tags)
 
-    taken: list[Rect] = []
-
-    def cuts(strip: Strip) -> list[float]:
-        """Return where joints cut a strip, along its writing."""
-        if joints is None:
-            return []
-        return [height / 2 + y for y in joints.up] if strip.turned else [width / 2 + x for x in joints.across]
-
-    def find(strips: Iterable[Strip], thickness: Callable[[float], float], length: float | None) -> Slot | None:
-        for strip in (piece for whole in strips for piece in whole.pieces(cuts(whole))):
-            slot = first_free(strip, taken, thickness(strip.length), length)
-            if slot is not None:
-                taken.append(slot.room)
-                return slot
-        return None
+    room = _Room(width=width, height=height, joints=joints, taken=[])
 
     def place(what: str, strips: Iterable[Strip], thickness: Callable[[float], float], length: float | None) -> Slot:
-        slot = find(strips, thickness, length)
+        slot = room.find(strips, thickness, length)
         if slot is not None:
             return slot
         raise TargetError(
@@ -129,8 +142,8 @@ def lay_out(
         None,
     )
     across = place("a scale bar", (rim_bottom, rim_top, below, above), lambda _: BAR_THICKNESS, BAR_LENGTH)
-    up = find((rim_left, rim_right), lambda _: BAR_THICKNESS, BAR_LENGTH)
-    up = up or find(slim_rims(outline, tags, quiet), lambda _: SLIM_BAR, BAR_LENGTH)
+    up = room.find((rim_left, rim_right), lambda _: BAR_THICKNESS, BAR_LENGTH)
+    up = up or room.find(slim_rims(outline, tags, quiet), lambda _: SLIM_BAR, BAR_LENGTH)
     up = up or place("a scale bar", (left, right), lambda _: BAR_THICKNESS, BAR_LENGTH)
     notes = place(
         "the printing notes",
