@@ -50,6 +50,7 @@ def products(*, dpi: float = 300.0) -> tuple[Product, ...]:
         Product(name="obj", extra="", what="textured model, Wavefront OBJ with a picture a face, y up", make=_obj),
         Product(name="landmark_box", extra="", what="model folder for Gazebo (SDF)", make=_sdf),
         Product(name="mujoco", extra="", what="model for MuJoCo (MJCF)", make=_mjcf),
+        Product(name="svg", extra="", what="faces and fold-up net as drawings in mm (SVG)", make=_svg),
         Product(name="kalibr", extra="", what="the faces as grids in the manner of Kalibr (YAML)", make=_kalibr),
         Product(
             name="localisation",
@@ -103,6 +104,12 @@ def _kalibr(target: "Target") -> Mapping[str, bytes]:
     from boxcal.target.models.kalibr import face_grids  # noqa: PLC0415 - heavy
 
     return _within("kalibr", face_grids(target))
+
+
+def _svg(target: "Target") -> Mapping[str, bytes]:
+    from boxcal.target.print.svg import svg_files  # noqa: PLC0415 - heavy
+
+    return _within("svg", svg_files(target))
 
 
 def _localisation(target: "Target") -> Mapping[str, bytes]:
