@@ -1,4 +1,4 @@
-"""What things are called in the files for others: frames, the camera's topic, the wheels' controller."""
+"""Names in the files for other programs: frames, the camera's topic, the wheels' controller."""
 
 import re
 from dataclasses import dataclass
@@ -43,7 +43,7 @@ class Names:
 
     @property
     def joint(self) -> str:
-        """What joints of the camera are called, up to their ends."""
+        """Stems of the names of the camera's joints."""
         return self.link.removesuffix("_link")
 
 
