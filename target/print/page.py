@@ -66,7 +66,7 @@ class Joints:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Room:
-    """Where marks have been put on a page (m) that is cut at joints, and where the next one may stand."""
+    """Room for marks on a page that is cut at joints: places taken, and the next free one, m."""
 
     width: float
     height: float
