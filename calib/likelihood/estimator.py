@@ -26,6 +26,7 @@ from boxcal.calib.likelihood.levenberg_marquardt import (
 from boxcal.calib.likelihood.normal_equations import solve
 from boxcal.calib.likelihood.options import EstimateOptions
 from boxcal.calib.likelihood.outliers import (
+    LegMemory,
     first_leg_weights,
     flag_corners,
     flag_legs,
@@ -46,7 +47,7 @@ from boxcal.calib.likelihood.variance_components import (
     updated,
 )
 from boxcal.detect.correspondences import Correspondences
-from boxcal.target.arrays import Ids
+from boxcal.target.arrays import Array, Ids
 from boxcal.target.camera.camera_model import CameraKind
 
 MIN_STOPS = 3
@@ -59,6 +60,11 @@ _INNER = 12
 _CLOSE, _LOOSE = 0.02, 0.1
 """Relative changes of a component at which its fixed point, and the rounds, end."""
 _CLOSE_WEIGHT = 0.05
+"""Change of a leg's weight at which it stays put."""
+_MOST_STEPS = 200
+"""Steps of all rounds after which they end, settled or not."""
+_LEAST_OF_QUIET = 0.05
+"""Slip is first taken as at least this share of what equals the quantisation."""
 _CORNER_LEFT_OUT, _LEG_LEFT_OUT = 12.0, 10.0
 """What leaving out one of them costs, in log likelihood: about where the tests draw the line."""
 
@@ -182,44 +188,30 @@ def solve_likelihood(problem: Problem, state: State, options: EstimateOptions, k
     Each round maximises the likelihood for fixed components and weights, then updates the components, then tests legs
     and corners. Rounds end when no weight changes and the components stay put.
     """
-    everything = Weights(corners=np.ones(len(problem.uv_px)), legs=problem.leg_known.astype(np.float64))
-    at = linearize(problem, state, known.weights if known else everything)
-    smallest = smallest_scale(problem)
-    scale = options.noise_scale or max(robust_scale(at.residual_px), smallest)
-    legs, slip = first_leg_weights(problem, at)
-    weights = replace(everything, legs=legs) if options.find_faults else everything
-    slip = max(slip if options.slip is None else options.slip, quiet_slip(problem, at) * 0.05)
-    components = known.components if known else first_components(problem, scale, slip)
-    weights = known.weights if known else weights
-    converged, fresh = False, True
-    unreliable: Ids = np.zeros(0, dtype=np.int64)
-    iterations, scale_sigma, tail = 0, 0.0, np.inf
+    at, weights, components = _beginning(problem, state, options, known)
+    legs_seen = LegMemory()
+    iterations, tail, fresh, converged = 0, np.inf, True, False
     for round_ in range(_ROUNDS):
         at, steps = maximise(problem, at if fresh else at.state, components, weights)
         iterations += steps
-        new = weights
-        if options.find_faults:
-            spread = components.noise_scale
-            if round_ == 0 and known is None and options.noise_scale is None:
-                spread = max(robust_scale(at.residual_px), smallest)
-            corners, unreliable = flag_corners(problem, at.residual_px, spread, options.false_alarm)
-            new = replace(new, corners=corners)
-        if round_ == 0 and known is None and not np.array_equal(new.corners, weights.corners):
-            weights, fresh = new, False
+        first = round_ == 0 and known is None
+        corners, unreliable = _corner_weights(problem, at, components, options, first)
+        fresh = np.array_equal(corners, weights.corners)
+        if first and not fresh:
+            weights = replace(weights, corners=corners)
             continue
         before = components
         components, scale_sigma, profile = _components(problem, at, components, weights, options)
         tests = leg_tests(problem, at, weights, profile, tail)
+        legs = weights.legs
         if options.find_faults:
-            legs = flag_legs(problem, tests, weights, options.false_alarm)
-            tail = tail_of(tests.square[legs > 0]) if options.slip is None else np.inf
-            new = replace(new, legs=tail_weights(tests, legs, tail))
-        fresh = np.array_equal(new.corners, weights.corners)
-        same = fresh and np.array_equal(new.legs > 0, weights.legs > 0)
-        same = same and bool(np.all(np.abs(new.legs - weights.legs) < _CLOSE_WEIGHT))
-        weights = new
+            kept = legs_seen.settled(flag_legs(problem, tests, weights, options.false_alarm))
+            tail = legs_seen.heaviest(tail_of(tests.square[kept > 0]) if options.slip is None else np.inf)
+            legs = tail_weights(tests, kept, tail)
+        same = fresh and bool(np.all(np.abs(legs - weights.legs) < _CLOSE_WEIGHT))
+        weights = Weights(corners=corners, legs=legs)
         converged = same and _settled(before, components, scale_sigma, profile)
-        if converged:
+        if converged or iterations > _MOST_STEPS:
             break
     d_shared, d_stops, d_local, cov = profile.averaged()
     at = linearize(problem, moved(problem, at.state, components, (d_shared, d_stops, d_local)), weights)
@@ -239,6 +231,33 @@ def solve_likelihood(problem: Problem, state: State, options: EstimateOptions, k
         converged=converged,
         cost=squares + float(np.sum((tests.whitened**2).T * (weights.legs > 0))),
     )
+
+
+def _beginning(
+    problem: Problem, state: State, options: EstimateOptions, known: Fit | None
+) -> tuple[Linearization, Weights, VarianceComponents]:
+    """Return where the rounds begin: robust guesses from medians, or what a solution near by ended with."""
+    if known is not None:
+        return linearize(problem, state, known.weights), known.weights, known.components
+    everything = Weights(corners=np.ones(len(problem.uv_px)), legs=problem.leg_known.astype(np.float64))
+    at = linearize(problem, state, everything)
+    scale = options.noise_scale or max(robust_scale(at.residual_px), smallest_scale(problem))
+    legs, slip = first_leg_weights(problem, at)
+    weights = replace(everything, legs=legs) if options.find_faults else everything
+    slip = max(slip if options.slip is None else options.slip, quiet_slip(problem, at) * _LEAST_OF_QUIET)
+    return at, weights, first_components(problem, scale, slip)
+
+
+def _corner_weights(
+    problem: Problem, at: Linearization, components: VarianceComponents, options: EstimateOptions, first: bool
+) -> tuple[Array, Ids]:
+    """Return the corners' weights and the unreliable stops; in the first round their noise is told by the median."""
+    if not options.find_faults:
+        return np.ones(len(problem.uv_px)), np.zeros(0, dtype=np.int64)
+    scale = components.noise_scale
+    if first and options.noise_scale is None:
+        scale = max(robust_scale(at.residual_px), smallest_scale(problem))
+    return flag_corners(problem, at.residual_px, scale, options.false_alarm)
 
 
 def refit(fit: Fit, explanations: Sequence[Explanation]) -> Fit:

@@ -5,6 +5,7 @@ of stops that is the residual over its own (smaller) covariance, so nothing is s
 """
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from scipy import special, stats
@@ -145,6 +146,36 @@ def leg_unknowns(problem: Problem, s: Solution) -> Array:
         cov[:, :, rows[:, None], at] = with_shared
         cov[:, :, at[:, None], rows] = np.swapaxes(with_shared, -1, -2)
     return cov
+
+
+class LegMemory:
+    """Which legs were rejected in earlier rounds, so that rounds end.
+
+    A leg that is rejected, returns and is rejected again would do so for ever: once a set of rejected legs comes up
+    a second time after another one, no leg returns any more; nor does normal noise after a heavy tail.
+    """
+
+    def __init__(self) -> None:
+        self._sets: list[tuple[int, ...]] = []
+        self._frozen: Array | None = None
+        self._tails: list[float] = []
+
+    def settled(self, legs: Array) -> Array:
+        """Return the legs' weights (0 or 1), those of a frozen set kept."""
+        if self._frozen is not None:
+            self._frozen = np.minimum(legs > 0, self._frozen).astype(np.float64)
+            return self._frozen
+        now = tuple(np.flatnonzero(legs == 0).tolist())
+        if now in self._sets[:-1] and now != self._sets[-1]:
+            self._frozen = (legs > 0).astype(np.float64)
+        self._sets.append(now)
+        return np.asarray((legs > 0).astype(np.float64))
+
+    def heaviest(self, tail: float) -> float:
+        """Return the legs' degrees of freedom: the least so far once they changed more than twice."""
+        self._tails.append(tail)
+        changes = sum(a != b for a, b in pairwise(self._tails))
+        return min(self._tails) if changes > 2 else tail
 
 
 def tail_of(square: Array) -> float:

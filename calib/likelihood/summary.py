@@ -32,7 +32,7 @@ def summarise(fit: Fit, drives: Sequence[Correspondences]) -> Estimate:
     cov = reported_cov(fit.cov, state, unknown)
     cov[:COUNT, :COUNT] *= np.outer(left_out.inflation, left_out.inflation)
     used = fit.weights.legs > 0
-    legs = flagged_legs(problem, state, fit.tests, used, list(drives))
+    legs = flagged_legs(problem, state, fit.tests, used | ~problem.leg_known, list(drives))
     return Estimate(
         camera=CameraModel.from_values(problem.lens, state.lens),
         rR=float(state.wheels[0]),
@@ -154,6 +154,11 @@ def _flagged_corners(fit: Fit, drives: Sequence[Correspondences]) -> tuple[Flagg
 def _notes(fit: Fit, legs: tuple[FlaggedLeg, ...], cov: Array, left_out: Jackknife) -> tuple[str, ...]:
     problem = fit.problem
     notes = [leg.text for leg in legs]
+    for k in np.flatnonzero(~problem.leg_known):
+        i = int(problem.leg_stop[k])
+        a, b = int(problem.stop[i]) + 1, int(problem.stop[i + 1]) + 1
+        of = f" of drive {int(problem.drive[i]) + 1}" if problem.drives > 1 else ""
+        notes.append(f"between stop {a} and stop {b}{of} the wheels tell nothing of the way: that leg was not used")
     out = int(np.sum(fit.weights.corners == 0))
     if out:
         notes.append(f"{out} of {len(problem.uv_px)} corners lie further off than noise explains and were left out")
