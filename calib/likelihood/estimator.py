@@ -40,6 +40,7 @@ from boxcal.calib.likelihood.score_test import extended
 from boxcal.calib.likelihood.slip_profile import SlipProfile, fixed_profile, quiet_slip, slip_profile
 from boxcal.calib.likelihood.state import State
 from boxcal.calib.likelihood.summary import summarise
+from boxcal.calib.likelihood.systematic_errors import systematic_covariance
 from boxcal.calib.likelihood.variance_components import (
     first_components,
     noise_scale,
@@ -216,11 +217,12 @@ def solve_likelihood(problem: Problem, state: State, options: EstimateOptions, k
     d_shared, d_stops, d_local, cov = profile.averaged()
     at = linearize(problem, moved(problem, at.state, components, (d_shared, d_stops, d_local)), weights)
     _, squares = picture_equations(problem, at, components)
+    best = profile.solution.at(profile.best)
     return Fit(
         problem=problem,
         options=options,
         at=at,
-        cov=cov,
+        cov=cov + systematic_covariance(problem, at, components, weights, best),
         components=components,
         noise_scale_sigma=scale_sigma,
         profile=profile,
