@@ -13,7 +13,7 @@ import numpy as np
 from boxcal.calib.likelihood.camera_score import CameraScore
 from boxcal.calib.likelihood.fit import Fit
 from boxcal.calib.likelihood.levenberg_marquardt import linearize
-from boxcal.calib.likelihood.problem import Problem
+from boxcal.calib.likelihood.problem import Problem, with_kind
 from boxcal.calib.likelihood.slip_profile import fixed_profile
 from boxcal.calib.likelihood.state import State
 from boxcal.target.arrays import Array
@@ -111,21 +111,13 @@ def _wald(fit: Fit) -> float:
 
 def _rational(fit: Fit) -> float:
     """Return how much better the sum of squares would be with a rational model's three further coefficients."""
-    problem, new = fit.problem, 3
-    at = problem.extras.stop
-    names = (*problem.names[:at], "k4", "k5", "k6", *problem.names[at:])
-    wider = replace(
-        problem,
-        lens=CameraKind.RATIONAL,
-        names=names,
-        prior=np.insert(problem.prior, at, [_FREE] * new),
-        component=problem.component[:at] + ("",) * new + problem.component[at:],
-        unit=np.insert(problem.unit, at, [1.0] * new),
-        information=np.insert(np.insert(problem.information, [at] * new, 0.0, axis=0), [at] * new, 0.0, axis=1),
-    )
+    problem = fit.problem
+    wider = with_kind(problem, CameraKind.RATIONAL)
+    new = slice(problem.extras.stop, wider.extras.stop)
+    wider.prior[new] = _FREE
     state = with_camera(problem, fit.state, CameraKind.RATIONAL)
     profile = fixed_profile(wider, linearize(wider, state, fit.weights), fit.components, fit.weights)
-    step, cov = profile.solution.d_shared[0, at : at + new], profile.solution.cov[0, at : at + new, at : at + new]
+    step, cov = profile.solution.d_shared[0, new], profile.solution.cov[0, new, new]
     return float(step @ np.linalg.solve(cov, step))
 
 

@@ -35,7 +35,7 @@ from boxcal.calib.likelihood.outliers import (
     tail_of,
     tail_weights,
 )
-from boxcal.calib.likelihood.problem import Problem, build_problem
+from boxcal.calib.likelihood.problem import Problem, build_problem, with_kind
 from boxcal.calib.likelihood.score_test import extended
 from boxcal.calib.likelihood.slip_profile import SlipProfile, fixed_profile, quiet_slip, slip_profile
 from boxcal.calib.likelihood.state import State
@@ -130,8 +130,7 @@ def fit(
         told = replace(options, lens=kind)
         if known is None:
             return fit_cameras(drives, cameras, told, step)
-        problem = build_problem(drives, cameras.kept, replace(known.options, lens=kind), step)
-        state = with_camera(known.problem, known.state, kind)
+        problem, state = with_kind(known.problem, kind), with_camera(known.problem, known.state, kind)
         return solve_likelihood(problem, state, replace(known.options, lens=kind), known)
 
     try:

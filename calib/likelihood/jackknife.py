@@ -18,7 +18,7 @@ from boxcal.calib.likelihood.leave_one_out import Jackknife
 from boxcal.calib.likelihood.levenberg_marquardt import equations, leg_information
 from boxcal.calib.likelihood.normal_equations import Solution, solve
 from boxcal.calib.likelihood.outliers import leg_unknowns
-from boxcal.calib.likelihood.residuals import Corners, corner_residuals, explained_columns
+from boxcal.calib.likelihood.residuals import Corners, corner_residuals, explained_columns, groups_of
 from boxcal.target.arrays import Array, Ids
 
 ENOUGH_STOPS = 8
@@ -76,8 +76,7 @@ def _group_blocks(fit: Fit, corners: Corners) -> tuple[Array, Array]:
     G, m = len(corners.group_stop), corners.jacobian.shape[2]
     weight = fit.weights.corners / fit.components.noise_scale**2
     H, g = np.zeros((G, m, m)), np.zeros((G, m))
-    for k in range(G):
-        rows = corners.group == k
+    for k, rows in enumerate(groups_of(corners.group, G)):
         J = corners.jacobian[rows].reshape(-1, m)
         w = np.repeat(weight[rows], 2)
         H[k] = (J * w[:, None]).T @ J

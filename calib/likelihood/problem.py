@@ -7,7 +7,7 @@ own (local): roll, pitch, height and the growth of the tags' black in its pictur
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -53,6 +53,8 @@ class Problem:
         Corners seen.
     whiten : (L, 2, 2), 1/px
         Turns a corner's error into unit variance, before the noise scale.
+    sigma_px : px
+        Standard deviation of a corner's coordinate before the noise scale, over all corners.
     corner_starts : (P + 1,)
         First corner of each stop.
     outward_px : (L, 2)
@@ -71,6 +73,8 @@ class Problem:
         First stop of each leg; its second is the next.
     leg_known : (N,) bool
         Whether the wheels' travel is known all along the leg.
+    tilt_count
+        How many tilt angles are unknown.
     rigid_floor
         Whether stops neither lean nor sink.
     explanations
@@ -86,6 +90,7 @@ class Problem:
     target: TargetDeformation
     uv_px: Array
     whiten: Array
+    sigma_px: float
     corner_starts: Ids
     outward_px: Array
     path: WheelPath
@@ -95,6 +100,7 @@ class Problem:
     stop: Ids
     leg_stop: Ids
     leg_known: Mask
+    tilt_count: int
     rigid_floor: bool
     explanations: tuple[Explanation, ...]
 
@@ -102,11 +108,6 @@ class Problem:
     def corner_stop(self) -> Ids:
         """The stop of each corner, (L,)."""
         return np.repeat(np.arange(len(self.drive)), np.diff(self.corner_starts))
-
-    @property
-    def tilt_count(self) -> int:
-        """Number of unknown tilt angles."""
-        return sum(name.startswith("tilt") for name in self.names)
 
     @property
     def tilts(self) -> slice:
@@ -181,6 +182,7 @@ def build_problem(
         component += [""] * len(explanation.names)
     information = np.zeros((len(names), len(names)))
     information[first : first + len(target.names), first : first + len(target.names)] = target.information
+    whiten = np.linalg.inv(np.linalg.cholesky(cov))
     counts = [len(stops) for stops in kept]
     drive = np.repeat(np.arange(len(drives)), counts)
     legs = [legs_between(d, k) for d, k in zip(drives, kept, strict=True) if k]
@@ -193,7 +195,8 @@ def build_problem(
         information=information,
         target=target,
         uv_px=np.concatenate([v.uv_px for v in views]),
-        whiten=np.linalg.inv(np.linalg.cholesky(cov)),
+        whiten=whiten,
+        sigma_px=float(1 / np.sqrt(np.mean(np.linalg.det(whiten)))),
         corner_starts=np.cumsum([0, *(len(v.landmark_ids) for v in views)]),
         outward_px=np.concatenate([_outward_px(v) for v in views]),
         path=wheel_path(legs),
@@ -203,8 +206,31 @@ def build_problem(
         stop=np.concatenate([np.asarray(stops, dtype=np.int64) for stops in kept]),
         leg_stop=np.flatnonzero(drive[:-1] == drive[1:]),
         leg_known=np.concatenate([np.zeros(0, dtype=np.bool_), *(leg.known for leg in legs)]),
+        tilt_count=2 * len(drives) if options.tilt_sigma > 0 else 0,
         rigid_floor=options.rigid_floor,
         explanations=options.explanations,
+    )
+
+
+def with_kind(problem: Problem, kind: CameraKind) -> Problem:
+    """Return the same problem with another camera model."""
+    at, old = problem.extras, problem.lens
+    new = further_names(kind)
+    if kind is old:
+        return problem
+
+    def swapped(values: Array, fill: float, axis: int) -> Array:
+        without = np.delete(values, np.arange(at.start, at.stop), axis=axis)
+        return np.insert(without, [at.start] * len(new), fill, axis=axis)
+
+    return replace(
+        problem,
+        lens=kind,
+        names=(*problem.names[: at.start], *new, *problem.names[at.stop :]),
+        prior=swapped(problem.prior, np.inf, 0),
+        component=(*problem.component[: at.start], *("",) * len(new), *problem.component[at.stop :]),
+        unit=swapped(problem.unit, 1.0, 0),
+        information=swapped(swapped(problem.information, 0.0, 0), 0.0, 1),
     )
 
 

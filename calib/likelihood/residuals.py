@@ -126,6 +126,14 @@ def _groups(stop: Ids, face: Ids) -> tuple[Ids, Ids, Ids]:
     return group, keys // FACES, keys % FACES
 
 
+def groups_of(group: Ids, count: int) -> list[slice] | list[Ids]:
+    """Return the rows of each group: slices where the rows stand in order of their groups, as they mostly do."""
+    if np.all(group[1:] >= group[:-1]):
+        starts = np.searchsorted(group, np.arange(count + 1))
+        return [slice(int(i), int(j)) for i, j in pairwise(starts)]
+    return [np.flatnonzero(group == k) for k in range(count)]
+
+
 def _maps(
     problem: Problem,
     state: State,
@@ -294,14 +302,9 @@ def corner_equations(problem: Problem, corners: Corners, weight: Array) -> tuple
     rows = np.concatenate([corners.jacobian, corners.residual[:, :, None]], axis=2)
     if not np.all(weight == 1):
         rows *= np.sqrt(weight)[:, None, None]
-    G = len(corners.group_stop)
-    order = corners.group
-    if np.any(np.diff(order) < 0):
-        by_group = np.argsort(order, kind="stable")
-        rows, order = rows[by_group], order[by_group]
-    starts = np.searchsorted(order, np.arange(G + 1))
-    rows = rows.reshape(-1, m + 1)
-    N = np.array([rows[2 * i : 2 * j].T @ rows[2 * i : 2 * j] for i, j in pairwise(starts)])
+    groups = groups_of(corners.group, len(corners.group_stop))
+    parts = [rows[at].reshape(-1, m + 1) for at in groups]
+    N = np.array([part.T @ part for part in parts])
     H, g = N[:, :m, :m], N[:, :m, m]
     shared = corners.J_shared
     stop_maps = np.concatenate([corners.J_pose, corners.J_local], axis=2)  # (G, m, 7)

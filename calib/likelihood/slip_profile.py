@@ -25,7 +25,7 @@ SMALLEST_SLIP = 1e-8
 """What counts as no slip at all where the encoder has no step (m/sqrt(m)); exact data end here."""
 LITTLE_SLIP = 2.5e-4
 """What a careful drive on a hard floor slips (m/sqrt(m)); counts where a coarse encoder cannot tell."""
-_SPREAD = np.linspace(-1.0, 1.0, 7)
+_SPREAD = np.linspace(-1.0, 1.0, 5)
 _SPREAD_WEIGHT = np.exp(-2 * _SPREAD**2) / np.sum(np.exp(-2 * _SPREAD**2))
 """Little slip is only known to a factor of 1.65: logarithms of slip about its middle, and their probabilities."""
 _FINE = 1e-4
@@ -38,7 +38,7 @@ more makes those of a slip too small to be told from the cameras' noise (0.1 mm/
 """
 _NONE = 0.02
 """A given slip of nought is taken as this share of what equals the quantisation, so that nothing is exact."""
-_POINTS = 17
+_POINTS = 13
 _ZOOMS = 4
 
 

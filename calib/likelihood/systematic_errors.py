@@ -11,7 +11,7 @@ from boxcal.calib.likelihood.components import VarianceComponents
 from boxcal.calib.likelihood.levenberg_marquardt import Linearization, Weights
 from boxcal.calib.likelihood.normal_equations import Solution
 from boxcal.calib.likelihood.problem import Problem
-from boxcal.calib.likelihood.residuals import corner_residuals
+from boxcal.calib.likelihood.residuals import corner_residuals, groups_of
 from boxcal.target.arrays import Array
 
 SHARE = 0.045
@@ -40,26 +40,20 @@ def systematic_covariance(
     """
     fields = _fields(problem)
     corners = corner_residuals(problem, at.state, at.columns)
-    counts = np.asarray(np.bincount(corners.group, minlength=len(corners.group_stop)))
-    order = np.argsort(corners.group, kind="stable")
-    starts = np.cumsum(counts) - counts
     w = weights.corners / components.noise_scale**2
-    rows = np.einsum("lam,la,l,lf->lmf", corners.jacobian, _whitened_ones(problem, 0), w, fields)
-    other = np.einsum("lam,la,l,lf->lmf", corners.jacobian, _whitened_ones(problem, 1), w, fields)
-    by_field = np.concatenate([rows, other], axis=2)[order]
-    g = np.add.reduceat(by_field, starts, axis=0)  # (G, m, F)
+    pulls = np.swapaxes(corners.jacobian, 1, 2) @ (problem.whiten * w[:, None, None])  # (L, m, 2)
+    g = np.array([_pull(pulls[rows], fields[rows]) for rows in groups_of(corners.group, len(corners.group_stop))])
     P = len(problem.drive)
     first = np.searchsorted(corners.group_stop, np.arange(P))
-    a = np.einsum("gmi,gmf->if", corners.J_shared, g)
+    a = np.tensordot(corners.J_shared, g, axes=([0, 1], [0, 1]))
     c = np.add.reduceat(np.swapaxes(corners.J_pose, 1, 2) @ g, first, axis=0)
     local = np.add.reduceat(np.swapaxes(corners.J_local * components.local_sigma, 1, 2) @ g, first, axis=0)
     e = solution.eliminated
-    a = a - np.einsum("pqn,pqf->nf", e.by_shared, local)
-    chain = np.einsum("pqk,pqf->pkf", -e.by_chain, local)
+    a -= np.tensordot(e.by_shared, local, axes=([0, 1], [0, 1]))
+    chain = -np.swapaxes(e.by_chain, 1, 2) @ local
     chain[:, :3] += c
-    d = solution.cov @ (a - np.einsum("pkn,pkf->nf", solution.Y, chain))
-    noise_px = components.noise_scale / np.sqrt(np.mean(np.linalg.det(problem.whiten)))
-    d *= SHARE * noise_px
+    d = solution.cov @ (a - np.tensordot(solution.Y, chain, axes=([0, 1], [0, 1])))
+    d *= SHARE * components.noise_scale * problem.sigma_px
     return np.asarray(d @ d.T)
 
 
@@ -71,6 +65,6 @@ def _fields(problem: Problem) -> Array:
     return np.asarray(f / np.sqrt(np.mean(f**2, axis=0)))
 
 
-def _whitened_ones(problem: Problem, axis: int) -> Array:
-    """Return what an error of 1 px along an image axis is after whitening, (L, 2)."""
-    return problem.whiten[:, :, axis]
+def _pull(pulls: Array, fields: Array) -> Array:
+    """Return the right-hand sides (m, 2 F) of one group, fields along u first."""
+    return np.concatenate([pulls[:, :, 0].T @ fields, pulls[:, :, 1].T @ fields], axis=1)

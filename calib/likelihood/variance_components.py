@@ -103,7 +103,7 @@ def _fixed_point(sigma: float, square: float, freedom: float, usual: float, weig
 
 def smallest_scale(problem: Problem) -> float:
     """Return the noise scale below which corners would be better than ``SMALLEST_PX``."""
-    return SMALLEST_PX * float(np.sqrt(np.mean(np.linalg.det(problem.whiten))))
+    return SMALLEST_PX / problem.sigma_px
 
 
 def noise_scale(
