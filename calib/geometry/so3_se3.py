@@ -51,24 +51,24 @@ def vee(S: Array) -> Array:
 
 
 def exp_so3(w: Array) -> Array:
-    """Return the rotation by ``|w|`` about ``w`` (rad), (3, 3) (Rodrigues)."""
-    angle = float(np.linalg.norm(w))
+    """Return the rotations by ``|w|`` about ``w`` (rad), (..., 3, 3) for (..., 3) (Rodrigues)."""
+    angle = np.sqrt(np.sum(w * w, axis=-1))[..., None, None]
     W = hat(w)
-    if angle < _SMALL:
-        a, b = 1 - angle**2 / 6, 0.5 - angle**2 / 24
-    else:
-        a, b = np.sin(angle) / angle, (1 - np.cos(angle)) / angle**2
+    small = angle < _SMALL
+    safe = np.where(small, 1.0, angle)
+    a = np.where(small, 1 - angle**2 / 6, np.sin(safe) / safe)
+    b = np.where(small, 0.5 - angle**2 / 24, (1 - np.cos(safe)) / safe**2)
     return np.asarray(np.eye(3) + a * W + b * (W @ W))
 
 
 def right_jacobian(w: Array) -> Array:
-    """Return J, (3, 3), with ``exp_so3(w + dw) = exp_so3(w) @ exp_so3(J @ dw)`` to first order (rad)."""
-    angle = float(np.linalg.norm(w))
+    """Return J, (..., 3, 3), with ``exp_so3(w + dw) = exp_so3(w) @ exp_so3(J @ dw)`` to first order (rad)."""
+    angle = np.sqrt(np.sum(w * w, axis=-1))[..., None, None]
     W = hat(w)
-    if angle < _SMALL:
-        a, b = 0.5 - angle**2 / 24, 1 / 6 - angle**2 / 120
-    else:
-        a, b = (1 - np.cos(angle)) / angle**2, (angle - np.sin(angle)) / angle**3
+    small = angle < _SMALL
+    safe = np.where(small, 1.0, angle)
+    a = np.where(small, 0.5 - angle**2 / 24, (1 - np.cos(safe)) / safe**2)
+    b = np.where(small, 1 / 6 - angle**2 / 120, (safe - np.sin(safe)) / safe**3)
     return np.asarray(np.eye(3) - a * W + b * (W @ W))
 
 

@@ -14,6 +14,7 @@ from boxcal.calib.likelihood.explanation import Explanation
 from boxcal.calib.likelihood.fit import Fit
 from boxcal.calib.likelihood.initial_guess import CameraStart, camera_start, first_states
 from boxcal.calib.likelihood.levenberg_marquardt import (
+    CONVERGED,
     Linearization,
     Weights,
     equations,
@@ -60,6 +61,8 @@ _ROUNDS = 25
 _INNER = 12
 _CLOSE, _LOOSE = 0.02, 0.1
 """Relative changes of a component at which its fixed point, and the rounds, end."""
+_ROUGH = 1.0
+"""Promised decrease of the sum of squares at which the first round ends: its components are a guess."""
 _CLOSE_WEIGHT = 0.05
 """Change of a leg's weight at which it stays put."""
 _MOST_STEPS = 200
@@ -192,9 +195,10 @@ def solve_likelihood(problem: Problem, state: State, options: EstimateOptions, k
     legs_seen = LegMemory()
     iterations, tail, fresh, converged = 0, np.inf, True, False
     for round_ in range(_ROUNDS):
-        at, steps = maximise(problem, at if fresh else at.state, components, weights)
-        iterations += steps
         first = round_ == 0 and known is None
+        near = _ROUGH if first else CONVERGED
+        at, steps = maximise(problem, at if fresh else at.state, components, weights, near)
+        iterations += steps
         corners, unreliable = _corner_weights(problem, at, components, options, first)
         fresh = np.array_equal(corners, weights.corners)
         if first and not fresh:

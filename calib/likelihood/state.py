@@ -146,8 +146,8 @@ class CameraMotions:
 def camera_motions(problem: Problem, state: State) -> CameraMotions:
     """Return the cameras' poses and how they move with poses, lean and tilt."""
     P = len(state.poses)
-    F_drive = np.array([exp_so3(np.array([*tilt, 0.0])) for tilt in state.tilt])
-    F = F_drive[problem.drive]
+    tilts = np.concatenate([state.tilt, np.zeros((len(state.tilt), 1))], axis=1)
+    F = exp_so3(tilts)[problem.drive]
     R_m, t_m = state.T_body_cam[:3, :3], state.T_body_cam[:3, 3]
     leaning, J_r = _leaning(state.lean[:, :2])
     R_e = leaning @ R_m  # from the upright body frame to the camera
@@ -167,7 +167,7 @@ def camera_motions(problem: Problem, state: State) -> CameraMotions:
     J_lean[:, 3:, :2] = R_m.T @ (-hat(t_m) @ J_r)
     J_lean[:, 3:, 2] = R_e[:, 2]
     # Tilt: R_box_floor <- R_box_floor exp(beta), beta = J dtilt.
-    J = np.array([right_jacobian(np.array([*tilt, 0.0]))[:, :2] for tilt in state.tilt])[problem.drive]
+    J = right_jacobian(tilts)[:, :, :2][problem.drive]
     J_tilt = np.concatenate([Q_t @ J, Q_t @ np.cross(J, s[:, :, None], axis=1)], axis=1)
     return CameraMotions(
         R_box_cam=F @ Q, p_box_cam=np.einsum("pij,pj->pi", F, s), J_pose=J_pose, J_lean=J_lean, J_tilt=J_tilt
@@ -187,4 +187,4 @@ def _leaning(angles: Array) -> tuple[Array, Array]:
     if not np.any(angles):
         return np.tile(np.eye(3), (len(angles), 1, 1)), np.tile(np.eye(3)[:, :2], (len(angles), 1, 1))
     w = np.concatenate([angles, np.zeros((len(angles), 1))], axis=1)
-    return np.array([exp_so3(v) for v in w]), np.array([right_jacobian(v)[:, :2] for v in w])
+    return exp_so3(w), right_jacobian(w)[:, :, :2]

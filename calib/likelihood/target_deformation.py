@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from boxcal.calib.errors import CalibError
-from boxcal.calib.geometry.so3_se3 import exp_so3, right_jacobian
+from boxcal.calib.geometry.so3_se3 import exp_so3, hat, right_jacobian
 from boxcal.calib.likelihood.options import EstimateOptions
 from boxcal.target.arrays import Array, Ids
 from boxcal.target.box import CORNERS, FACES
@@ -95,16 +95,13 @@ class TargetDeformation:
         R, t, J = np.tile(np.eye(3), (FACES, 1, 1)), np.zeros((FACES, 3)), np.zeros((FACES, 6, 6))
         t[:, 1] = self.value(values, "seat")
         J[:, 3:, :3] = np.eye(3)
-        for f in range(FACES):
-            first = self.column(f"face{f}_tx")
-            if first is None:
-                continue
-            t[f] += values[first : first + 3]
-            w = values[first + 3 : first + 6]
-            R[f] = exp_so3(w)
-            left = R[f] @ right_jacobian(w)
-            J[f, :3, 3:] = left
-            J[f, 3:, 3:] = -np.cross(left, t[f], axisa=0, axisb=0, axisc=0)
+        first = self.column("face0_tx")
+        if first is not None:
+            pose = values[first : first + 6 * FACES].reshape(FACES, 6)
+            t += pose[:, :3]
+            R = exp_so3(pose[:, 3:])
+            J[:, :3, 3:] = left = R @ right_jacobian(pose[:, 3:])
+            J[:, 3:, 3:] = hat(t) @ left
         return R, t, J
 
     def landmarks(self, values: Array) -> tuple[Array, Array]:
