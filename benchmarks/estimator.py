@@ -128,11 +128,12 @@ def main() -> int:
     parser.add_argument("--stops", type=int, nargs="+", default=list(STOPS), help="numbers of stops (5 15 20)")
     parser.add_argument("--slip-mm", type=float, nargs="+", default=list(SLIPS_MM), help="mm/sqrt(m) (0 1 5)")
     parser.add_argument("--no-tilt", action="store_true", help="take the floor as parallel to the box' base")
+    parser.add_argument("--rigid", action="store_true", help="all stops on one plane exactly, as in the paper")
     parser.add_argument("--slip-known", action="store_true", help="give the estimator the true slip")
     parser.add_argument("--seed", type=int, default=0)
     arguments = parser.parse_args()
     runs = 20 if arguments.quick else arguments.runs
-    options = EstimateOptions()
+    options = EstimateOptions(rigid_floor=arguments.rigid, systematic_share=0.0)
     if arguments.no_tilt:
         options = replace(options, tilt_sigma=0.0)
     print(f"{runs} runs each. ratio: rms error / Cramer-Rao bound; cover: share of 95 % intervals that hold the truth;")

@@ -225,7 +225,7 @@ def solve_likelihood(problem: Problem, state: State, options: EstimateOptions, k
         problem=problem,
         options=options,
         at=at,
-        cov=cov + systematic_covariance(problem, at, components, weights, best),
+        cov=cov + systematic_covariance(problem, at, components, weights, best, share=options.systematic_share),
         components=components,
         noise_scale_sigma=scale_sigma,
         profile=profile,

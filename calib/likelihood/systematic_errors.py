@@ -14,18 +14,20 @@ from boxcal.calib.likelihood.problem import Problem
 from boxcal.calib.likelihood.residuals import corner_residuals, groups_of
 from boxcal.target.arrays import Array
 
-SHARE = 0.045
-"""Root mean square of each field over the corners, in standard deviations of a corner's noise.
-
-From robots of two renderers, ours and one that shares no code with it: with it the errors of the cameras are about
-as large as their sigmas say (``benchmarks/clean_robots.py``, ``benchmarks/rooms.py``), without it a quarter larger.
-"""
-_POWERS = tuple((a, b) for a in range(4) for b in range(4 - a) if a + b > 0)
-"""Powers of the two image coordinates, up to the third order: a shift of the whole image is no error."""
+_ALONG_U = ((1, 0), (3, 0), (1, 2))
+_ALONG_V = ((0, 1), (0, 3), (2, 1))
+"""Powers of the two image coordinates in the fields along u and v: larger or smaller on both sides of the middle, as
+blur and growth make them. Shifts to one side are not of that kind, and single pictures tell them."""
 
 
 def systematic_covariance(
-    problem: Problem, at: Linearization, components: VarianceComponents, weights: Weights, solution: Solution
+    problem: Problem,
+    at: Linearization,
+    components: VarianceComponents,
+    weights: Weights,
+    solution: Solution,
+    *,
+    share: float,
 ) -> Array:
     """Return what smooth errors common to all pictures add to the covariance of the shared unknowns, (n, n).
 
@@ -37,12 +39,15 @@ def systematic_covariance(
         Variance components and weights.
     solution
         Solution of the equations that they make there.
+    share
+        Root mean square of each field over the corners, in standard deviations of a corner's noise.
     """
-    fields = _fields(problem)
+    along_u, along_v = _fields(problem, _ALONG_U), _fields(problem, _ALONG_V)
     corners = corner_residuals(problem, at.state, at.columns)
     w = weights.corners / components.noise_scale**2
     pulls = np.swapaxes(corners.jacobian, 1, 2) @ (problem.whiten * w[:, None, None])  # (L, m, 2)
-    g = np.array([_pull(pulls[rows], fields[rows]) for rows in groups_of(corners.group, len(corners.group_stop))])
+    groups = groups_of(corners.group, len(corners.group_stop))
+    g = np.array([_pull(pulls[rows], along_u[rows], along_v[rows]) for rows in groups])
     P = len(problem.drive)
     first = np.searchsorted(corners.group_stop, np.arange(P))
     a = np.tensordot(corners.J_shared, g, axes=([0, 1], [0, 1]))
@@ -53,18 +58,18 @@ def systematic_covariance(
     chain = -np.swapaxes(e.by_chain, 1, 2) @ local
     chain[:, :3] += c
     d = solution.cov @ (a - np.tensordot(solution.Y, chain, axes=([0, 1], [0, 1])))
-    d *= SHARE * components.noise_scale * problem.sigma_px
+    d *= share * components.noise_scale * problem.sigma_px
     return np.asarray(d @ d.T)
 
 
-def _fields(problem: Problem) -> Array:
+def _fields(problem: Problem, powers: tuple[tuple[int, int], ...]) -> Array:
     """Return smooth fields over the image at the corners, (L, F), each of root mean square 1."""
     centre = problem.uv_px.mean(axis=0)
     x, y = ((problem.uv_px - centre) / np.abs(problem.uv_px - centre).max()).T
-    f = np.stack([x**a * y**b for a, b in _POWERS], axis=1)
+    f = np.stack([x**a * y**b for a, b in powers], axis=1)
     return np.asarray(f / np.sqrt(np.mean(f**2, axis=0)))
 
 
-def _pull(pulls: Array, fields: Array) -> Array:
-    """Return the right-hand sides (m, 2 F) of one group, fields along u first."""
-    return np.concatenate([pulls[:, :, 0].T @ fields, pulls[:, :, 1].T @ fields], axis=1)
+def _pull(pulls: Array, along_u: Array, along_v: Array) -> Array:
+    """Return the right-hand sides (m, F) of one group, fields along u first."""
+    return np.concatenate([pulls[:, :, 0].T @ along_u, pulls[:, :, 1].T @ along_v], axis=1)

@@ -132,7 +132,7 @@ def test_reported_covariance_has_the_documented_order_and_is_positive() -> None:
 
 def test_covariance_of_fixed_levels_is_the_bound_at_the_solution() -> None:
     data, truth, _ = noisy(khepera(), 9)
-    options = EstimateOptions(slip=3e-4, noise_scale=1.0, encoder_step=STEP, rigid_floor=True)
+    options = EstimateOptions(slip=3e-4, noise_scale=1.0, encoder_step=STEP, rigid_floor=True, systematic_share=0.0)
     found = estimate([data], None, options)
     ratio = np.sqrt(np.diag(found.cov) / np.diag(cramer_rao([data], truth, options)))
     np.testing.assert_allclose(ratio, 1, atol=0.05)
