@@ -126,7 +126,7 @@ def _groups(stop: Ids, face: Ids) -> tuple[Ids, Ids, Ids]:
     return group, keys // FACES, keys % FACES
 
 
-def groups_of(group: Ids, count: int) -> list[slice] | list[Ids]:
+def groups_of(group: Ids, count: int) -> list[slice | Ids]:
     """Return the rows of each group: slices where the rows stand in order of their groups, as they mostly do."""
     if np.all(group[1:] >= group[:-1]):
         starts = np.searchsorted(group, np.arange(count + 1))

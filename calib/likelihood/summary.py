@@ -154,8 +154,7 @@ def _flagged_corners(fit: Fit, drives: Sequence[Correspondences]) -> tuple[Flagg
 def _notes(fit: Fit, legs: tuple[FlaggedLeg, ...], cov: Array, left_out: Jackknife) -> tuple[str, ...]:
     problem = fit.problem
     notes = [leg.text for leg in legs]
-    for k in np.flatnonzero(~problem.leg_known):
-        i = int(problem.leg_stop[k])
+    for i in problem.leg_stop[~problem.leg_known].tolist():
         a, b = int(problem.stop[i]) + 1, int(problem.stop[i + 1]) + 1
         of = f" of drive {int(problem.drive[i]) + 1}" if problem.drives > 1 else ""
         notes.append(f"between stop {a} and stop {b}{of} the wheels tell nothing of the way: that leg was not used")
