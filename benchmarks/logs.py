@@ -28,11 +28,19 @@ from mcap.writer import Writer
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
-from boxcal.detect.log.recording import open_recording
+from boxcal.calib.calibrate import calibrate
+from boxcal.calib.simulate.drive import DriveOptions, simulate_drive
+from boxcal.calib.simulate.recorder import RecordOptions, write_log
+from boxcal.calib.simulate.robot import khepera
+from boxcal.detect.errors import DetectError
+from boxcal.detect.log.recording import Recording, open_recording
 from boxcal.detect.stops import find_stops
+from boxcal.target.box import make_target
+from boxcal.target.errors import BoxcalError
 
 STORE = get_typestore(Stores.ROS2_HUMBLE)
 T0_NS = 1_700_000_000_000_000_000
+ENOUGH_STOPS = 5
 CHUNK_BYTES = 768 << 10
 """rosbag2's default."""
 
@@ -229,8 +237,66 @@ def measure_long(path: Path) -> None:
     print(f"  peak memory: {peak_kb / 1024:.0f} MB beyond imports")
 
 
-def damage(folder: Path) -> None:
-    del folder
+def damage(folder: Path, reads: int = 1000, calibrations: int = 40) -> None:
+    """Print what becomes of seeded cuts and flips of a log that calibrates: read, and cut ones calibrated."""
+    rng = np.random.default_rng(7)
+    robot, target = khepera("good"), make_target()
+    drive = simulate_drive(robot, target, DriveOptions(stops=9, slip=2e-4), rng)
+    sound = folder / "good.mcap"
+    write_log(sound, robot, target, drive, RecordOptions(frames=1, moving_frames=0), rng=rng)
+    content, right = sound.read_bytes(), open_recording(sound)
+    print(f"\ndamaged copies of a log of {len(content) / 1e3:.0f} kB, {reads} of them")
+    counts: dict[str, int] = {}
+    path = folder / "damaged.mcap"
+    for k in range(reads):
+        path.write_bytes(content[: int(rng.integers(len(content)))] if k % 2 else flipped(content, rng))
+        what = outcome(path, right)
+        counts[what] = counts.get(what, 0) + 1
+        if what == "WRONG":
+            print(f"  wrong: damage {k}")
+    for what, count in sorted(counts.items()):
+        print(f"  {what:24} {count}")
+    enough = done = 0
+    for _ in range(calibrations):
+        path.write_bytes(content[: int(len(content) * rng.uniform(0.4, 1.0))])
+        try:
+            found = open_recording(path)
+        except DetectError:
+            continue
+        stands = [s for s in find_stops(found.wheels) if found.frames_between(s.t_start_ns, s.t_end_ns).size]
+        if len(stands) < ENOUGH_STOPS:
+            continue
+        enough += 1
+        try:
+            result = calibrate(path, target)
+            done += abs(result.wheels.b / robot.b - 1) < 0.02
+        except BoxcalError as error:
+            print(f"  {len(stands)} stops left: {error}")
+    print(f"  of {enough} cut logs with {ENOUGH_STOPS} stops or more, {done} calibrate rightly")
+
+
+def flipped(content: bytes, rng: np.random.Generator) -> bytes:
+    out = bytearray(content)
+    for at in rng.integers(8, len(out), rng.integers(1, 5)):
+        out[at] ^= 1 << int(rng.integers(8))
+    return bytes(out)
+
+
+def outcome(path: Path, right: Recording) -> str:
+    """Return whether a damaged log is read rightly, rightly and warned, refused in one line, or wrongly."""
+    try:
+        found = open_recording(path)
+    except DetectError:
+        return "one clear line"
+    at = np.searchsorted(right.wheels.t_ns, found.wheels.t_ns)
+    if np.any(at >= len(right.wheels)) or np.any(right.wheels.t_ns[at] != found.wheels.t_ns):
+        return "WRONG"
+    same = np.array_equal(found.wheels.phi_R, right.wheels.phi_R[at])
+    images = dict(right.read_frames(range(right.frame_t_ns.size)))
+    shown = found.read_frames(range(found.frame_t_ns.size))
+    same = same and all(t in images and np.array_equal(image, images[t]) for t, image in shown)
+    whole = len(found.wheels) == len(right.wheels) and found.frame_t_ns.size == right.frame_t_ns.size
+    return "WRONG" if not same or not (whole or found.notes) else "right and warned" if found.notes else "right"
 
 
 if __name__ == "__main__":

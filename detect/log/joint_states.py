@@ -115,7 +115,11 @@ class JointReader:
     def _learn_if_new(self, data: bytes) -> None:
         """Learn a message's layout unless it is that of the last (DetectError if it is no joint message)."""
         row = np.frombuffer(data, dtype=np.uint8)
-        if row.size == self._template.size and np.array_equal(row[self._fixed], self._template[self._fixed]):
+        if (
+            self._layout is not None
+            and row.size == self._template.size
+            and np.array_equal(row[self._fixed], self._template[self._fixed])
+        ):
             return
         layout = joint_layout(data, ros1=self._ros1)
         fixed = np.ones(row.size, dtype=np.bool_)
