@@ -98,7 +98,11 @@ def _open_packed(path: Path, *, packed: bool) -> Container:
     file, digest, whole = unpacked_file(path)
     if file.read(16) == _SQLITE_MAGIC:
         return SqliteFile.unpacked(file, path.name, digest, packed=packed)
-    container = _of_stream(file, path.name, digest, packed=packed)
+    try:
+        container = _of_stream(file, path.name, digest, packed=packed)
+    except BaseException:
+        file.close()
+        raise
     if not whole:
         container.damage.add("its compressed file is truncated or damaged, what unpacks of it is used")
     return container

@@ -21,7 +21,7 @@ from boxcal.detect.errors import DetectError
 from boxcal.detect.log.recording import open_recording
 
 SECONDS = float(os.environ.get("BOXCAL_FUZZ_S", "6"))
-SEEDS = [*range(40), 1001, 4242, 90_210, 459_720_522_620]
+SEEDS = [*range(40), 1001, 4242, 90_210, 459_720_522_620, 459_720_537_771]
 """Seeds that found something once, and some to begin with."""
 _FUZZED = (
     "mcap",

@@ -41,14 +41,19 @@ class SqliteFile:
         self.name, self.damage = name, Damage()
         self._path, self._packed, self._digest, self._remove = path, packed, digest, False
         self._budget = Budget(name, path.stat().st_size)
+        self._base = sqlite3.connect(f"file:{quote(str(path.absolute()))}?mode=ro&immutable=1", uri=True)
         try:
-            self._base = sqlite3.connect(f"file:{quote(str(path.absolute()))}?mode=ro&immutable=1", uri=True)
+            self._base.text_factory = lambda text: text.decode("utf-8", "replace")
             self._base.setlimit(_LIMIT_LENGTH, MAX_RECORD_BYTES)
             self._base.setlimit(_LIMIT_SQL, 1 << 20)
             self._base.setlimit(_LIMIT_ATTACHED, 0)
             self._base.execute("PRAGMA trusted_schema=OFF")
             self._channels = self._topics()
-        except sqlite3.Error as error:
+        except DetectError:
+            self._base.close()
+            raise
+        except (sqlite3.Error, ValueError, TypeError) as error:
+            self._base.close()
             raise DetectError(f"does not open ({printable(str(error))})", source=name, needed=_NEEDED) from error
 
     @classmethod
@@ -73,7 +78,9 @@ class SqliteFile:
         try:
             with closing(self._base.cursor()) as cursor:
                 for row, topic, log, data in cursor.execute("SELECT id, topic_id, timestamp, data FROM messages"):
-                    if topic not in self._channels or not isinstance(data, bytes) or not isinstance(log, int):
+                    if topic not in self._channels or not isinstance(data, bytes):
+                        continue
+                    if not isinstance(log, int) or not isinstance(row, int):
                         continue
                     datas, rows, logs = held.setdefault(topic, ([], [], []))
                     datas.append(data)
