@@ -110,8 +110,7 @@ def reported(found: Fit, drives: Sequence[Correspondences], options: EstimateOpt
         )
         result = replace(result, notes=(*result.notes, note))
     if found.camera_scores:
-        scores = ", ".join(f"{score.kind} {score.score:+.1f}" for score in found.camera_scores)
-        note = f"camera model chosen by the images (sum of squares more than the best model's): {scores}"
+        note = f"camera model: {found.camera_scores[0].kind} (chosen by the images)"
         result = replace(result, notes=(*result.notes, note))
     return result
 

@@ -149,7 +149,7 @@ def leg_unknowns(problem: Problem, s: Solution) -> Array:
 
 
 class LegMemory:
-    """Which legs were rejected in earlier rounds, so that rounds end.
+    """Legs rejected in earlier rounds, remembered so that rounds end.
 
     A leg that is rejected, returns and is rejected again would do so for ever: once a set of rejected legs comes up
     a second time after another one, no leg returns any more; nor does normal noise after a heavy tail.

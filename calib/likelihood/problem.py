@@ -154,12 +154,9 @@ def build_problem(
     kind = options.lens or CameraKind.BROWN
     views = [drive.stops[j] for drive, stops in zip(drives, kept, strict=True) for j in stops]
     cov = np.concatenate([v.cov_px2 for v in views])
-    names, prior, component = list(ORDER), [np.inf] * COUNT, [""] * COUNT
-    if options.tilt_sigma > 0:
-        for d in range(len(drives)):
-            suffix = "" if len(drives) == 1 else f"_{d + 1}"
-            names += [f"tilt_x{suffix}", f"tilt_y{suffix}"]
-            prior += [options.tilt_sigma] * 2
+    tilts = _tilt_names(len(drives)) if options.tilt_sigma > 0 else []
+    names = [*ORDER, *tilts]
+    prior, component = [np.inf] * COUNT + [options.tilt_sigma] * len(tilts), [""] * COUNT
     names += further_names(kind)
     prior += [np.inf] * len(further_names(kind))
     target = target_deformation(
@@ -206,10 +203,16 @@ def build_problem(
         stop=np.concatenate([np.asarray(stops, dtype=np.int64) for stops in kept]),
         leg_stop=np.flatnonzero(drive[:-1] == drive[1:]),
         leg_known=np.concatenate([np.zeros(0, dtype=np.bool_), *(leg.known for leg in legs)]),
-        tilt_count=2 * len(drives) if options.tilt_sigma > 0 else 0,
+        tilt_count=len(tilts),
         rigid_floor=options.rigid_floor,
         explanations=options.explanations,
     )
+
+
+def _tilt_names(drives: int) -> list[str]:
+    """Return the names of the floor's tilts, two for each drive."""
+    suffixes = [""] if drives == 1 else [f"_{d + 1}" for d in range(drives)]
+    return [f"tilt_{axis}{suffix}" for suffix in suffixes for axis in "xy"]
 
 
 def with_kind(problem: Problem, kind: CameraKind) -> Problem:

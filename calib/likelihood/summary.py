@@ -21,6 +21,8 @@ from boxcal.target.arrays import Array, Mask
 from boxcal.target.camera.camera_model import CameraModel
 
 _PRIOR_ONLY = 0.9
+_IN_WORDS = {"seat": "how high the sheets stand on the box"}
+"""Unknowns whose names a stranger would not understand."""
 
 
 def summarise(fit: Fit, drives: Sequence[Correspondences]) -> Estimate:
@@ -169,7 +171,8 @@ def _notes(fit: Fit, legs: tuple[FlaggedLeg, ...], cov: Array, left_out: Jackkni
     for k in range(COUNT, len(problem.names)):
         sigma = float(np.sqrt(cov[k, k]))
         if not problem.component[k] and sigma > _PRIOR_ONLY * problem.prior[k]:
-            notes.append(f"{problem.names[k]} is hardly determined by the drive: its prior decides")
+            what = _IN_WORDS.get(problem.names[k], problem.names[k])
+            notes.append(f"{what} is hardly told by the drive: what was assumed of it decides")
     if left_out.unexplained:
         notes.append(
             f"leaving out single stops and legs moves the answer by {left_out.ratio.max():.1f} times what noise "

@@ -25,6 +25,8 @@ _LEAST = 1e-4
 """Smallest standard deviation, as a share of the usual one: so small that it moves nothing, yet can grow again."""
 _BEST_TARGET = 0.02
 """The same for the target: no print is better than some 6 um, 3e-5 and 0.003 deg."""
+_AS_CAREFUL = 0.7
+"""Print and places of the faces are taken as at least this share of what the target's other components say."""
 _PRIOR_WEIGHT = 1e-4
 """Weight of the usual variance, in degrees of freedom."""
 _SHARED_WEIGHT = 1.0
@@ -93,7 +95,9 @@ def _target(problem: Problem, before: dict[str, float], value: Array, variance: 
     found = {}
     for name, (square, freedom) in own.items():
         estimate = _fixed_point(before[name], square, freedom, float(care) * HAND_MADE[name], _SHARED_WEIGHT)
-        found[name] = max(estimate, _BEST_TARGET * HAND_MADE[name])
+        # Size and height of the box as a whole leave no residuals: few values tell them, none surely.
+        share = _AS_CAREFUL * min(float(care), 1.0) if name in {"print", "place"} else 0.0
+        found[name] = max(estimate, max(_BEST_TARGET, share) * HAND_MADE[name])
     return found
 
 

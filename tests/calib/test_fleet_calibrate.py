@@ -387,7 +387,7 @@ def test_every_prior_and_lens_is_taken(good: Path, tmp_path: Path, capsys: pytes
         names = [*detail.extra, *again.camera.further]
         assert any(unknown in name for name in names) or not unknown, (words, names)
         if words[1] == "auto":
-            assert "camera model chosen by the images" in out
+            assert "(chosen by the images)" in out
         if words[0] == "--ink-prior-mm":
             assert not {"ink", "tilt_x", "tilt_y"} & set(detail.extra)
         if words[0] == "--encoder-step-deg":
