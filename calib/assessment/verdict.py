@@ -97,8 +97,8 @@ def _ruler(detail: Detail | None) -> list[Reason]:
     if detail is None or detail.scale_sigma is None or detail.scale_sigma < _RULER:
         return []
     text = (
-        f"All lengths are only as sure as the size of the print: {detail.scale_sigma:.2%} (one standard deviation), "
-        "which is part of their sigmas; a ruler and measure-target make it less."
+        f"All lengths are as sure as the print's own size: {detail.scale_sigma:.2%}, a part of their sigmas; "
+        "measure-target makes it less."
     )
     return [Reason(rule="ruler", level=Level.GOOD, text=text, kind=Kind.NOTE)]
 

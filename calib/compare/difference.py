@@ -9,6 +9,7 @@ from boxcal.calib.errors import CalibError
 from boxcal.calib.four_steps.reprojection import transform
 from boxcal.calib.geometry.so3_se3 import inverse, log_so3
 from boxcal.calib.results.calibration import Calibration, Wheels
+from boxcal.calib.results.diagnostics import CAMERA
 from boxcal.calib.uncertainty.projection import points_at
 from boxcal.target.arrays import Array
 from boxcal.target.camera.camera_model import project
@@ -83,15 +84,11 @@ def difference(a: Calibration, b: Calibration) -> Difference:
     Raises
     ------
     CalibError
-        If their images or lens models differ, so that their cameras cannot be compared.
+        If their images differ in size, so that their cameras cannot be compared.
     """
     if a.image_size != b.image_size:
         sizes = " and ".join(f"{w} x {h}" for w, h in (a.image_size, b.image_size))
         raise CalibError(f"images of {sizes} px, one size is needed", remedy="calibrate both with one camera mode")
-    if a.camera.kind != b.camera.kind:
-        raise CalibError(
-            f"camera models {a.camera.kind} and {b.camera.kind}, one is needed", remedy="calibrate both with one"
-        )
     for which, c in (("A", a), ("B", b)):
         if min(c.wheels.rR, c.wheels.rL, c.wheels.b, c.camera.fu, c.camera.fv) <= 0:
             raise CalibError(f"calibration {which} has a length that is not positive", remedy="calibrate again")
@@ -101,6 +98,9 @@ def difference(a: Calibration, b: Calibration) -> Difference:
         why_not = f"{' and '.join(missing)} came without a covariance"
         return Difference(values=values, sigma=None, chi2=None, dof=0, p_value=None, why_not=why_not, ground=ground)
     cov = a.detail.covariance.matrix + b.detail.covariance.matrix
+    if a.camera.kind is not b.camera.kind:  # coefficients of unlike models mean unlike things
+        cov[: len(CAMERA), :] = cov[:, : len(CAMERA)] = np.nan
+        cov[np.diag_indices(len(CAMERA))] = np.inf
     if not np.all(np.diag(cov) > 0):
         raise CalibError("a covariance holds variances that are not positive", remedy="calibrate again")
     sigma = np.sqrt(np.diag(cov))

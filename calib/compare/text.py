@@ -6,6 +6,7 @@ import numpy as np
 
 from boxcal.calib.compare.difference import STRAIGHT, Difference
 from boxcal.calib.compare.ground_truth import Errors
+from boxcal.calib.console.judgement import judgement
 from boxcal.calib.console.tables import shortened, table
 from boxcal.calib.geometry.parameters import ORDER
 from boxcal.calib.results.calibration import Calibration
@@ -31,6 +32,7 @@ def comparison(a: Calibration, b: Calibration, found: Difference) -> str:
         f"{printable(a.robot)}: A of {printable(a.provenance.created)}, B of {printable(b.provenance.created)}",
         "",
         _parameters(a, b, found),
+        *_models(a, b),
         "rx, ry, rz: turn of the camera about its own axes (right, down, along the view)",
         f"camera looks (yaw to the left, pitch down, roll): A {looks[0]} deg, B {looks[1]} deg",
         "",
@@ -40,7 +42,17 @@ def comparison(a: Calibration, b: Calibration, found: Difference) -> str:
         f"a point {g.distance:g} m from the camera appears {g.projection_mean_px:.2f} px away in the mean over the "
         f"image, {g.projection_worst_px:.2f} px at worst",
     ]
+    for which, c in (("A", a), ("B", b)):
+        if c.verdict is not None and c.verdict.causes:
+            lines += ["", judgement(which, c.verdict)]
     return "\n".join(lines)
+
+
+def _models(a: Calibration, b: Calibration) -> list[str]:
+    """Return why cameras are not compared by their coefficients, where they are not."""
+    if a.camera.kind is b.camera.kind:
+        return []
+    return [f"camera models differ (A {a.camera.kind}, B {b.camera.kind}): the cameras are compared by what they see"]
 
 
 def verdict(found: Difference, level: float) -> str:

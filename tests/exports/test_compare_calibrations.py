@@ -12,11 +12,12 @@ from made_up import EVIL, SIGMA, calibration, camera, detail
 
 from boxcal.calib.compare.cli import main
 from boxcal.calib.compare.difference import difference, projection_shift
-from boxcal.calib.errors import CalibError
+from boxcal.calib.compare.text import comparison
 from boxcal.calib.geometry.parameters import ORDER
 from boxcal.calib.geometry.so3_se3 import exp_so3, rigid
 from boxcal.calib.results.calibration import Calibration, Wheels
 from boxcal.calib.results.json_format import save_calibration
+from boxcal.calib.results.verdict import Level, Reason, Verdict
 from boxcal.target.arrays import Array
 from boxcal.target.camera.camera_model import CameraModel
 
@@ -94,8 +95,22 @@ def test_richer_lenses_are_compared_in_pixels() -> None:
     same = difference(a, a)
     assert same.ground.projection_worst_px < 1e-3
     assert same.p_value == 1.0
-    with pytest.raises(CalibError, match="camera models brown and radial"):
-        difference(a, calibration(detail=PLAIN))
+    b = calibration(detail=PLAIN)
+    unlike = difference(a, b)  # coefficients of unlike models mean unlike things: wheels and extrinsics are left
+    assert unlike.dof == 9
+    assert unlike.p_value == 1.0
+    assert unlike.ground.projection_worst_px > 1
+    assert "camera models differ (A brown, B radial)" in comparison(a, b, unlike)
+
+
+def test_causes_of_a_verdict_that_is_not_good_are_told() -> None:
+    reason = Reason(rule="slip", level=Level.REDO, text="The wheels slip.", advice="Drive slower.")
+    judged = Verdict(level=Level.REDO, headline="No.", reasons=(reason,), next_steps=("Drive slower.",))
+    a, b = calibration(detail=PLAIN), calibration(detail=PLAIN, verdict=judged)
+    text = comparison(a, b, difference(a, b))
+    assert "B: REDO - No." in text
+    assert "why: The wheels slip." in text
+    assert "A: " not in text.split("\n\n")[-1]
 
 
 @pytest.fixture
