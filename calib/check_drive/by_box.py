@@ -131,13 +131,38 @@ def _look(calibration: Calibration, detail: Detail, stop: StopObservation) -> _L
         return floor_pose(inverse(move_left(T, xi[:6])), T_body_cam)
 
     by_xi = np.stack([(at(e) - at(-e)) / (2 * _STEP) for e in _STEP * np.eye(12)], axis=1)
+    pose = at(np.zeros(12))
     off = stop.uv_px - uv_px
     square = float(np.mean(np.einsum("la,lab,lb->l", off, weight, off))) / 2
     return _Look(
-        pose=at(np.zeros(12)),
+        pose=pose,
         by_camera=np.concatenate([-by_xi[:, :6] @ np.linalg.solve(normal, pull), by_xi[:, 6:]], axis=1),
         corner_rms=square**0.5 / detail.noise.pixel_factor,
-        cov=detail.noise.pixel_factor**2 * by_xi[:, :6] @ np.linalg.solve(normal, by_xi[:, :6].T),
+        cov=detail.noise.pixel_factor**2 * by_xi[:, :6] @ np.linalg.solve(normal, by_xi[:, :6].T)
+        + _effects_covariance(calibration, detail, T, pose),
+    )
+
+
+def _effects_covariance(calibration: Calibration, detail: Detail, T_cam_box: Array, pose: Array) -> Array:
+    """Return the covariance (3, 3) of a floor pose by what differs from stop to stop: leaning, and the faces seen.
+
+    A face glued off its place shifts the pose; one that is turned turns it about the box. What two stops have in
+    common by seeing the same faces would cancel between them; counting it twice is on the safe side.
+    """
+
+    def leaning(lean: Array) -> Array:
+        """Return the floor pose of a robot that leans by (2,) rad about its own axes x and y."""
+        return floor_pose(
+            inverse(T_cam_box), rigid(exp_so3(np.append(lean, 0.0)), np.zeros(3)) @ calibration.T_body_cam
+        )
+
+    by_lean = np.stack([(leaning(e) - leaning(-e)) / (2 * _STEP) for e in _STEP * np.eye(2)], axis=1)
+    by_turn = np.array([-pose[1], pose[0], 1.0])
+    place, turn = detail.effects.get("place_m", 0.0), detail.effects.get("turn_rad", 0.0)
+    return np.asarray(
+        detail.effects.get("lean_rad", 0.0) ** 2 * by_lean @ by_lean.T
+        + np.diag([place**2, place**2, 0.0])
+        + turn**2 * np.outer(by_turn, by_turn)
     )
 
 
