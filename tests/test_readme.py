@@ -51,39 +51,42 @@ def test_around_an_imperfect_measured_box_robots_are_calibrated_within_0_3_perce
 
 
 _TABLE = """
-robot  stops  landmarks   rL mm    x mm
------  -----  ---------  ------  ------
-r01       12       2964  22.193  31.500
-  +/-                     0.006   0.150
+robot  verdict  stops  corners
+-----  -------  -----  -------
+r01       good     12     2964
 
-r01: good - Put it on the robot.
+r01: GOOD - Put it on the robot. (18 checks passed)
 
-error against truth    rL %  rotation deg
--------------------  ------  ------------
-r01                  -0.043         0.019
+wheels           rL mm           x mm
+------  --------------  -------------
+r01     22.193 ± 0.006  31.50 ± 0.140
+
+error against truth    rL %  turn deg
+-------------------  ------  --------
+r01                  -0.043     0.019
 """
 
 
 @pytest.mark.parametrize(
     ("old", "new"),
     [
-        ("0.150", "0.165"),  # a sigma that is a tenth too large
+        ("0.140", "0.155"),  # a sigma that is a tenth too large
         ("0.006", "0.009"),
-        ("0.006   0.150", "0.150   0.006"),  # columns exchanged
+        ("± 0.006  31.50 ± 0.140", "± 0.140  31.50 ± 0.006"),  # columns exchanged
         ("22.193", "22.199"),  # an estimate that is a sigma off
-        ("31.500", "31.350"),
-        ("22.193  31.500", "31.500  22.193"),
+        ("31.50", "31.36"),
+        ("22.193 ± 0.006  31.50", "31.50 ± 0.006  22.193"),
         ("-0.043", "+0.043"),
         ("0.019", "0.023"),
-        ("good", "redo"),
+        ("GOOD", "REDO"),
         (" 12 ", " 13 "),
         ("2964", "2900"),
-        ("r01: good - Put it on the robot.\n", ""),
+        ("r01: GOOD - Put it on the robot. (18 checks passed)\n", ""),
     ],
 )
 def test_the_comparison_of_outputs_notices(old: str, new: str) -> None:
     assert not outputs.differences(_TABLE, _TABLE)
-    assert not outputs.differences(_TABLE, _TABLE.replace("22.193", "22.194").replace("31.500", "31.520"))
+    assert not outputs.differences(_TABLE, _TABLE.replace("22.193", "22.194").replace("31.50", "31.51"))
     assert old in _TABLE
     assert outputs.differences(_TABLE, _TABLE.replace(old, new))
 

@@ -64,41 +64,36 @@ def run(lines: Iterable[str], folder: Path, programs: Path) -> dict[str, str]:
 def differences(wanted: str, found: str) -> list[str]:
     """Return what differs between an output that a page shows and what was printed; nothing if they agree.
 
-    Words must be equal. A line that begins with ``+/-`` holds standard deviations, each held to SIGMA_TOLERANCE; the
-    line above it estimates, each held to VALUE_TOLERANCE of the deviation below it. In a table of errors a number is
-    held to ERROR_DIGITS, a count to COUNT_TOLERANCE, any other number to OTHER_TOLERANCE. The last digit that is shown
-    may round otherwise. The same versions of the libraries give the same numbers.
+    Words must be equal. A number behind ``±`` is a standard deviation, held to SIGMA_TOLERANCE; the one before it an
+    estimate, held to VALUE_TOLERANCE of that deviation. In a table of errors a number is held to ERROR_DIGITS, a count
+    to COUNT_TOLERANCE, any other number to OTHER_TOLERANCE. The last digit that is shown may round otherwise. The same
+    versions of the libraries give the same numbers.
     """
     a, b = wanted.strip().splitlines(), found.strip().splitlines()
     if len(a) != len(b):
         return [f"{len(a)} lines shown, {len(b)} printed"]
     out, errors = [], False
-    for k, (line, printed) in enumerate(zip(a, b, strict=True)):
+    for line, printed in zip(a, b, strict=True):
         errors = line.startswith("error against truth") or (errors and bool(line.strip()))
-        below = a[k + 1].split() if k + 1 < len(a) else []
-        if not _agree(line, printed, below, errors=errors):
+        if not _agree(line, printed, errors=errors):
             out.append(f"shown   {line}\nprinted {printed}")
     return out
 
 
-def _agree(line: str, printed: str, below: Sequence[str], *, errors: bool) -> bool:
+def _agree(line: str, printed: str, *, errors: bool) -> bool:
     words, others = line.split(), printed.split()
-    if len(words) != len(others):
+    if [_NUMBER.sub("#", word) for word in words] != [_NUMBER.sub("#", other) for other in others]:
         return False
-    is_sigma = words[:1] == ["+/-"]
-    sigmas = [float(word) for word in below[1:]] if below[:1] == ["+/-"] else []
     for place, (word, other) in enumerate(zip(words, others, strict=True)):
-        if _NUMBER.sub("#", word) != _NUMBER.sub("#", other):
-            return False
-        from_right = len(words) - place
-        sigma = sigmas[-from_right] if from_right <= len(sigmas) else None
+        is_sigma = place > 0 and words[place - 1] in {"±", "+-"}
+        sigma = _NUMBER.match(words[place + 2]) if words[place + 1 : place + 2] in (["±"], ["+-"]) else None
         for x, y in zip(_NUMBER.findall(word), _NUMBER.findall(other), strict=True):
             value, last_digit = float(x), 10.0 ** -len(x.partition(".")[2])
             room = OTHER_TOLERANCE * abs(value) + last_digit
             if is_sigma:
                 room = SIGMA_TOLERANCE * abs(value) + last_digit
             elif sigma is not None:
-                room = VALUE_TOLERANCE * sigma + last_digit
+                room = VALUE_TOLERANCE * float(sigma[0]) + last_digit
             elif errors:
                 room = ERROR_DIGITS * last_digit
             elif "." not in x:
