@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from boxcal.detect.image.bit_depth import DeepGrey
 from boxcal.target.arrays import Array
 
-POINTS = 3000
+POINTS = 1500
 """Pixels that are compared."""
 _SPACING_PX = 2
 """Of every square of so many pixels a side one is a candidate: its neighbour's edge is the same edge."""
@@ -29,7 +29,7 @@ _LEAST_NOISE = 0.5
 """Grey levels of 255: rounding alone has a deviation of 0.3."""
 BANDS, MOST_BANDING = 8, 0.02
 """Lamps flicker in horizontal bands of a rolling shutter: bands compared, and their largest deviation in gain."""
-_ROUNDS = 3
+_ROUNDS = 2
 _TUKEY = 4.685
 """Tukey's constant: 95 % of the efficiency of least squares under normal noise."""
 

@@ -85,17 +85,16 @@ def measure_stop(
         foreign = foreign_tags(held[len(held) // 2], target, settings)
         corners = combine([TagDetections.none()] * len(held))
         return _measured(corners, foreign_ids=foreign, left_out=still.left_out, camera=camera)
-    tags = TagDetections(
-        ids=found.ids,
-        corners_px=found.corners_px,
-        sigma_px=np.zeros(found.ids.size),
-        foreign_ids=np.zeros(0, dtype=np.int64),
-        cov_px2=found.cov_px2,
-    )
-    kept = int(still.kept.sum())
-    corners = replace(
-        combine([tags]),
-        counts=np.full(4 * found.ids.size, kept, dtype=np.int64),
+    kept, landmarks = int(still.kept.sum()), 4 * found.ids.size
+    corners = AveragedCorners(
+        landmark_ids=(4 * found.ids[:, None] + np.arange(4)).ravel(),
+        uv_px=found.corners_px.reshape(-1, 2),
+        sigma_px=np.zeros(landmarks),
+        cov_px2=found.cov_px2.reshape(-1, 2, 2),
+        counts=np.full(landmarks, kept, dtype=np.int64),
+        scatter_px2=np.zeros((2, 2)),
+        normalised=0.0,
+        freedom=0,
         frames=kept,
         of_mean=True,
         averages_out=_averages_out(still.noise / full, found.residual, kept),
