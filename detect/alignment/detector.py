@@ -20,7 +20,7 @@ from boxcal.detect.alignment.registration.parameters import KURTOSIS
 from boxcal.detect.alignment.registration.tag_alignments import TagAlignments
 from boxcal.detect.alignment.registration.tag_batch import Frame
 from boxcal.detect.alignment.tag_patterns import Index, Patterns, target_patterns
-from boxcal.detect.alignment.uneven_light import align_unevenly_lit, crossed, displacement_px2
+from boxcal.detect.alignment.uneven_light import align_unevenly_lit, box_distance2, crossed, displacement_px2
 from boxcal.detect.alignment.verification import Limits, module_px, verified
 from boxcal.detect.errors import DetectError
 from boxcal.detect.image.gray import to_grey, to_grey8
@@ -202,7 +202,7 @@ def detect_in_grey(
     if imaging is None:
         imaging = estimate_response(frame, patterns, tags, settings.response)
     frame, tags = _finely(frame, patterns, tags, imaging)
-    tags, uneven = _believed(frame, patterns, tags, settings.limits)
+    tags, uneven = _believed(frame, target, patterns, tags, fit, settings.limits)
     if len(tags) and module_px(patterns, tags.corners_px).max() > LARGE_MODULE_PX:
         fit = fit_box(target, tags.rows, tags.corners_px, image_size=size, sigma_px=LEAST_SIGMA_PX, start=fit)
         if sagitta_difference_px(frame.lens, fit.lens, tags.corners_px) > BENT_PX:
@@ -220,7 +220,9 @@ def detect_in_grey(
     return replace(located, camera=KnownCamera(prior=fit.camera(max(size)), imaging=imaging))
 
 
-def _believed(frame: Frame, patterns: Patterns, tags: TagAlignments, limits: Limits) -> tuple[TagAlignments, Index]:
+def _believed(  # noqa: PLR0917
+    frame: Frame, target: Target, patterns: Patterns, tags: TagAlignments, fit: BoxFit, limits: Limits
+) -> tuple[TagAlignments, Index]:
     """Return the tags that are really there, and the rows of those that were aligned again under uneven light."""
     good, again = verified(patterns, tags, limits), crossed(tags, patterns, limits)
     if not again.any():
@@ -228,7 +230,9 @@ def _believed(frame: Frame, patterns: Patterns, tags: TagAlignments, limits: Lim
     own, sound = align_unevenly_lit(
         frame, patterns, tags.take(again), side_px=FINE_SIDE_PX, stop_px=STOP_PX, limits=limits
     )
-    replaced = own.take(sound)
+    # of a tag that can be believed either way that stays which lies nearer to where the box has it
+    nearer = box_distance2(target, own, fit) < box_distance2(target, tags.take(again), fit)
+    replaced = own.take(sound & (nearer | ~good[again]))
     kept = tags.take(good & ~np.isin(tags.rows, replaced.rows))
     return kept.joined(replaced), tags.rows[again]
 

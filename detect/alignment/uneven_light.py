@@ -24,7 +24,7 @@ from boxcal.target.arrays import Array
 from boxcal.target.box import Target
 
 ROUNDS = 3
-SUSPICIOUS, UNUSUAL = 0.025, 3.0
+SUSPICIOUS, UNUSUAL = 0.04, 3.0
 """Tags are looked at again whose largest mean residual of two by two modules, over the contrast, is more than this,
 and so many times that of the better tags of the picture, where noise makes it."""
 LEAST_LOCAL_CONTRAST = 0.2
@@ -95,9 +95,13 @@ def _readable(pattern: Array, cells: Array) -> NDArray[np.bool_]:
     return np.asarray(seen >= LEAST_EDGES * told)
 
 
+def box_distance2(target: Target, tags: TagAlignments, fit: BoxFit) -> Array:
+    """Return the mean squared distance per axis (N,) px^2 of tags' corners from where the rigid box has them."""
+    uv, _ = fit.predict(target.tag_corners[tags.rows].reshape(-1, 3))
+    return np.asarray(np.mean((uv.reshape(-1, 4, 2) - tags.corners_px) ** 2, axis=(1, 2)))
+
+
 def displacement_px2(target: Target, tags: TagAlignments, fit: BoxFit, uneven: NDArray[np.bool_]) -> Array:
     """Return the variance (N,) px^2 per axis by which unevenly lit tags lie further beside the box than the others."""
-    uv, _ = fit.predict(target.tag_corners[tags.rows].reshape(-1, 3))
-    off2 = np.mean((uv.reshape(-1, 4, 2) - tags.corners_px) ** 2, axis=(1, 2))
-    usual = float(np.median(off2))
-    return np.where(uneven, np.maximum(off2 - usual, 0.0), 0.0)
+    off2 = box_distance2(target, tags, fit)
+    return np.where(uneven, np.maximum(off2 - float(np.median(off2)), 0.0), 0.0)
