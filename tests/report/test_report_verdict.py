@@ -328,7 +328,7 @@ def test_stops_of_one_spot_leave_everything_open(calibrations: Calibrations) -> 
 
 def test_documentation_names_every_rule_and_its_limits() -> None:
     rows = dict(re.findall(r"^\| `([a-z-]+)` \| (.*)$", DOCS.read_text(encoding="utf-8"), re.MULTILINE))
-    assert set(rows) == {*LIMITS, "open", "uncertainty"}
+    assert set(rows) == {*LIMITS, "open", "uncertainty", "misfit", "recording"}
     factor = {
         "straight": 100,
         "camera-place": 1000,
