@@ -13,7 +13,7 @@ from boxcal.target.render.pictures import looking
 from boxcal.target.render.renderer import FLAT, SensorModel, render
 
 SIZE = (160, 120)
-ZOOM = 8
+ZOOM = 4
 SMOOTH = SensorModel(background="plain", psf_px=0.6)
 CAMERAS = {
     "radial": CameraModel(fu=160.0, fv=161.0, cu=78.3, cv=61.7, kr=-0.2),
@@ -40,7 +40,7 @@ def enlarged(camera: CameraModel, times: int) -> CameraModel:
 
 @every_camera
 def test_a_picture_is_the_scene_under_psf_and_pixel(camera: CameraModel) -> None:
-    """Against pixels 8 times finer without PSF, blurred as light is, then summed over the coarse pixels."""
+    """Against pixels 4 times finer without PSF, blurred as light is, then summed over the coarse pixels."""
     picture = render(make_target(), camera, POSE, SIZE, SMOOTH).astype(float)
     fine = render(
         make_target(), enlarged(camera, ZOOM), POSE, (SIZE[0] * ZOOM, SIZE[1] * ZOOM), replace(SMOOTH, psf_px=0.0)
@@ -88,8 +88,9 @@ def outer_edges(corners_px: Array, p_box: Array, T_cam_box: Array, camera: Camer
 
 @every_camera
 def test_tags_edges_lie_where_the_camera_model_puts_them(camera: CameraModel) -> None:
-    target, large = make_target(), enlarged(camera, ZOOM)
-    picture = render(target, large, POSE, (ZOOM * SIZE[0], ZOOM * SIZE[1]), replace(SMOOTH, psf_px=0.5)).astype(float)
+    zoom = 7 if camera.kind is CameraKind.FISHEYE else ZOOM  # it sees the box smaller
+    target, large = make_target(), enlarged(camera, zoom)
+    picture = render(target, large, POSE, (zoom * SIZE[0], zoom * SIZE[1]), replace(SMOOTH, psf_px=0.5)).astype(float)
     off = []
     for tag in range(0, 35, 3):
         p_box = target.tag_corners[tag]
@@ -121,7 +122,7 @@ def test_bowed_faces_carry_their_tags_where_the_parabola_puts_them() -> None:
         off += [edge_offset(picture, uv, n) for uv, n in edges]
         shift = corners - project(large, target.tag_corners[tag] @ pose[:3, :3].T + pose[:3, 3])
         flat.append(np.linalg.norm(shift, axis=1).max())
-    assert max(flat) > 5, "the bow itself is far above the tolerance"
+    assert max(flat) > 2, "the bow itself is far above the tolerance"
     assert np.abs(off).max() < 0.12
     assert np.sqrt(np.mean(np.square(off))) < 0.04
 
