@@ -15,6 +15,7 @@ from boxcal.calib.likelihood.initial_guess import camera_start, first_states
 from boxcal.calib.likelihood.leg_model import leg_model, wheel_path
 from boxcal.calib.likelihood.problem import build_problem
 from boxcal.calib.likelihood.residuals import leg_covariance
+from boxcal.calib.likelihood.slip_profile import _SPREAD, _SPREAD_WEIGHT
 from boxcal.calib.results.build import closed_form, refined
 from boxcal.calib.results.calibration import Provenance
 from boxcal.calib.simulate.drive import DriveOptions, exact_correspondences, exact_options, simulate_drive
@@ -140,6 +141,14 @@ def test_covariance_over_levels_of_slip_is_that_of_their_mixture() -> None:
     np.testing.assert_allclose(mean / unit, np.sum(w[:, None] * apart.d_shared, axis=0) / unit, atol=1e-9)
     np.testing.assert_allclose(cov / scale, (second - np.outer(mean, mean)) / scale, atol=1e-9)
     assert w.sum() == pytest.approx(1, abs=1e-12)
+
+
+def test_little_slip_is_known_to_the_factor_that_is_stated() -> None:
+    """Probabilities of levels about the middle one sum to 1, the middle is likeliest, their spread is a factor of 1.65."""
+    assert _SPREAD_WEIGHT.sum() == pytest.approx(1, abs=1e-12)
+    assert np.argmax(_SPREAD_WEIGHT) == len(_SPREAD) // 2
+    assert pytest.approx(0, abs=1e-12) == _SPREAD_WEIGHT @ _SPREAD
+    assert np.sqrt(_SPREAD_WEIGHT @ _SPREAD**2) == pytest.approx(np.log(1.65), abs=0.06)  # cut off at a factor of e
 
 
 def test_the_start_stands_where_an_exact_drive_stood() -> None:
