@@ -117,10 +117,10 @@ def small_drive(seed: int, stops: int, corners: int, sigma_px: float) -> Corresp
 def test_noise_scale_is_unbiased_where_few_corners_are_left_over() -> None:
     """Restricted likelihood: 6 stops of 12 corners leave 144 numbers, of which camera and poses take about 40.
 
-    The mean of the squared noise scale over 40 drives is 1 within four of its standard errors, sqrt(2 / 100 / 40);
+    The mean of the squared noise scale over 25 drives is 1 within four of its standard errors, sqrt(2 / 100 / 25);
     uncorrected it would be 100/144.
     """
-    runs = 40
+    runs = 25
     squares = [estimate([small_drive(seed, 6, 12, 0.2)]).noise.pixel_factor ** 2 for seed in range(runs)]
     assert np.mean(squares) == pytest.approx(1, abs=4 * np.sqrt(2 / 100 / runs))
 
@@ -144,7 +144,7 @@ def test_covariance_over_levels_of_slip_is_that_of_their_mixture() -> None:
 
 
 def test_little_slip_is_known_to_the_factor_that_is_stated() -> None:
-    """Probabilities of levels about the middle one sum to 1, the middle is likeliest, their spread is a factor of 1.65."""
+    """Probabilities of levels sum to 1; the middle is likeliest; their spread is a factor of 1.65."""
     assert _SPREAD_WEIGHT.sum() == pytest.approx(1, abs=1e-12)
     assert np.argmax(_SPREAD_WEIGHT) == len(_SPREAD) // 2
     assert pytest.approx(0, abs=1e-12) == _SPREAD_WEIGHT @ _SPREAD
