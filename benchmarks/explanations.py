@@ -114,13 +114,13 @@ def judged(drive: ImperfectDrive, violation: Violation | None, size: float) -> R
     assert detail is not None
     off = [
         abs(abs(finding.size) - size * violation.scale) / finding.sigma
-        for finding in detail.findings
+        for finding in found.findings
         if violation is not None and violation.scale and finding.cause.startswith(violation.causes)
     ]
     z = errors_in_sigmas(found, drive)
     level = str(found.verdict.level) if found.verdict is not None else "none"
     return Run(
-        causes=tuple(finding.cause for finding in detail.findings),
+        causes=tuple(finding.cause for finding in found.findings),
         size=min(off, default=np.nan),
         level=level,
         worst=float(np.max(np.abs(z))),

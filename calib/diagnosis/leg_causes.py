@@ -36,9 +36,9 @@ def leg_findings(fit: Fit, found: Estimate, drives: Sequence[Correspondences]) -
     by_start = {(int(fit.problem.drive[i]), int(fit.problem.stop[i])): k for k, i in enumerate(fit.problem.leg_stop)}
     out = []
     for leg in found.flagged_legs:
-        k = by_start[leg.drive, leg.leg]
-        out.append(_finding(leg, fit, k, drives[leg.drive]) if fit.problem.leg_known[k] else _unknown(leg))
-    return tuple(out)
+        out.append(_finding(leg, fit, by_start[leg.drive, leg.leg], drives[leg.drive]))
+    unknown = np.flatnonzero(~fit.problem.leg_known)
+    return (*out, *(_unknown(fit, int(k)) for k in unknown))
 
 
 def _finding(leg: FlaggedLeg, fit: Fit, k: int, drive: Correspondences) -> Finding:
@@ -110,14 +110,15 @@ def _largest_sigma(cov: Array) -> float:
     return float(np.sqrt(np.linalg.eigvalsh(cov)[-1]))
 
 
-def _unknown(leg: FlaggedLeg) -> Finding:
+def _unknown(fit: Fit, k: int) -> Finding:
+    i = int(fit.problem.leg_stop[k])
+    first, second = int(fit.problem.stop[i]), int(fit.problem.stop[i + 1])
     return Finding(
         cause="leg-without-wheels",
-        text=f"between stop {leg.leg + 1} and stop {leg.next_stop + 1} the wheels' travel is not known; the leg was "
-        "left out",
+        text=f"between stop {first + 1} and stop {second + 1} the wheels' travel is not known; the leg was left out",
         advice="Look for missing joint messages or a restart of the driver.",
         adopted=True,
-        stops=(leg.leg, leg.next_stop),
+        stops=(first, second),
     )
 
 
