@@ -34,9 +34,7 @@ def leg_findings(fit: Fit, found: Estimate, drives: Sequence[Correspondences]) -
         What it was made from.
     """
     by_start = {(int(fit.problem.drive[i]), int(fit.problem.stop[i])): k for k, i in enumerate(fit.problem.leg_stop)}
-    out = []
-    for leg in found.flagged_legs:
-        out.append(_finding(leg, fit, by_start[leg.drive, leg.leg], drives[leg.drive]))
+    out = [_finding(leg, fit, by_start[leg.drive, leg.leg], drives[leg.drive]) for leg in found.flagged_legs]
     unknown = np.flatnonzero(~fit.problem.leg_known)
     return (*out, *(_unknown(fit, int(k)) for k in unknown))
 
