@@ -33,13 +33,8 @@ def summarise(fit: Fit, drives: Sequence[Correspondences]) -> Estimate:
     left_out = jackknife(fit)
     cov = reported_cov(fit.cov, state, unknown)
     cov[:COUNT, :COUNT] *= np.outer(left_out.inflation, left_out.inflation)
-<<<<<<< HEAD
     used = fit.weights.legs > 0
     legs = flagged_legs(problem, state, fit.tests, used | ~problem.leg_known, list(drives))
-=======
-    used = (fit.weights.legs > 0) | ~problem.leg_known  # what is not known is no outlier
-    legs = flagged_legs(problem, state, fit.tests, used, list(drives))
->>>>>>> 08a82ba (A leg whose travel is not known is said to be so, not taken for an outlier; docs/explanations.md)
     return Estimate(
         camera=CameraModel.from_values(problem.lens, state.lens),
         rR=float(state.wheels[0]),
