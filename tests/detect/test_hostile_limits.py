@@ -81,11 +81,11 @@ def _long_joint_name(path: Path) -> Path:
         + struct.pack("<I", 50)
         + (struct.pack("<I", len(name)) + name) * 10
     )
-    return _mcap(path, *(_chunk(_JOINTS + _message(1, k, joints)) for k in range(10)))
+    return _mcap(path, *(_chunk(_JOINTS + _message(1, k, joints)) for k in range(3)))
 
 
 def _empty_messages(path: Path) -> Path:
-    return _mcap(path, *(_chunk(_JOINTS + _message(1, 0, b"") * 4_000_000) for _ in range(4)))
+    return _mcap(path, *(_chunk(_JOINTS + _message(1, 0, b"") * 2_000_000) for _ in range(2)))
 
 
 def _huge_pictures(path: Path) -> Path:
@@ -114,11 +114,11 @@ def _chunk_of_2_63(path: Path) -> Path:
 
 def _bomb(path: Path) -> Path:
     worker = zstandard.ZstdCompressor()
-    return _mcap(path, *(_chunk(b"", size=127 << 20)[:0] + _lying(worker) for _ in range(8)))
+    return _mcap(path, *(_chunk(b"", size=127 << 20)[:0] + _lying(worker) for _ in range(2)))
 
 
 def _lying(worker: zstandard.ZstdCompressor) -> bytes:
-    held = worker.compress(bytes(1 << 30))
+    held = worker.compress(bytes(1 << 28))
     head = struct.pack("<QQQI", 0, 0, 127 << 20, 0)
     return _record(6, head + _text(b"zstd") + struct.pack("<Q", len(held)) + held)
 
@@ -126,7 +126,7 @@ def _lying(worker: zstandard.ZstdCompressor) -> bytes:
 def _packed_bomb(path: Path) -> Path:
     out = path.with_suffix(".mcap.zst")
     with out.open("wb") as file, zstandard.ZstdCompressor().stream_writer(file) as writer:
-        for _ in range(40):
+        for _ in range(12):
             writer.write(bytes(64 << 20))
     return out
 
