@@ -186,6 +186,8 @@ def _whole_run(run: CapturedRun, wheels: Array) -> LegModel:
         starts=np.zeros(1, dtype=np.int64),
         leg=np.zeros(len(dphi), dtype=np.int64),
         moving=(np.flatnonzero(dphi[:, 0]), np.flatnonzero(dphi[:, 1])),
+        phi_start=run.phi[:-1],
+        t_start_ns=np.zeros(len(dphi), dtype=np.int64),
     )
     none = np.zeros((1, 2))
     return leg_model(path, wheels, none, none)

@@ -97,7 +97,7 @@ def _ruler(detail: Detail | None) -> list[Reason]:
     if detail is None or detail.scale_sigma is None or detail.scale_sigma < _RULER:
         return []
     text = (
-        f"All lengths are as sure as the print's own size: {detail.scale_sigma:.2%}, a part of their sigmas; "
+        f"All lengths are as sure as the print's own size: {detail.scale_sigma:.2%}, on top of their sigmas; "
         "measure-target makes it less."
     )
     return [Reason(rule="ruler", level=Level.GOOD, text=text, kind=Kind.NOTE)]

@@ -19,6 +19,7 @@ from boxcal.calib.likelihood.target_deformation import HAND_MADE
 from boxcal.detect.correspondences import Correspondences
 from boxcal.target.arrays import Array, Mask
 from boxcal.target.camera.camera_model import CameraModel
+from boxcal.target.measure.size_influence import measured_scale_sigma
 
 _PRIOR_ONLY = 0.9
 _IN_WORDS = {"seat": "how high the sheets stand on the box"}
@@ -33,6 +34,7 @@ def summarise(fit: Fit, drives: Sequence[Correspondences]) -> Estimate:
     left_out = jackknife(fit)
     cov = reported_cov(fit.cov, state, unknown)
     cov[:COUNT, :COUNT] *= np.outer(left_out.inflation, left_out.inflation)
+    cov += _measured_scale_covariance(fit)
     used = fit.weights.legs > 0
     legs = flagged_legs(problem, state, fit.tests, used | ~problem.leg_known, list(drives))
     return Estimate(
@@ -65,6 +67,19 @@ def summarise(fit: Fit, drives: Sequence[Correspondences]) -> Estimate:
         cost=fit.cost,
         log_likelihood=_log_likelihood(fit),
     )
+
+
+def _measured_scale_covariance(fit: Fit) -> Array:
+    """Return what the ruler's own error does to all lengths together, added to the covariance of the shared unknowns.
+
+    No image tells the size of the box as a whole, and a box that is regular says nothing of the ruler: wheels and
+    camera position grow with the box in one direction, known as well as the box was measured.
+    """
+    v = np.zeros(len(fit.problem.names))
+    if fit.options.target is not None and fit.options.measured_sizes:
+        v[WHEELS], v[TRANSLATION] = fit.state.wheels, fit.state.T_body_cam[:3, 3]
+        v *= measured_scale_sigma(fit.options.target)
+    return np.outer(v, v)
 
 
 def scale_sigma(fit: Fit) -> float:

@@ -161,7 +161,7 @@ def noise_rows(detail: Detail | None) -> list[tuple[str, str, str]]:
         if detail.effects.get(name, 0.0) > 0
     ]
     if detail.scale_sigma is not None:
-        rows.append(("Size of the print", f"{detail.scale_sigma:.2%}", "part of every length's sigma"))
+        rows.append(("Size of the print", f"{detail.scale_sigma:.2%}", "on top of every length's sigma"))
     return rows
 
 

@@ -179,7 +179,7 @@ class Detail:
         Standard deviations of random effects by name with their unit: how much the robot leans from stop to stop, how
         well the box was made. Those that the data say are none are zero.
     scale_sigma
-        What the print's own size leaves open in every length, relative: it is a part of every length's sigma.
+        What the print's own size leaves open in every length, relative: it comes on top of every length's sigma.
     held_out
         Stops predicted from the others, where asked for.
     growth

@@ -4,7 +4,7 @@ import numpy as np
 
 from boxcal.target.box import Target
 from boxcal.target.measure.measured_size import SIZES
-from boxcal.target.measure.size_influence import scale_influence
+from boxcal.target.measure.size_influence import measured_scale_sigma, scale_influence
 
 
 def box_notes(target: Target) -> tuple[str, ...]:
@@ -13,11 +13,10 @@ def box_notes(target: Target) -> tuple[str, ...]:
         return ()
     cov = target.measured.cov
     influence = scale_influence(target)
-    total = float(np.sqrt(influence @ cov @ influence))
     share = np.abs(influence) * np.sqrt(np.diag(cov))
     names = {"sx": "the print across (--tags-x)", "sy": "the print up (--tags-y)"}
     worst = SIZES[int(np.argmax(share))]
     return (
-        f"the box's measured size adds {total:.2%} to all lengths (wheels, wheel separation, camera position); "
-        f"measuring {names.get(worst, f'its {worst} (--{worst})')} better would help most",
+        f"the box's measured size adds {measured_scale_sigma(target):.2%} to all lengths (wheels, wheel separation, "
+        f"camera position); measuring {names.get(worst, f'its {worst} (--{worst})')} better would help most",
     )

@@ -36,3 +36,11 @@ def scale_influence(target: Target) -> Array:
     p = target.tag_corners.reshape(-1, 3) - target.tag_corners.reshape(-1, 3).mean(axis=0)
     J = size_jacobian(target).reshape(-1, 3, len(SIZES))
     return np.asarray(np.einsum("ni,nik->k", p, J) / np.sum(p * p))
+
+
+def measured_scale_sigma(target: Target) -> float:
+    """Return what the ruler's uncertainty adds to every length, relative; 0 for a target as designed."""
+    if target.measured is None:
+        return 0.0
+    influence = scale_influence(target)
+    return float(np.sqrt(influence @ target.measured.cov @ influence))

@@ -80,7 +80,7 @@ def test_a_simulated_robot_is_calibrated_and_compared_with_truth(
     assert status == 0
     assert "good" in out
     assert "error against truth" in out
-    assert re.search(r"\[1/1\] good\.mcap: good in \d", err)
+    assert re.search(r"\[1/1\] good\.mcap: usable in \d", err)
     assert all(len(line) <= 80 for line in out.splitlines() if str(tmp_path) not in line)
     document = json.loads((tmp_path / "out" / "good" / "calibration.json").read_text())
     assert document["schema"] == 1
