@@ -27,7 +27,7 @@ MOST_TAGS = 6
 DEFORMED = 8.0
 """Blocks that move so much more than noise makes them tell a deformation; without blur some three times."""
 CORNER_DEFORMATION = 1.8
-"""How much further a corner, at the end of its tag, is displaced than the blocks: seen on a rendering of wrinkled paper."""
+"""How much further than the blocks a corner, at its tag's end, is displaced; seen on one picture of wrinkled paper."""
 CLUSTER_PX = 8
 """Least side of a square: JPEG's blocks have it."""
 PRIOR_TAGS = 1.0
