@@ -9,6 +9,8 @@ import numpy as np
 from boxcal.detect.log.wheel_names import Side
 from boxcal.target.arrays import Array, Ids
 
+_LARGEST = 1e15
+"""Readings beyond this (rad, rad/s or ticks) are damage: a double holds no tenth of a unit there."""
 _FEW = 4
 """Fewer readings in a piece tell no usual speed."""
 
@@ -58,8 +60,8 @@ class Signal:
     high: float = -np.inf
 
     def add(self, t_ns: Ids, log_ns: Ids, values: Array) -> None:
-        """Take readings: stamps (N,) ns, times of recording (N,) ns, values (N,); those not finite are left out."""
-        good = np.isfinite(values)
+        """Take readings: stamps (N,) ns, times of recording (N,) ns, values (N,); what is no number is left out."""
+        good = np.abs(values) < _LARGEST  # neither is NaN
         if not np.all(good):
             t_ns, log_ns, values = t_ns[good], log_ns[good], values[good]
         if not values.size:

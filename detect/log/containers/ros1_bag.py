@@ -76,13 +76,13 @@ class Ros1Bag(HashedFile):
     def read(self, places: Iterable[Place]) -> Iterator[bytes]:
         """Yield messages at places that :meth:`batches` gave."""
         for record, inner in places:
-            if self._held[0] != record:
-                self._file.seek(record)
-                fields = _fields(self._file.read(_LENGTH.unpack(self._file.read(4))[0]))
-                held = _LENGTH.unpack(self._file.read(4))[0]
-                self._held = (record, self._content(fields, self._file.read(min(held, MAX_RECORD_BYTES))))
-            data = self._held[1]
             try:
+                if self._held[0] != record:
+                    self._file.seek(record)
+                    fields = _fields(self._file.read(_LENGTH.unpack(self._file.read(4))[0]))
+                    held = _LENGTH.unpack(self._file.read(4))[0]
+                    self._held = (record, self._content(fields, self._file.read(min(held, MAX_RECORD_BYTES))))
+                data = self._held[1]
                 (length,) = _LENGTH.unpack_from(data, inner - 4)
             except struct.error as error:
                 raise DetectError(
@@ -96,7 +96,7 @@ class Ros1Bag(HashedFile):
     def _content(self, fields: dict[bytes, bytes], data: bytes) -> bytes | memoryview:
         """Return what a chunk unpacks to; of one that is damaged or cut off, what its beginning does."""
         compression = fields.get(b"compression", b"none").decode("ascii", "replace")
-        (size,) = _LENGTH.unpack(fields.get(b"size", b"\0\0\0\0"))
+        size = _stated_size(fields) or 0
         compression = "" if compression == "none" else compression
         try:
             return unpacked(data, compression, size)
@@ -108,7 +108,7 @@ class Ros1Bag(HashedFile):
         self._budget.take(unpacked=len(content))
         if len(data) < claimed:
             self.damage.add(f"truncated in the chunk at byte {at}")
-        elif len(content) != _LENGTH.unpack(fields.get(b"size", b"\0\0\0\0"))[0]:
+        elif len(content) != _stated_size(fields):
             self.damage.add(f"the chunk at byte {at} is damaged, what its beginning holds is used")
         lists: dict[int, _Lists] = {}
         try:
@@ -172,6 +172,12 @@ class Ros1Bag(HashedFile):
             )
         except (struct.error, ValueError) as error:
             self.damage.add(f"a connection is damaged ({type(error).__name__})")
+
+
+def _stated_size(fields: dict[bytes, bytes]) -> int | None:
+    """Return the size that a chunk's head states for its unpacked content, None if it states none."""
+    size = fields.get(b"size", b"")
+    return int(_LENGTH.unpack(size)[0]) if len(size) == _LENGTH.size else None
 
 
 def _fields(data: bytes | memoryview) -> dict[bytes, bytes]:
