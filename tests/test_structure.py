@@ -14,7 +14,6 @@ KERNELS = "detect/alignment/numba/"
 """Compiled functions take arrays and scalars, which numba knows, where others take dataclasses."""
 
 LONG: dict[str, str] = {
-    "calib/cli.py:_parser": "a list of options, one a line",
     "target/cli.py:_parser": "a list of options, one a line",
     "calib/report/parameters.py:parameter_groups": "to be split",
     "detect/alignment/numba/image_model.py:differentiate": "one loop, compiled as a whole",

@@ -1,0 +1,176 @@
+"""Options of the command ``fleet-calibrate``."""
+
+import argparse
+import re
+from pathlib import Path
+
+from boxcal.command_line import CommandParser
+
+_EPILOG = """\
+example:
+  fleet-calibrate robots/*.mcap
+
+Each log is a recording of what the wheels' encoders and one camera say (MCAP, a ROS 2 bag folder, a ROS 1 bag, a
+folder of pictures with wheels.csv; docs/recording.md), made while the robot drove around the printed box and stood
+still at three or more places (better a dozen, on several sides) with the box in view. The result of robots/r01.mcap
+goes to calibration/r01/calibration.json.
+
+exit status: 0 all robots calibrated, 1 some robot failed (its reason is printed), 2 wrong usage, 3 with --strict if
+some verdict is not good, 130 interrupted (what was finished is kept)
+"""
+
+
+def options() -> argparse.ArgumentParser:
+    """Return the parser of the command line; loads nothing heavy, so that ``--help`` is instant."""
+    parser = CommandParser(
+        "fleet-calibrate",
+        usage="fleet-calibrate LOG [LOG ...] [options]",
+        description="Calibrate the camera, the wheels and the camera's mounting of every robot from its log.",
+        epilog=_EPILOG,
+    )
+    parser.add_argument(
+        "logs",
+        nargs="+",
+        type=Path,
+        metavar="LOG",
+        help="recording (file or folder), or correspondences saved before (.npz)",
+    )
+    parser.add_argument(
+        "--target",
+        type=Path,
+        metavar="FILE",
+        help="target.json of the box (the one beside or above the logs, there or in box/; else the default box)",
+    )
+    parser.add_argument(
+        "--out", type=Path, default=Path("calibration"), metavar="FOLDER", help="where results go (calibration)"
+    )
+    parser.add_argument(
+        "--truth", action="store_true", help="print errors against <log stem>.truth.json beside the log"
+    )
+    _names(parser)
+    parser.add_argument(
+        "--same-robot",
+        action="store_true",
+        help="all logs are drives of one robot around the same box, solved together and named as the first log",
+    )
+    parser.add_argument("--validate", action="store_true", help="hold every stop out in turn and predict it")
+    _files(parser)
+    _model(parser)
+    parser.add_argument("--strict", action="store_true", help="exit with 3 unless every verdict is good")
+    parser.add_argument("--resume", action="store_true", help="skip robots whose result is in the folder already")
+    parser.add_argument("--jobs", type=_positive, metavar="N", help="robots worked on at once (as many as cores)")
+    parser.add_argument("--quiet", action="store_true", help="no progress, only results and errors")
+    return parser
+
+
+def _names(parser: argparse.ArgumentParser) -> None:
+    names = parser.add_argument_group("topics, joints and frames, where the log does not tell")
+    names.add_argument("--camera-topic", metavar="TOPIC", help="images")
+    names.add_argument("--joint-topic", metavar="TOPIC", help="joint states, ticks or odometry")
+    names.add_argument("--left-joint", metavar="NAME", help="left wheel: a joint, or /topic.field")
+    names.add_argument("--right-joint", metavar="NAME", help="right wheel: a joint, or /topic.field")
+    names.add_argument(
+        "--joint-unit",
+        choices=("rad", "deg", "ticks", "turns", "m"),
+        default="rad",
+        help="unit of the wheels' positions (rad); m is the rim's travel",
+    )
+    names.add_argument("--ticks-per-turn", type=float, metavar="N", help="of a wheel, with --joint-unit ticks")
+    names.add_argument(
+        "--reverse-left", action="store_true", help="the left wheel's positions fall as it rolls forward"
+    )
+    names.add_argument("--reverse-right", action="store_true", help="the right wheel's likewise")
+    names.add_argument("--base-frame", type=_frame, metavar="NAME", help="on the floor below the axle (base_footprint)")
+    names.add_argument("--camera-frame", type=_frame, metavar="NAME", help="camera's optical frame (the images' own)")
+    names.add_argument("--prefix", type=_frame, metavar="TEXT", help="before frames: robots in one TF tree")
+    names.add_argument(
+        "--controller",
+        type=_frame,
+        default="diff_drive_controller",
+        metavar="NAME",
+        help="node that drives the wheels (diff_drive_controller)",
+    )
+    names.add_argument(
+        "--bits", type=int, choices=(8, 10, 12, 14, 16), help="used bits of 16-bit frames (told from the frames)"
+    )
+
+
+def _files(parser: argparse.ArgumentParser) -> None:
+    files = parser.add_argument_group("what is written besides calibration.json and the files for ROS and Kalibr")
+    files.add_argument("--no-report", action="store_true", help="no report.html of every robot and fleet.html")
+    files.add_argument("--draw", action="store_true", help="each stop's picture with detected and reprojected corners")
+    files.add_argument(
+        "--nominal", type=Path, metavar="FILE", help="data sheet's wheels (YAML, JSON or URDF), for the multipliers"
+    )
+    files.add_argument("--rerun", type=Path, metavar="FILE.rrd", help="one robot's drive for the Rerun viewer")
+    files.add_argument("--results-mcap", type=Path, metavar="FILE.mcap", help="the same for Foxglove")
+
+
+def _model(parser: argparse.ArgumentParser) -> None:
+    model = parser.add_argument_group("what is solved for")
+    model.add_argument(
+        "--per-stop",
+        action="store_true",
+        help="first guess of the camera from every stop alone, as in the paper (from all stops jointly if not given)",
+    )
+    model.add_argument("--closed-form", action="store_true", help="the paper's four steps alone: no sigmas, no tests")
+    model.add_argument(
+        "--lens",
+        choices=("radial", "brown", "rational", "fisheye", "auto"),
+        default="auto",
+        help="the paper's one coefficient, OpenCV's 5 or 8, or its equidistant fisheye; auto: what the images ask for "
+        "(auto)",
+    )
+    model.add_argument(
+        "--floor",
+        choices=("uneven", "rigid"),
+        default="uneven",
+        help="the robot leans a little from stop to stop, by how much the data say, or stands on one plane exactly, "
+        "as in the paper (uneven)",
+    )
+    model.add_argument("--tilt-prior-deg", type=_size, default=1.0, metavar="DEG", help="floor against box (1)")
+    model.add_argument("--ink-prior-mm", type=_size, default=0.1, metavar="MM", help="spread of the print's ink (0.1)")
+    model.add_argument(
+        "--scale-prior-percent",
+        type=_size,
+        metavar="PERCENT",
+        help="scale of the print in x and y; 0: exact (the data say how well the box was made)",
+    )
+    model.add_argument(
+        "--face-prior-mm",
+        type=_size,
+        metavar="MM",
+        help="places of the faces, and as much over a face's half width in angle; 0: exact (the data say)",
+    )
+    model.add_argument(
+        "--bow-prior-mm", type=_size, metavar="MM", help="outward bow of each face; 0: flat (the data say)"
+    )
+    model.add_argument(
+        "--size-prior-mm",
+        type=_size,
+        default=0.0,
+        metavar="MM",
+        help="to what the box' width and depth were measured (not)",
+    )
+    model.add_argument("--encoder-step-deg", type=_size, metavar="DEG", help="found from the samples if not given")
+    model.add_argument("--slip-mm", type=_size, metavar="MM", help="of a wheel per root metre; estimated if not given")
+
+
+def _frame(text: str) -> str:
+    if not re.fullmatch(r"/?[A-Za-z][A-Za-z0-9_]*(/[A-Za-z0-9_]+)*/?", text):
+        raise argparse.ArgumentTypeError(f"{text!r} is no name for ROS: letters, digits, _ and / are, a letter first")
+    return text
+
+
+def _positive(text: str) -> int:
+    value = int(text)
+    if value < 1:
+        raise argparse.ArgumentTypeError(f"{value} is not a positive number")
+    return value
+
+
+def _size(text: str) -> float:
+    value = float(text)
+    if not 0 <= value < 1e3:
+        raise argparse.ArgumentTypeError(f"{value} is not a number from 0 on")
+    return value
