@@ -1,0 +1,64 @@
+"""Visibility of the box's tags from many places at once."""
+
+import numpy as np
+
+from boxcal.calib.geometry.so3_se3 import inverse
+from boxcal.calib.likelihood.state import headings
+from boxcal.calib.simulate.robot import Robot
+from boxcal.target.arrays import Array, Mask
+from boxcal.target.box import FACES, Target
+from boxcal.target.camera.camera_model import project
+from boxcal.target.camera.undistort import radius_limit
+
+_MARGIN = 0.02
+"""How far tags stay off the picture's border, as a share of its width: robots do not stop to the millimetre."""
+_STEEPEST = 0.2
+"""Cosine of the largest angle off a face's normal at which its tags are surely read."""
+
+
+def camera_poses(robot: Robot, poses: Array) -> Array:
+    """Return where the camera is, (N, 4, 4), m, of a robot at x, y, heading (N, 3) on a level floor."""
+    T = np.tile(np.eye(4), (len(poses), 1, 1))
+    T[:, :3, :3] = headings(poses[:, 2])
+    T[:, :2, 3] = poses[:, :2]
+    return np.asarray(T @ robot.T_body_cam)
+
+
+def tags_seen(robot: Robot, target: Target, poses: Array, min_side_px: float, margin: float = _MARGIN) -> Mask:
+    """Return which tags are read from each pose, (N, T) bool.
+
+    Parameters
+    ----------
+    robot
+        Camera, image size and extrinsics.
+    target
+        The box.
+    poses : (N, 3), m and rad
+        x, y, heading of the body.
+    min_side_px : px
+        Shortest side of a tag that is surely read.
+    margin
+        How far they stay off the border, as a share of the image's width.
+    """
+    T_cam_box = inverse(camera_poses(robot, poses))
+    corners = target.tag_corners  # (T, 4, 3)
+    p_cam = np.einsum("nij,tcj->ntci", T_cam_box[:, :3, :3], corners) + T_cam_box[:, None, None, :3, 3]
+    centre = p_cam.mean(axis=2)
+    inward = np.cross(p_cam[:, :, 2] - p_cam[:, :, 1], p_cam[:, :, 0] - p_cam[:, :, 1])
+    slant = np.sum(inward * centre, axis=2)
+    slant /= np.linalg.norm(inward, axis=2) * np.linalg.norm(centre, axis=2)
+    before = np.all(p_cam[..., 2] > 0, axis=2)
+    p_cam[~before] = (0.0, 0.0, 1.0)
+    uv = project(robot.camera, p_cam)
+    rho = np.linalg.norm(p_cam[..., :2] / p_cam[..., 2:], axis=-1)
+    reached = np.all(rho < radius_limit(robot.camera.kind, np.array(robot.camera.distortion)), axis=2)
+    width, height = robot.image_size
+    low = margin * width - 0.5
+    inside = np.all((uv >= low) & (uv <= (width - 1 - low, height - 1 - low)), axis=(2, 3))
+    side = np.linalg.norm(uv - np.roll(uv, -1, axis=2), axis=3).min(axis=2)
+    return np.asarray((slant > _STEEPEST) & before & reached & inside & (side >= min_side_px))
+
+
+def tags_by_face(target: Target, seen: Mask) -> Array:
+    """Return how many tags of each face are among those seen (N, T): (N, FACES)."""
+    return np.stack([seen[:, target.tag_faces == f].sum(axis=1) for f in range(FACES)], axis=1)
