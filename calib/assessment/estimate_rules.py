@@ -12,8 +12,13 @@ from boxcal.calib.results.calibration import Calibration
 from boxcal.calib.results.diagnostics import Detail
 from boxcal.calib.results.verdict import Level, Reason
 
-_DOUBTFUL = ("the recording is damaged:", "the sizes mean nothing")
-"""Beginnings of what reading a log says where its data are not whole (``Source.notes``)."""
+_DOUBTFUL = {
+    "the recording is damaged:": (
+        "Record the drive again, on a disk with room, and stop the recorder before the robot is switched off."
+    ),
+    "the sizes mean nothing": "Give the driver's own wheels with --nominal, or record what its encoders say.",
+}
+"""What reading a log says where its data are not whole (``Source.notes``), and what to do."""
 NAMES = {
     **dict.fromkeys(("fu", "fv"), "the focal length"),
     **dict.fromkeys(("cu", "cv"), "the principal point"),
@@ -189,9 +194,12 @@ def _misfit(_: Calibration, detail: Detail) -> list[Reason]:
 
 def _recording(c: Calibration, _: Detail) -> list[Reason]:
     """Judge what reading the logs said: data that were lost, sizes that nothing told."""
-    said = [note for note in c.notes if any(mark in note for mark in _DOUBTFUL)]
-    advice = "Record the drive again, on a disk with room, and stop the recorder before the robot is switched off."
-    return [Reason(rule="recording", level=Level.USABLE, text=sentence(note), advice=advice) for note in said]
+    return [
+        Reason(rule="recording", level=Level.USABLE, text=sentence(note), advice=advice)
+        for mark, advice in _DOUBTFUL.items()
+        for note in c.notes
+        if mark in note
+    ]
 
 
 def _held_out(_: Calibration, detail: Detail) -> list[Reason]:

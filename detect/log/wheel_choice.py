@@ -14,6 +14,8 @@ from boxcal.detect.log.wheel_names import SIDES, Side, wheel_side
 _NAME_WHEELS = "name them with --left-joint and --right-joint"
 _FILTERED = ("filtered", "ekf", "ukf", "visual", "slam", "fused", "map", "laser", "lidar", "icp", "vio", "gps")
 """Words in the names of odometry that is not the wheels' alone."""
+_OF_WHEELS = ("unfiltered", "wheel", "encoder", "raw")
+"""Words in the names of odometry that is the wheels' alone, where a filter's has the plain name."""
 _ALIKE = 1e-6
 """Two topics say the same of a wheel if their readings at common stamps are this close, rad."""
 
@@ -204,7 +206,8 @@ def _still_notes(still: Sequence[_Group], taken: str) -> tuple[str, ...]:
 
 def _moving_odometry(name: str, odometry: Mapping[str, OdometrySignal]) -> OdometrySignal | None:
     moving = [o for o in odometry.values() if o.moves]
-    pure = [o for o in moving if not any(word in o.topic.lower() for word in _FILTERED)] or moving
+    pure = [o for o in moving if _of_wheels(o.topic)]
+    pure = pure or [o for o in moving if not any(word in o.topic.lower() for word in _FILTERED)] or moving
     if len(pure) > 1:
         raise DetectError(
             f"no wheel readings, and {len(pure)} odometry topics ({listed(o.topic for o in pure)})",
@@ -213,6 +216,13 @@ def _moving_odometry(name: str, odometry: Mapping[str, OdometrySignal]) -> Odome
             remedy="name that of the wheels alone with --joint-topic",
         )
     return pure[0] if pure else None
+
+
+def _of_wheels(topic: str) -> bool:
+    """Tell whether the name of odometry says that it is reckoned from the wheels alone."""
+    rest = topic.lower()
+    said = any(word in rest for word in _OF_WHEELS)
+    return said and not any(word in rest.replace("unfiltered", "") for word in _FILTERED)
 
 
 def _only_topic(

@@ -4,7 +4,7 @@ import base64
 import gzip
 import json
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -27,6 +27,8 @@ from rosbags.rosbag2 import Writer as Ros2Writer
 from rosbags.typesys import Stores, get_typestore
 from small_logs import CAMERA, JOINTS, LEFT, RIGHT, T0_NS, blank, drive
 
+from boxcal.target.arrays import Array, Ids
+
 ROS2, ROS1 = get_typestore(Stores.ROS2_HUMBLE), get_typestore(Stores.ROS1_NOETIC)
 JOINT, IMAGE = "sensor_msgs/msg/JointState", "sensor_msgs/msg/Image"
 
@@ -43,10 +45,14 @@ class Event:
 def events(stops: int = 4) -> list[Event]:
     """The small drive as messages in order of time."""
     t_ns, phi_R, phi_L, _ = drive(stops=stops)
-    wheels = [Event(t_ns=int(t), angles=(float(r), float(left))) for t, r, left in zip(t_ns, phi_R, phi_L, strict=True)]
     due = [T0_NS + round((0.5 + 2 * k) * 1e9) + 1 for k in range(stops)]
-    pictures = [Event(t_ns=t, picture=blank(48, 64) + np.uint8(k)) for k, t in enumerate(due)]
-    return sorted(wheels + pictures, key=lambda e: e.t_ns)
+    return events_of((t_ns, phi_R, phi_L), [(t, blank(48, 64) + np.uint8(k)) for k, t in enumerate(due)])
+
+
+def events_of(angles: tuple[Ids, Array, Array], pictures: Sequence[tuple[int, NDArray[np.uint8]]]) -> list[Event]:
+    """Stamps, ns, with angles right and left, rad, and with pictures, as messages in order of time."""
+    wheels = [Event(t_ns=int(t), angles=(float(r), float(left))) for t, r, left in zip(*angles, strict=True)]
+    return sorted([*wheels, *(Event(t_ns=t, picture=picture) for t, picture in pictures)], key=lambda e: e.t_ns)
 
 
 def ros_message(event: Event, store: Any, *, ros1: bool = False) -> tuple[str, Any]:
