@@ -19,6 +19,7 @@ from boxcal.detect.alignment.registration.align import align
 from boxcal.detect.alignment.registration.parameters import KURTOSIS
 from boxcal.detect.alignment.registration.tag_alignments import TagAlignments
 from boxcal.detect.alignment.registration.tag_batch import Frame
+from boxcal.detect.alignment.tag_curvature import under_lens
 from boxcal.detect.alignment.tag_patterns import Index, Patterns, target_patterns
 from boxcal.detect.alignment.uneven_light import align_unevenly_lit, box_distance2, crossed, displacement_px2
 from boxcal.detect.alignment.verification import Limits, module_px, verified
@@ -38,10 +39,9 @@ from boxcal.target.box import Target
 MODEL_ERROR_PX = 0.001
 """Deviation per axis of what the model leaves out (lens, print, pixel response); no residual shows it."""
 STOP_PX = 0.03
-LARGE_MODULE_PX = 10.0
-"""Where modules are wider than this, the lens may bend a tag enough to be fitted once more."""
-BENT_PX = 0.01
-"""It is if a better known lens moves the middle of an edge by more than this against the corners."""
+BENT_PX = 0.05
+"""If the lens that the aligned tags tell moves the middle of an edge by more than this against the corners, tags are
+aligned again under it; else their corners are carried over (:mod:`boxcal.detect.alignment.tag_curvature`)."""
 FINE_SIDE_PX = 22.0
 """Tags twice as large are aligned on every second pixel both ways, and so on."""
 
@@ -203,17 +203,17 @@ def detect_in_grey(
         imaging = estimate_response(frame, patterns, tags, settings.response)
     frame, tags = _finely(frame, patterns, tags, imaging)
     tags, uneven = _believed(frame, target, patterns, tags, fit, settings.limits)
-    if len(tags) and module_px(patterns, tags.corners_px).max() > LARGE_MODULE_PX:
-        fit = fit_box(target, tags.rows, tags.corners_px, image_size=size, sigma_px=LEAST_SIGMA_PX, start=fit)
-        if sagitta_difference_px(frame.lens, fit.lens, tags.corners_px) > BENT_PX:
-            frame = replace(frame, lens=fit.lens)
-            tags = align(frame, patterns, tags.rows, tags.corners_px, start=tags, side_px=FINE_SIDE_PX, stop_px=STOP_PX)
     tags = _on_the_box(target, patterns, tags, fit)
-    if len(uneven) and len(tags):
+    if len(tags) >= FEW_TAGS:
         fit = fit_box(target, tags.rows, tags.corners_px, image_size=size, sigma_px=LEAST_SIGMA_PX, start=fit)
+    if sagitta_difference_px(frame.lens, fit.lens, tags.corners_px) > BENT_PX:
+        frame = replace(frame, lens=fit.lens)
+        tags = align(frame, patterns, tags.rows, tags.corners_px, start=tags, side_px=FINE_SIDE_PX, stop_px=STOP_PX)
+    if len(uneven) and len(tags):
         displaced = displacement_px2(target, tags, fit, np.isin(tags.rows, uneven))
         tags = replace(tags, cov_px2=tags.cov_px2 + displaced[:, None, None, None] * np.eye(2))
     located = replace(_located(frame, patterns, tags, uneven), contradicting_faces=found.contradicting_faces)
+    located = replace(located, corners_px=under_lens(frame.lens, fit.lens, located.corners_px))
     if len(tags) < FEW_TAGS:
         return located
     imaging = replace(imaging, kurtosis=float(np.median(tags.theta[:, KURTOSIS])))
