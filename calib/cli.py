@@ -94,7 +94,7 @@ def _has_report() -> bool:
     """Tell whether the extra ``report`` is installed; say so on stderr if not."""
     from importlib.util import find_spec
 
-    if find_spec("jinja2") is None:
+    if not all(find_spec(name) for name in ("jinja2", "xlsxwriter")):
         print("fleet-calibrate: no reports without the extra: pip install 'boxcal[report]'", file=sys.stderr)
         return False
     return True

@@ -2,16 +2,22 @@
 
 from collections.abc import Mapping
 
+from boxcal.calib.exports.gazebo import gazebo_xacro
 from boxcal.calib.exports.kalibr import camchain, camchain_missing
 from boxcal.calib.exports.names import Names
+from boxcal.calib.exports.opencv import opencv_yaml
+from boxcal.calib.exports.ros_amcl import amcl_yaml
 from boxcal.calib.exports.ros_camera_info import camera_info
 from boxcal.calib.exports.ros_diff_drive import diff_drive_yaml
+from boxcal.calib.exports.ros_launch import launch_xml
+from boxcal.calib.exports.ros_robot_localization import robot_localization_yaml
 from boxcal.calib.exports.ros_static_transform import static_transform
+from boxcal.calib.exports.ros_turtlebot3 import turtlebot3_yaml
 from boxcal.calib.exports.ros_urdf import urdf, xacro
 from boxcal.calib.results.calibration import Calibration
 from boxcal.calib.settings import Nominal
 
-STALE_FILES = ("camchain.yaml", "camchain-missing.txt", "FAILED.txt")
+STALE_FILES = ("camchain.yaml", "camchain-missing.txt", "nav2_amcl.yaml", "robot_localization.yaml", "FAILED.txt")
 """What an earlier calibration of a robot may have left that this one does not write."""
 
 
@@ -35,6 +41,12 @@ def exports(
         "camera.urdf.xacro": xacro(calibration, names),
         "static_transform.sh": static_transform(calibration, names),
         "diff_drive_controller.yaml": diff_drive_yaml(calibration, nominal, names),
+        "calibrated.launch.xml": launch_xml(calibration, names),
+        "turtlebot3_node.yaml": turtlebot3_yaml(calibration),
+        "nav2_amcl.yaml": amcl_yaml(calibration),
+        "robot_localization.yaml": robot_localization_yaml(calibration, names),
+        "gazebo_diff_drive.xacro": gazebo_xacro(calibration, names),
+        "opencv_camera.yaml": opencv_yaml(calibration),
         "camchain.yaml": camchain(calibration, names),
         "camchain-missing.txt": camchain_missing(calibration),
     }

@@ -56,15 +56,17 @@ _SURE = {
 _END = {"notes": "what the calibration noted", "created": "when, ISO 8601 (UTC)", "version": "of boxcal"}
 COLUMNS: Mapping[str, str] = {**_JUDGED, **_FIGURES, **_SURE, **_END}
 """Name of each column, with its meaning and unit."""
+TEXTS = frozenset({*_JUDGED, *_END, "camera_model"})
+"""Columns of text; the others hold numbers."""
 
 
-def fleet_csv(
+def fleet_rows(
     calibrations: Iterable[Calibration],
     *,
     errors: Mapping[str, str] | None = None,
     stale: Mapping[str, str] | None = None,
-) -> bytes:
-    """Return the table of a fleet (RFC 4180, UTF-8), its header in line 1; no cell of text can be a formula.
+) -> list[dict[str, str]]:
+    """Return the rows of the table of a fleet, by column; what is missing is empty, no text can be a formula.
 
     Parameters
     ----------
@@ -78,6 +80,11 @@ def fleet_csv(
     rows = [_row(c, errors.get(c.robot, ""), stale.get(c.robot, "")) for c in calibrations]
     without = [robot for robot in errors if all(robot != c.robot for c in calibrations)]
     rows += [{"robot": cell(robot), "verdict": "failed", "error": cell(errors[robot])} for robot in without]
+    return rows
+
+
+def fleet_csv(rows: Iterable[Mapping[str, str]]) -> bytes:
+    """Return the table of a fleet (RFC 4180, UTF-8), its header in line 1."""
     return _written([list(COLUMNS), *([row.get(name, "") for name in COLUMNS] for row in rows)])
 
 

@@ -27,12 +27,29 @@ class Names:
         Of the camera's images.
     controller
         Name of the node that drives the wheels.
+    prefix
+        Of both frames, in their names already.
+    left_joint, right_joint
+        Of the wheels, in the robot's description.
     """
 
     base: str = BODY
     optical: str = OPTICAL
     topic: str = TOPIC
     controller: str = "diff_drive_controller"
+    prefix: str = ""
+    left_joint: str = "left_wheel_joint"
+    right_joint: str = "right_wheel_joint"
+
+    @property
+    def bare_base(self) -> str:
+        """The base frame without its prefix."""
+        return self.base.removeprefix(self.prefix)
+
+    @property
+    def bare_optical(self) -> str:
+        """The camera's optical frame without its prefix."""
+        return self.optical.removeprefix(self.prefix)
 
     @property
     def link(self) -> str:
@@ -61,6 +78,9 @@ def names_for(settings: Settings, source: Source) -> Names:
         optical=_prefixed(prefix, optical),
         topic=settings.topics.camera_topic or _valid(source.camera_topic, _TOPIC, TOPIC),
         controller=settings.controller,
+        prefix=prefix,
+        left_joint=_valid(settings.topics.left_joint or "", _FRAME, "left_wheel_joint"),
+        right_joint=_valid(settings.topics.right_joint or "", _FRAME, "right_wheel_joint"),
     )
 
 

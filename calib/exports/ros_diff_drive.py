@@ -7,15 +7,13 @@ the separation is its multiplier times ``wheel_separation``; ``linear = (right +
 
 import re
 from dataclasses import dataclass
-from math import isfinite
 
 from boxcal.calib.exports.names import Names
+from boxcal.calib.exports.odometry_noise import odometry_noise
 from boxcal.calib.exports.text import comment, heading, in_comment, number, numbers, sigma_line
 from boxcal.calib.results.calibration import Calibration, Wheels
 from boxcal.calib.settings import Nominal
 
-STRAIGHT = 10.0
-"""Way that the calibration's ground uncertainty is given for, m."""
 _SPEED = 0.5
 """Speed that the twist's covariance is meant for, m/s."""
 _STILL = 1e-6
@@ -49,8 +47,9 @@ def diff_drive(wheels: Wheels, nominal: Nominal | None = None) -> DiffDrive:
 def diff_drive_yaml(calibration: Calibration, nominal: Nominal | None = None, names: Names | None = None) -> str:
     """Return a ROS 2 parameter file.
 
-    It is keyed by the controller's name: parameters under ``/**`` lose against those that another file gives by name,
-    and would leave nominal radii with calibrated multipliers.
+    It is keyed by the controller's name, in any namespace: parameters under ``/**`` alone lose against those that
+    another file gives by name, and would leave nominal radii with calibrated multipliers; a bare name would not reach a
+    controller in a robot's namespace.
     """
     controller = (names or Names()).controller
     p = diff_drive(calibration.wheels, nominal)
@@ -81,21 +80,15 @@ def covariance_diagonals(calibration: Calibration) -> dict[str, tuple[float, ...
     Pose: after one metre straight ahead. Twist: over one second at 0.5 m/s. Each is the calibration's own uncertainty
     and the wheels' slip together; what a robot on a floor does not do has the small variance that filters expect.
     """
-    detail, b = calibration.detail, calibration.wheels.b
-    if detail is None:
+    noise = odometry_noise(calibration)
+    if noise is None:
         return {}
-    sigma, slip = detail.covariance.sigma, detail.noise.slip
-    along = max(sigma["rR"] / calibration.wheels.rR, sigma["rL"] / calibration.wheels.rL)
-    heading_1m = detail.ground.straight_heading / STRAIGHT
 
     def diagonal(way: float) -> tuple[float, ...]:
-        x = (along * way) ** 2 + slip**2 * way / 2
-        yaw = (heading_1m * way) ** 2 + 2 * slip**2 * way / b**2
-        y = max(yaw * way**2 / 3, _STILL)
-        return (max(x, _STILL), y, _STILL, _STILL, _STILL, max(yaw, _STILL))
+        x, y, yaw = (max(v, _STILL) for v in noise.straight(way))
+        return (x, y, _STILL, _STILL, _STILL, yaw)
 
-    found = {"pose_covariance_diagonal": diagonal(1.0), "twist_covariance_diagonal": diagonal(_SPEED)}
-    return found if all(isfinite(v) for values in found.values() for v in values) else {}
+    return {"pose_covariance_diagonal": diagonal(1.0), "twist_covariance_diagonal": diagonal(_SPEED)}
 
 
 def _covariance_lines(calibration: Calibration) -> list[str]:
@@ -105,9 +98,7 @@ def _covariance_lines(calibration: Calibration) -> list[str]:
 
 
 def _key(controller: str) -> str:
-    """Return a node's name as a key of a parameter file."""
-    return (
-        controller
-        if re.fullmatch(r"/?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z0-9_]+)*", controller)
-        else "diff_drive_controller"
-    )
+    """Return a node's name as a key of a parameter file: a bare one in any namespace."""
+    if not re.fullmatch(r"/?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z0-9_]+)*", controller):
+        controller = "diff_drive_controller"
+    return controller if "/" in controller else f"/**/{controller}"

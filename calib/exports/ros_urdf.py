@@ -1,7 +1,7 @@
 """The camera in a robot's description: its mount link and its optical frame, as URDF and as a xacro macro."""
 
 from boxcal.calib.exports.names import Names
-from boxcal.calib.exports.text import heading, in_xml_comment, ros_name, sigma_line
+from boxcal.calib.exports.text import heading, ros_name, sigma_line, xml_comment
 from boxcal.calib.geometry.euler import OPTICAL_RPY, link_pose, roll_pitch_yaw
 from boxcal.calib.results.calibration import Calibration
 from boxcal.target.arrays import Array
@@ -40,7 +40,7 @@ def _comment(calibration: Calibration, names: Names) -> str:
         "rpy: R = Rz(yaw) Ry(pitch) Rx(roll); a joint's origin maps points of its child to its parent",
         sigma_line(calibration, ("rx", "ry", "rz", "tx", "ty", "tz")),
     ]
-    return "<!-- " + "\n     ".join(in_xml_comment(line) for line in lines) + " -->\n"
+    return xml_comment(lines)
 
 
 def _links(T_body_cam: Array, parent: str, prefix: str, indent: str, names: Names) -> str:

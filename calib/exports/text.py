@@ -50,6 +50,11 @@ def in_xml_comment(text: str) -> str:
     return re.sub(r"-(?=-)", "- ", plain).removesuffix("-")
 
 
+def xml_comment(lines: Iterable[str]) -> str:
+    """Return lines as an XML comment."""
+    return "<!-- " + "\n     ".join(in_xml_comment(line) for line in lines) + " -->\n"
+
+
 def heading(calibration: Calibration, what: str) -> list[str]:
     """Return the first lines of a file's comment: what it is, whose, where it came from, and whether it may be used."""
     p = calibration.provenance

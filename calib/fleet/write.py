@@ -1,9 +1,10 @@
-"""Files about all robots of a folder: ``fleet.json``, ``fleet.csv``, ``fleet.html``."""
+"""Files about all robots of a folder: ``fleet.json``, ``fleet.csv``, ``fleet.xlsx``, ``fleet.html``."""
 
 from collections.abc import Sequence
 from pathlib import Path
 
-from boxcal.calib.exports.fleet_csv import columns_csv, fleet_csv
+from boxcal.calib.exports.fleet_csv import columns_csv, fleet_csv, fleet_rows
+from boxcal.calib.exports.fleet_xlsx import fleet_xlsx
 from boxcal.calib.fleet.store import FLEET, Member, fleet_record
 from boxcal.calib.report.fleet import fleet_report
 from boxcal.target.box import Target
@@ -27,7 +28,7 @@ def write_fleet(out: Path, members: Sequence[Member], target: Target, *, command
     command
         The command line.
     report
-        Whether to write ``fleet.html`` too.
+        Whether to write ``fleet.html`` and ``fleet.xlsx`` too: they need the extra ``report``.
 
     Raises
     ------
@@ -41,9 +42,11 @@ def write_fleet(out: Path, members: Sequence[Member], target: Target, *, command
         if m.error is not None and m.calibration is not None:
             text = f"{m.error}\nThe files beside this one are of an earlier log ({m.calibration.provenance.created}).\n"
             write_atomically(out / m.robot / FAILED, text.encode())
-    write_atomically(out / "fleet.csv", fleet_csv(results, errors=errors, stale=stale))
+    rows = fleet_rows(results, errors=errors, stale=stale)
+    write_atomically(out / "fleet.csv", fleet_csv(rows))
     write_atomically(out / "fleet-columns.csv", columns_csv())
     if report:
         failures = [m.error for m in members if m.error is not None]
         write_atomically(out / "fleet.html", fleet_report(results, failures, stale))
+        write_atomically(out / "fleet.xlsx", fleet_xlsx(rows))
     write_atomically(out / FLEET, fleet_record(members, target, command))

@@ -353,7 +353,14 @@ def test_everything_that_users_take_away_is_written(
     )
     assert status == 0, err
     assert re.search(r"^good: (GOOD|USABLE|REDO) - ", text, flags=re.MULTILINE)
-    assert {p.name for p in out.iterdir()} == {"good", "fleet.csv", "fleet-columns.csv", "fleet.html", "fleet.json"}
+    assert {p.name for p in out.iterdir()} == {
+        "good",
+        "fleet.csv",
+        "fleet-columns.csv",
+        "fleet.xlsx",
+        "fleet.html",
+        "fleet.json",
+    }
     names = {p.name for p in (out / "good").iterdir()}
     assert {"calibration.json", "correspondences.npz", "report.html", "camera_info.yaml", "camera.urdf"} <= names
     assert {"static_transform.sh", "diff_drive_controller.yaml", "camchain.yaml", "stops"} <= names

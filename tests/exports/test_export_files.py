@@ -20,7 +20,7 @@ from made_up import EVIL, RANDOM, SIGMA, calibration, camera, detail, matrix_of
 from urdf_parser_py import urdf as urdf_reader
 
 from boxcal.calib.exports.files import exports
-from boxcal.calib.exports.fleet_csv import fleet_csv
+from boxcal.calib.exports.fleet_csv import fleet_csv, fleet_rows
 from boxcal.calib.exports.names import names_for
 from boxcal.calib.exports.ros_diff_drive import covariance_diagonals, diff_drive
 from boxcal.calib.exports.text import number, ros_name
@@ -82,7 +82,7 @@ def test_every_file_reads_back_with_another_reader(made: Calibration) -> None:
     xyz, q = ([float(args[f"--{k}"]) for k in keys] for keys in ("xyz", ("qx", "qy", "qz", "qw")))
     assert _same(matrix_of(np.array(xyz), np.array(q)), T)
 
-    parameters = yaml.safe_load(files["diff_drive_controller.yaml"])["diff_drive_controller"]["ros__parameters"]
+    parameters = yaml.safe_load(files["diff_drive_controller.yaml"])["/**/diff_drive_controller"]["ros__parameters"]
     numbers_ = [v for value in parameters.values() for v in (value if isinstance(value, list) else [value])]
     assert all(type(v) is float for v in numbers_)  # ROS refuses a double given as an integer
     radius, separation = parameters["wheel_radius"], parameters["wheel_separation"]
@@ -102,7 +102,7 @@ def test_every_file_reads_back_with_another_reader(made: Calibration) -> None:
     assert cam["rostopic"] == "/camera/image_raw"
     assert _same(cam["T_cam_body"], inverse(T))
 
-    rows = list(csv.reader(io.StringIO(fleet_csv([made, made]).decode()), strict=True))
+    rows = list(csv.reader(io.StringIO(fleet_csv(fleet_rows([made, made])).decode()), strict=True))
     rows = [row for row in rows if not row[0].startswith("# ")]
     assert len(rows) == 3
     assert all(len(row) == len(rows[0]) for row in rows)
@@ -197,14 +197,14 @@ def test_names_with_markup_stay_data() -> None:
     assert re.fullmatch(r"robot_[0-9a-f]{8}", ros_name("日本"))
     for name, content in exports(calibration(robot=EVIL)).items():
         text = content.decode()
-        if name.startswith("camera.urdf"):
+        if name.endswith((".xml", ".xacro", ".urdf")):
             assert "<script>" not in text
         else:
-            first = text.removeprefix("#!/bin/sh\n").splitlines()[0]
+            first = next(line for line in text.splitlines() if not line.startswith(("#!", "%YAML", "---")))
             assert [line for line in text.splitlines() if "script>" in line] == [first], name
             assert first.startswith("# "), name
     for evil in ("=cmd|' /C calc'!A0", "+1", "-1", "@x", " =1", "#1", "\t=1"):
-        rows = list(csv.reader(io.StringIO(fleet_csv([calibration(robot=evil)]).decode())))
+        rows = list(csv.reader(io.StringIO(fleet_csv(fleet_rows([calibration(robot=evil)])).decode())))
         assert rows[-1][0].startswith("'")
 
 
@@ -237,7 +237,7 @@ def test_every_file_says_in_its_head_whether_it_may_be_used(level: Level) -> Non
     reason = Reason(rule="slip", level=level, text="The wheels slip -- by 9 mm.", advice="Drive slower.")
     judged = Verdict(level=level, headline="So it is.", reasons=(reason,), next_steps=("Drive slower.",))
     files = exports(calibration(detail=detail(), verdict=judged, camera=camera("brown", k3=0.1)), NOMINAL)
-    assert len(files) == 6
+    assert len(files) == 12
     for name, content in files.items():
         head = "\n".join(content.decode().splitlines()[:8])
         assert f"verdict: {level.upper()} - So it is." in head, name
@@ -257,7 +257,7 @@ def test_frames_and_topic_are_the_logs_own_or_as_they_are_named() -> None:
     assert (given.base, given.optical, given.link) == ("r01/ground", "r01/eye", "r01/eye_link")
     text = exports(calibration(), names=given)["static_transform.sh"].decode()
     assert "--frame-id r01/ground --child-frame-id r01/eye" in text
-    assert list(yaml.safe_load(exports(calibration(), names=given)["diff_drive_controller.yaml"])) == ["wheels"]
+    assert list(yaml.safe_load(exports(calibration(), names=given)["diff_drive_controller.yaml"])) == ["/**/wheels"]
     hostile = names_for(Settings(), Source(camera_frame="x; rm -rf /", camera_topic="a b"))
     assert (hostile.optical, hostile.topic) == ("camera_optical_frame", "/camera/image_raw")
     assert names_for(Settings(camera_frame="cam_link"), Source()).link == "cam_mount_link"
