@@ -7,10 +7,12 @@ import numpy as np
 
 from boxcal.calib.assessment.limits import LIMITS, angle, graded, length, sentence
 from boxcal.calib.geometry.parameters import ORDER
-from boxcal.calib.likelihood.estimate import FlaggedLeg
+from boxcal.calib.likelihood.estimate import Direction, FlaggedLeg
 from boxcal.calib.results.calibration import Calibration
 from boxcal.calib.results.diagnostics import Detail
 from boxcal.calib.results.verdict import Level, Reason
+from boxcal.calib.uncertainty.projection import projection_sigma
+from boxcal.target.camera.distortion import DISTORTION_NAMES
 
 _DOUBTFUL = {
     "the recording is damaged:": (
@@ -19,6 +21,8 @@ _DOUBTFUL = {
     "the sizes mean nothing": "Give the driver's own wheels with --nominal, or record what its encoders say.",
 }
 """What reading a log says where its data are not whole (``Source.notes``), and what to do."""
+_GRID = 9
+_DISTORTION = {"kr", *(name for names in DISTORTION_NAMES.values() for name in names)}
 NAMES = {
     **dict.fromkeys(("fu", "fv"), "the focal length"),
     **dict.fromkeys(("cu", "cv"), "the principal point"),
@@ -33,14 +37,38 @@ NAMES = {
 """The reported parameters in words."""
 
 
-def _open(_: Calibration, detail: Detail) -> list[Reason]:
+def _open(c: Calibration, detail: Detail) -> list[Reason]:
     reasons = []
     for direction in detail.directions:
+        if isfinite(direction.sigma) and _distortion_alone(direction) and _rays_known(c):
+            continue
         level = Level.USABLE if isfinite(direction.sigma) else Level.REDO
         reasons.append(
             Reason(rule="open", level=level, text=sentence(direction.what), advice=sentence(direction.advice))
         )
     return reasons
+
+
+def _distortion_alone(direction: Direction) -> bool:
+    """Whether a direction is of distortion coefficients alone: several can be unsure together and say the same."""
+    return all(name in _DISTORTION for name, _ in direction.parameters)
+
+
+def _rays_known(c: Calibration) -> bool:
+    return LIMITS["camera-angle"].grade(ray_sigma_deg(c)) is Level.GOOD
+
+
+def ray_sigma_deg(c: Calibration) -> float:
+    """Return the worst standard deviation, deg, of a pixel's ray in the camera, over the whole picture."""
+    width, height = c.image_size
+    u, v = np.meshgrid(np.linspace(0, width - 1, _GRID), np.linspace(0, height - 1, _GRID))
+    cov, n = c.projection_covariance, len(c.camera.values)
+    of_camera = np.zeros_like(cov)
+    of_camera[:n, :n] = cov[:n, :n]
+    uv = np.column_stack([u.ravel(), v.ravel()])
+    sigma = projection_sigma(c.camera, of_camera, c.T_body_cam, uv_px=uv, distance=1.0)
+    worst_px = float(np.nanmax(sigma)) if np.any(np.isfinite(sigma)) else float("inf")
+    return float(np.degrees(worst_px / min(abs(c.camera.fu), abs(c.camera.fv))))
 
 
 def _ground(_: Calibration, detail: Detail) -> list[Reason]:

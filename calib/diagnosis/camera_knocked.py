@@ -11,14 +11,24 @@ from boxcal.calib.likelihood.finding import Finding
 from boxcal.calib.likelihood.problem import Problem
 from boxcal.calib.likelihood.state import State
 
+_AXES = ("rx", "ry", "rz", "tx", "ty", "tz")
 _ANGLE, _PLACE = radians(0.5), 2e-3
 
 
 @dataclass(frozen=True, slots=True)
 class CameraKnocked(OfPictures):
-    """Before a stop (counted over all drives) the extrinsics are moved by a right perturbation."""
+    """Before a stop (counted over all drives) the extrinsics are moved by a right perturbation.
+
+    Attributes
+    ----------
+    stop
+        Which stop.
+    shifted
+        Whether the camera was shifted too, not only turned: without, a smaller knock can be told.
+    """
 
     stop: int
+    shifted: bool = True
 
     @property
     def family(self) -> str:
@@ -28,28 +38,32 @@ class CameraKnocked(OfPictures):
     @property
     def names(self) -> tuple[str, ...]:
         """Rotation about and translation along the camera's axes, rad and m."""
-        return tuple(f"knock{self.stop}-{axis}" for axis in ("rx", "ry", "rz", "tx", "ty", "tz"))
+        kind = "knock" if self.shifted else "turn"
+        return tuple(f"{kind}{self.stop}-{axis}" for axis in _AXES[: len(self.prior)])
 
     @property
     def prior(self) -> tuple[float, ...]:
         """Half a degree and 2 mm about and along each axis."""
-        return (_ANGLE,) * 3 + (_PLACE,) * 3
+        return (_ANGLE,) * 3 + (_PLACE,) * 3 * self.shifted
 
     def columns(self, problem: Problem, state: State) -> Columns:
         """Return the camera's motion at all stops before that one."""
-        corners = np.zeros((len(problem.drive), len(state.lens) + 6, 6))
-        corners[: self.stop, len(state.lens) :] = np.eye(6)
+        corners = np.zeros((len(problem.drive), len(state.lens) + 6, len(self.prior)))
+        corners[: self.stop, len(state.lens) :] = np.eye(6)[:, : len(self.prior)]
         return Columns(corners=corners)
 
     def finding(self, solved: Solved, problem: Problem) -> Finding:
         """Return how far the camera was turned and shifted."""
         turned, sigma = np.degrees(solved.length(slice(0, 3)))
-        shifted, s_shifted = (1e3 * x for x in solved.length(slice(3, 6)))
+        how_far = ""
+        if self.shifted:
+            shifted, s_shifted = (1e3 * x for x in solved.length(slice(3, 6)))
+            how_far = f" and {shifted:.1f} +- {s_shifted:.1f} mm"
         stop = int(problem.stop[self.stop])
         return Finding(
             cause=self.family,
-            text=f"before stop {stop + 1} the camera was knocked: by {turned:.3f} +- {sigma:.3f} deg and "
-            f"{shifted:.1f} +- {s_shifted:.1f} mm; the result is that after the knock",
+            text=f"before stop {stop + 1} the camera was knocked: by {turned:.3f} +- {sigma:.3f} deg{how_far}; "
+            "the result is that after the knock",
             advice="Fasten the camera.",
             adopted=True,
             stops=tuple(int(s) for s in problem.stop[: self.stop]),

@@ -22,7 +22,10 @@ def candidates(fit: Fit) -> tuple[Cause, ...]:
         Outer(at=at),
         Backlash(at=at),
         Scrub(at=at),
+        Scrub(at=at, parts=("spot",)),
+        Scrub(at=at, parts=("side", "drift")),
         FocusVaries(stops=P, at=at),
         *(CameraKnocked(stop=j) for j in range(1, P)),
+        *(CameraKnocked(stop=j, shifted=False) for j in range(1, P)),
         *(FocusChanged(stop=j, at=at) for j in range(1, P)),
     )

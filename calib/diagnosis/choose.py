@@ -9,10 +9,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import stats
+from scipy.special import chdtrc
 
 from boxcal.calib.diagnosis.catalogue import candidates
 from boxcal.calib.diagnosis.cause import Cause, Solved
+from boxcal.calib.diagnosis.doubts import Doubt, doubts
 from boxcal.calib.diagnosis.evidence import log_evidence
 from boxcal.calib.diagnosis.ranking import Ranked, rank
 from boxcal.calib.likelihood.estimator import refit
@@ -48,15 +49,30 @@ class Explained:
         The solution.
     adopted
         The explanations in it, and the logarithm of each one's Bayes factor.
+    doubts
+        Explanations that are not in it but may be true.
     """
 
     fit: Fit
     adopted: tuple[tuple[Cause, float], ...] = ()
+    doubts: tuple[Doubt, ...] = ()
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """Adopted explanations in words."""
-        return tuple(cause.finding(_solved(self.fit, cause, gain), self.fit.problem) for cause, gain in self.adopted)
+        """Adopted explanations, then the likely ones of the others, in words."""
+        adopted = [cause.finding(_solved(self.fit, cause, gain), self.fit.problem) for cause, gain in self.adopted]
+        perhaps = [doubt.finding(self.fit) for doubt in self.doubts]
+        return (*adopted, *(finding for finding in perhaps if finding is not None))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Search:
+    """The explanation that is needed most with its Bayes factor and the legs' weights it was found with; the rest."""
+
+    cause: Cause | None = None
+    gain: float = 0.0
+    legs: Array | None = None
+    doubts: tuple[Doubt, ...] = ()
 
 
 def explain(fit: Fit, needed: float = NEEDED) -> Explained:
@@ -75,38 +91,43 @@ def explain(fit: Fit, needed: float = NEEDED) -> Explained:
     here = fit
     for _ in range(MOST):
         more = _next(here, adopted, needed)
-        if more is None:
-            break
-        cause, gain, legs = more
-        start = replace(fit, weights=replace(fit.weights, legs=legs))
-        adopted = (*adopted, (cause, gain))
+        if more.cause is None or more.legs is None:
+            return Explained(fit=here, adopted=adopted, doubts=more.doubts)
+        start = replace(fit, weights=replace(fit.weights, legs=more.legs))
+        adopted = (*adopted, (more.cause, more.gain))
         here = refit(start, [c for c, _ in adopted])
-        kept = tuple(a for a in adopted if a[0] is cause or not _needless(_solved(here, *a)))
+        kept = tuple(a for a in adopted if a[0] is more.cause or not _needless(_solved(here, *a)))
         if len(kept) < len(adopted):
             adopted = kept
             here = refit(start, [c for c, _ in adopted])
     return Explained(fit=here, adopted=adopted)
 
 
-def _next(fit: Fit, adopted: Sequence[tuple[Cause, float]], needed: float) -> tuple[Cause, float, Array] | None:
-    """Return the explanation that is needed most, its Bayes factor, and the legs' weights it was found with."""
+def _next(fit: Fit, adopted: Sequence[tuple[Cause, float]], needed: float) -> _Search:
+    """Return the explanation that is needed most; where none is, those that are nearly needed."""
     have = {cause.family for cause, _ in adopted}
     every = [cause for cause in candidates(fit) if cause.family not in have]
-    tried: list[tuple[Ranked, Fit]] = [(best, fit) for best in rank(fit, every)]
+    here = rank(fit, every)
+    tried: list[tuple[Ranked, Fit]] = [(best, fit) for best in here]
     if np.any(fit.problem.leg_known & (fit.weights.legs == 0)):
         whole = _with_all_legs(fit)
         tried += [(best, whole) for best in rank(whole, [cause for cause in every if not cause.in_pictures])]
     tried.sort(key=lambda t: -t[0].log_bayes)
-    before, best, most = log_evidence(fit), None, needed
+    before, best, most = log_evidence(fit), _Search(), needed
+    known = {id(ranked): ranked.log_bayes for ranked in here}
     for ranked, start in tried[:_TRIED]:
         if ranked.log_bayes < needed - _PROMISING:
             break
         cause = ranked.cause
         held = replace(start, options=replace(fit.options, find_faults=False))
         gain = log_evidence(refit(held, [cause])) - before - ranked.log_family
+        if start is fit:
+            known[id(ranked)] = gain
         if gain > most:
-            best, most = (cause, gain, start.weights.legs), gain
-    return best
+            best, most = _Search(cause=cause, gain=gain, legs=start.weights.legs), gain
+    if best.cause is not None:
+        return best
+    return _Search(doubts=doubts([(ranked, known[id(ranked)]) for ranked in here]))
 
 
 def _with_all_legs(fit: Fit) -> Fit:
@@ -126,4 +147,4 @@ def _solved(fit: Fit, cause: Cause, gain: float) -> Solved:
 
 def _needless(solved: Solved) -> bool:
     square = float(solved.values @ np.linalg.solve(solved.cov, solved.values))
-    return bool(stats.chi2.sf(square, len(solved.values)) > _NEEDLESS)
+    return bool(chdtrc(len(solved.values), square) > _NEEDLESS)

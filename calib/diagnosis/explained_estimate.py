@@ -3,6 +3,8 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from boxcal.calib.diagnosis.choose import Explained, explain
 from boxcal.calib.diagnosis.leg_causes import leg_findings
 from boxcal.calib.diagnosis.target_causes import target_findings
@@ -10,6 +12,7 @@ from boxcal.calib.four_steps.procedure import FourSteps
 from boxcal.calib.likelihood.estimate import Estimate
 from boxcal.calib.likelihood.estimator import fit, reported
 from boxcal.calib.likelihood.options import EstimateOptions
+from boxcal.calib.likelihood.summary import reported_cov
 from boxcal.detect.correspondences import Correspondences
 
 
@@ -43,13 +46,24 @@ def estimate_explained(
 
 
 def _with_unseen(found: Estimate, explained: Explained) -> Estimate:
-    """Return the estimate less sure of what its explanations may do unseen."""
-    unseen = [(name, sigma) for cause, _ in explained.adopted for name, sigma in cause.unseen.items()]
-    if not unseen:
-        return found
+    """Return the estimate less sure of what its explanations may do unseen, and of what others may do that are likely.
+
+    The former leaves the odometry as good as it is.
+    """
     wider = found.cov_all.copy()
-    for name, sigma in unseen:
-        k = found.names.index(name)
-        wider[k, k] += sigma**2
+    for doubt in explained.doubts:
+        n = len(doubt.shift)
+        wider[:n, :n] += reported_cov(doubt.widening, explained.fit.state, np.zeros(n, dtype=bool))
+    odometry = wider.copy()
+    for cause, _ in explained.adopted:
+        for name, sigma in cause.unseen.items():
+            k = found.names.index(name)
+            wider[k, k] += sigma**2
     count = len(found.cov)
-    return replace(found, cov=wider[:count, :count], cov_all=wider, odometry_cov=found.cov)
+    unseen = any(cause.unseen for cause, _ in explained.adopted)
+    return replace(
+        found,
+        cov=wider[:count, :count],
+        cov_all=wider,
+        odometry_cov=odometry[:count, :count] if unseen else found.odometry_cov,
+    )

@@ -9,7 +9,6 @@ from math import radians
 
 import numpy as np
 from scipy.special import logsumexp
-from scipy.stats import multivariate_normal
 
 from boxcal.calib.likelihood.fit import Fit
 from boxcal.calib.likelihood.leg_outliers import box_motion
@@ -22,6 +21,7 @@ PUSHED = (0.01, radians(1.5))
 CARRIED = (0.2, radians(40))
 """The same of a robot that is carried."""
 _STEP = 1e-6
+_NONE = 1e-12
 
 
 class LegCause(StrEnum):
@@ -93,4 +93,8 @@ def _box_jacobian(fit: Fit, k: int, difference: Array) -> Array:
 
 
 def _log_normal(d: Array, cov: Array) -> float:
-    return float(multivariate_normal.logpdf(d, mean=np.zeros(3), cov=cov, allow_singular=True))
+    """Return the logarithm of a normal density about zero; directions without variance do not count."""
+    values, vectors = np.linalg.eigh(cov)
+    some = values > _NONE * values[-1]
+    along = (vectors.T @ d)[some]
+    return float(-0.5 * np.sum(along**2 / values[some] + np.log(2 * np.pi * values[some])))

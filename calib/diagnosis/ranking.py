@@ -8,7 +8,7 @@ from scipy.special import logsumexp
 
 from boxcal.calib.diagnosis.cause import Cause
 from boxcal.calib.likelihood.fit import Fit
-from boxcal.calib.likelihood.score_test import score_tests
+from boxcal.calib.likelihood.score_test import ScoreTest, score_tests
 from boxcal.calib.likelihood.slip_profile import fixed_profile
 from boxcal.target.arrays import Array
 
@@ -31,11 +31,14 @@ class Ranked:
         Logarithm of its Bayes factor, less that of how many its family tries.
     log_family
         The latter.
+    test
+        The score test at the solution as it is.
     """
 
     cause: Cause
     log_bayes: float
     log_family: float
+    test: ScoreTest
 
 
 def rank(fit: Fit, causes: Sequence[Cause]) -> list[Ranked]:
@@ -43,32 +46,31 @@ def rank(fit: Fit, causes: Sequence[Cause]) -> list[Ranked]:
     wheels = [cause for cause in causes if not cause.in_pictures]
     pictures = [cause for cause in causes if cause.in_pictures]
     found = [
-        *zip(wheels, _of_wheels(fit, wheels), strict=True),
-        *zip(pictures, _of_pictures(fit, pictures), strict=True),
+        *((cause, test.log_evidence, test) for cause, test in zip(wheels, score_tests(fit, wheels), strict=True)),
+        *((cause, gain, test) for cause, (gain, test) in zip(pictures, _of_pictures(fit, pictures), strict=True)),
     ]
     out = []
     for family in dict.fromkeys(cause.family for cause in causes):
-        members = [(gain, k) for k, (cause, gain) in enumerate(found) if cause.family == family]
-        gain, k = max(members)
+        members = [member for member in found if member[0].family == family]
+        cause, gain, test = max(members, key=lambda member: member[1])
         many = float(np.log(len(members)))
-        out.append(Ranked(cause=found[k][0], log_bayes=gain - many, log_family=many))
+        out.append(Ranked(cause=cause, log_bayes=gain - many, log_family=many, test=test))
     return sorted(out, key=lambda r: -r.log_bayes)
 
 
-def _of_wheels(fit: Fit, causes: Sequence[Cause]) -> list[float]:
-    """Return the logarithms of the Bayes factors, slip averaged."""
-    return [test.log_evidence for test in score_tests(fit, causes)]
-
-
-def _of_pictures(fit: Fit, causes: Sequence[Cause]) -> list[float]:
-    """Return the logarithms of the Bayes factors, lean averaged over less of it; slip as it is."""
+def _of_pictures(fit: Fit, causes: Sequence[Cause]) -> list[tuple[float, ScoreTest]]:
+    """Return the logarithms of the Bayes factors, lean averaged over less of it, slip as it is; and the tests."""
+    if not causes:
+        return []
     shares = _LESS_LEAN if fit.components.lean > 0 else (1.0,)
     gains: list[Array] = []
+    tests: list[tuple[ScoreTest, ...]] = []
     first = 0.0
     for share in shares:
         components = replace(fit.components, lean=share * fit.components.lean)
         profile = fixed_profile(fit.problem, fit.at, components, fit.weights)
         first = profile.log_evidence if share == 1.0 else first
-        tests = score_tests(replace(fit, components=components, profile=profile), causes)
-        gains.append(np.array([test.log_evidence for test in tests]) + profile.log_evidence - first)
-    return [float(g) for g in logsumexp(np.array(gains), axis=0) - np.log(len(shares))] if causes else []
+        tests.append(score_tests(replace(fit, components=components, profile=profile), causes))
+        gains.append(np.array([test.log_evidence for test in tests[-1]]) + profile.log_evidence - first)
+    averaged = logsumexp(np.array(gains), axis=0) - np.log(len(shares))
+    return [(float(gain), test) for gain, test in zip(averaged, tests[0], strict=True)]

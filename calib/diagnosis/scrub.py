@@ -21,6 +21,7 @@ from boxcal.target.arrays import Array
 
 TYPICAL = 0.01
 """Share of a turn that wheels scrub away, standard deviation beforehand."""
+PARTS = ("side", "spot", "drift")
 _ON_SPOT = 0.1
 """A turn is on the spot where the robot moves less than this share of what its rims do."""
 
@@ -33,24 +34,27 @@ class Scrub(OfWheels):
     ----------
     at
         Reference.
+    parts
+        Which of the three losses: all at once need more evidence than one alone.
     """
 
     at: Reference
+    parts: tuple[str, ...] = PARTS
 
     @property
     def family(self) -> str:
-        """One family."""
+        """One family: some of the losses or all."""
         return "scrub"
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Left less right and on the spot (shares), drift (m/rad)."""
-        return ("scrub-side", "scrub-spot", "scrub-drift")
+        """Left less right and on the spot (shares), drift (m/rad), those of them that it has."""
+        return tuple(f"scrub-{part}-of-{len(self.parts)}" for part in self.parts)
 
     @property
     def prior(self) -> tuple[float, ...]:
         """Prior sigmas of the explanations: 1 % for shares, 2 mm a radian for drift."""
-        return (TYPICAL, TYPICAL, 2e-3)
+        return tuple(2e-3 if part == "drift" else TYPICAL for part in self.parts)
 
     @property
     def unseen(self) -> dict[str, float]:
@@ -69,12 +73,13 @@ class Scrub(OfWheels):
         aside = leg_model(problem.path, np.array([*self.at.radii, b]), none, none).by_sideways
         if aside.shape[1]:
             legs[:, :, 2] = np.add.reduceat(aside * np.abs(dth), problem.path.starts, axis=1).T
-        return Columns(travel=travel, legs=legs)
+        have = [PARTS.index(part) for part in self.parts]
+        return Columns(travel=travel[:, :, have], legs=legs[:, :, have])
 
     def finding(self, solved: Solved, problem: Problem) -> Finding:  # noqa: ARG002
         """Return the three losses; the size is the largest in its sigmas."""
-        side, spot, drift = solved.values[:3]
-        s_side, s_spot, s_drift = solved.sigma[:3]
+        have = dict(zip(self.parts, zip(solved.values, solved.sigma, strict=True), strict=True))
+        (side, s_side), (spot, s_spot), (drift, s_drift) = (have.get(part, (0.0, 1.0)) for part in PARTS)
         words = []
         if abs(side) > 2 * s_side:
             more = "left" if side > 0 else "right"
@@ -88,15 +93,15 @@ class Scrub(OfWheels):
             way = "left" if drift > 0 else "right"
             words.append(f"the robot slides {1e3 * abs(drift):.2f} +- {1e3 * s_drift:.2f} mm to the {way} a radian")
         text = "; ".join(words) or "turns lose unlike shares"
-        largest = int(np.argmax(np.abs(solved.values[:2]) / solved.sigma[:2]))
+        size, sigma = max((side, s_side), (spot, s_spot), key=lambda loss: abs(loss[0]) / loss[1])
         return Finding(
             cause="scrub",
             text=f"the wheels scrub in turns: {text}; what all turns lose alike cannot be told from the distance "
             f"between the wheels, whose sigma allows for {TYPICAL:.0%}",
             advice="Turn slower, on a smoother floor; wider tyres scrub more.",
             adopted=True,
-            size=100 * float(solved.values[largest]),
-            sigma=100 * float(solved.sigma[largest]),
+            size=100 * float(size),
+            sigma=100 * float(sigma),
             unit="%",
             p_value=solved.p_value,
         )

@@ -27,6 +27,9 @@ class Finding:
         Of both; empty where they have none.
     p_value
         Chance of data as odd as these without the cause; NaN where no test was made.
+    probability
+        Probability that the cause is at work; below 1 it is too little to solve for it, and the standard deviations
+        allow for it instead.
     """
 
     cause: str
@@ -39,3 +42,9 @@ class Finding:
     sigma: float = float("nan")
     unit: str = ""
     p_value: float = float("nan")
+    probability: float = 1.0
+
+    @property
+    def allowed_for(self) -> bool:
+        """Whether the result allows for the cause: it was solved for, or the standard deviations are wider for it."""
+        return self.adopted or self.probability < 1

@@ -34,10 +34,14 @@ class ScoreTest:
         How many of its unknowns the data can tell.
     p_value
         Chance of a statistic as large without it, slip's uncertainty included.
-    estimate, sigma : (k,)
-        What its unknowns would be found as, in one step, and their standard deviations.
+    estimate, sigma, cov : (k,), (k,), (k, k)
+        What its unknowns would be found as, in one step, their standard deviations and covariance.
     log_evidence
         Logarithm of the Bayes factor for it, with its prior, all other unknowns and slip averaged.
+    shift : (n,)
+        What the other shared unknowns would change by if it were solved for.
+    shift_cov : (n, n)
+        What their covariance would grow by.
     """
 
     explanation: Explanation
@@ -46,7 +50,10 @@ class ScoreTest:
     p_value: float
     estimate: Array
     sigma: Array
+    cov: Array
     log_evidence: float
+    shift: Array
+    shift_cov: Array
 
 
 def score_tests(fit: Fit, explanations: Sequence[Explanation]) -> tuple[ScoreTest, ...]:
@@ -76,11 +83,11 @@ def score_tests(fit: Fit, explanations: Sequence[Explanation]) -> tuple[ScoreTes
     for explanation in explanations:
         rows = slice(first, first + len(explanation.names))
         first = rows.stop
-        out.append(_test(explanation, score[:, rows], information[:, rows, rows], fit))
+        out.append(_test(explanation, score[:, rows], information[:, rows, rows], gain[:, rows], fit))
     return tuple(out)
 
 
-def _test(explanation: Explanation, g: Array, information: Array, fit: Fit) -> ScoreTest:
+def _test(explanation: Explanation, g: Array, information: Array, gain: Array, fit: Fit) -> ScoreTest:
     prior = np.asarray(explanation.prior, dtype=np.float64)
     scaled, z = information * np.outer(prior, prior), g * prior  # in units of the prior
     values, vectors = np.linalg.eigh((scaled + np.swapaxes(scaled, 1, 2)) / 2)
@@ -92,15 +99,19 @@ def _test(explanation: Explanation, g: Array, information: Array, fit: Fit) -> S
     p = np.where(freedom > 0, stats.chi2.sf(statistic, np.maximum(freedom, 1)), 1.0)
     known = np.where(told, values, 0.0)
     log_bayes = 0.5 * np.sum(np.where(told, along**2, 0.0) / (1 + known) - np.log1p(known), axis=1)
-    cov = np.linalg.inv(scaled[best] + np.eye(len(prior)))
+    cov = np.linalg.inv(scaled[best] + np.eye(len(prior))) * np.outer(prior, prior)
+    estimate = cov @ g[best]
     return ScoreTest(
         explanation=explanation,
         statistic=float(statistic[best]),
         freedom=int(freedom[best]),
         p_value=float(weight @ p),
-        estimate=prior * (cov @ z[best]),
-        sigma=prior * np.sqrt(np.diag(cov)),
+        estimate=estimate,
+        sigma=np.sqrt(np.maximum(np.diag(cov), 0.0)),
+        cov=cov,
         log_evidence=float(special.logsumexp(fit.profile.log_weight + log_bayes)),
+        shift=-gain[best].T @ estimate,
+        shift_cov=gain[best].T @ cov @ gain[best],
     )
 
 

@@ -116,6 +116,7 @@ def read_finding(document: Mapping[str, Any]) -> Finding:
         blocks=bool(document["blocks"]),
         stops=tuple(int(stop) for stop in document["stops"]),
         unit=str(document["unit"]),
+        probability=float(document.get("probability", 1.0)),
         **numbers,
     )
 

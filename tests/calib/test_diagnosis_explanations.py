@@ -6,6 +6,7 @@ from math import radians
 import numpy as np
 import pytest
 
+from boxcal.calib.assessment.findings import finding_reason
 from boxcal.calib.diagnosis.catalogue import candidates
 from boxcal.calib.diagnosis.choose import explain
 from boxcal.calib.diagnosis.explained_estimate import estimate_explained
@@ -17,6 +18,7 @@ from boxcal.calib.likelihood.finding import Finding
 from boxcal.calib.likelihood.fit import Fit
 from boxcal.calib.likelihood.levenberg_marquardt import linearize
 from boxcal.calib.likelihood.score_test import extended
+from boxcal.calib.results.verdict import Kind, Level
 from boxcal.calib.simulate.drive import DriveOptions
 from boxcal.calib.simulate.imperfect_drive import imperfect_drive
 from boxcal.calib.simulate.imperfections import BoxFaults, CameraFaults, Imperfections, WheelFaults
@@ -110,6 +112,40 @@ def test_a_scrub_leaves_the_odometry_sure_and_the_distance_between_the_wheels_un
     effective = turtlebot().b / (1 - 0.012)
     assert abs(found.b - effective) < 5 * np.sqrt(found.odometry_cov[7, 7])
     assert_right(found)
+
+
+def test_a_cause_that_cannot_quite_be_told_widens_the_sigmas() -> None:
+    """A scrub on the spot of .5 %: not enough to solve for, yet it moves b by 12 of the likelihood's own sigmas."""
+    seen = drive(Imperfections(wheels=WheelFaults(scrub=(0.0, 0.0, 0.005))), seed=7)
+    explained = explain(fit([seen], None, OPTIONS))
+    assert not explained.adopted
+    assert explained.doubts[0].cause.family == "scrub"
+    assert 0.1 < explained.doubts[0].probability < 0.9
+    found, _ = estimate_explained([seen], None, OPTIONS)
+    off = abs(found.b - turtlebot().b)
+    assert off > 8 * np.sqrt(explained.fit.cov[7, 7])
+    assert off < 3 * found.sigma["b"]
+    assert_right(found)
+
+
+def test_a_likely_doubt_is_a_note_with_its_probability() -> None:
+    seen = drive(Imperfections(wheels=WheelFaults(scrub=(0.0, 0.0, 0.005))), seed=7)
+    explained = explain(fit([seen], None, OPTIONS))
+    likely = replace(explained.doubts[0], probability=0.7)
+    finding = likely.finding(explained.fit)
+    assert finding is not None
+    assert finding.text.startswith("perhaps the wheels scrub")
+    assert "70%" in finding.text
+    assert not finding.adopted
+    reason = finding_reason(finding)
+    assert reason.kind is Kind.NOTE
+    assert reason.level is Level.GOOD
+    assert replace(likely, probability=0.3).finding(explained.fit) is None
+
+
+def test_a_clean_drive_leaves_its_sigmas_as_they_are(clean: Fit) -> None:
+    widened = sum((d.widening for d in explain(clean).doubts), np.zeros_like(clean.cov))
+    assert np.all(np.sqrt(1 + np.diag(widened) / np.diag(clean.cov))[:14] < 1.1)
 
 
 def test_a_knocked_camera_is_found_where_it_is_after_the_knock() -> None:
