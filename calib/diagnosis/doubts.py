@@ -54,7 +54,7 @@ class Doubt:
 
     @property
     def widening(self) -> Array:
-        """What averaging adds to the covariance of the shared unknowns, (n, n)."""
+        """Addition of the averaging to the covariance of the shared unknowns, (n, n)."""
         return np.asarray(self.probability * (self.shift_cov + np.outer(self.shift, self.shift)))
 
     def finding(self, fit: Fit) -> Finding | None:
