@@ -15,16 +15,18 @@ from boxcal.calib.errors import CalibError
 from boxcal.calib.exports.files import STALE_FILES, exports
 from boxcal.calib.exports.foxglove.results_mcap import results_mcap
 from boxcal.calib.exports.names import names_for
+from boxcal.calib.exports.photographs import photographs
 from boxcal.calib.exports.rerun import rerun_recording
 from boxcal.calib.exports.scene import make_scene
 from boxcal.calib.exports.stop_images import draw_stops, stop_jpegs
 from boxcal.calib.four_steps.procedure import FourSteps
 from boxcal.calib.likelihood import Estimate, EstimateOptions
-from boxcal.calib.report.robot import robot_report
+from boxcal.calib.report.robot import FLEET_PAGE, robot_report
 from boxcal.calib.results.build import closed_form, refined
 from boxcal.calib.results.calibration import Calibration
 from boxcal.calib.results.json_format import CALIBRATION, calibration_bytes
 from boxcal.calib.results.provenance import provenance
+from boxcal.calib.results.stop_residuals import stops_seen
 from boxcal.calib.settings import CORRESPONDENCES, Job, Progress, Settings, Stage, listed, robot_name
 from boxcal.calib.uncertainty.box_size import box_notes
 from boxcal.calib.uncertainty.convergence import grow
@@ -270,7 +272,9 @@ def write(job: Job, result: Calibration, drives: Sequence[Correspondences]) -> N
         folder = job.out / job.robot
         files = dict(exports(result, settings.nominal, names_for(settings, drives[0].source)))
         if settings.report:
-            files["report.html"] = robot_report(result, drives, job.target)
+            files["report.html"] = robot_report(
+                result, drives, job.target, photographs=_photographs(job, result, drives), fleet=FLEET_PAGE
+            )
         if settings.draw:
             pictures = draw_stops(
                 job.logs,
@@ -297,3 +301,10 @@ def write(job: Job, result: Calibration, drives: Sequence[Correspondences]) -> N
         write_atomically(settings.rerun, rerun_recording(scene, images))
     if settings.results_mcap is not None:
         write_atomically(settings.results_mcap, results_mcap(scene, images))
+
+
+def _photographs(job: Job, result: Calibration, drives: Sequence[Correspondences]) -> dict[str, bytes]:
+    """Return small photographs of a robot's stops, by their labels."""
+    settings = job.settings
+    seen = stops_seen(result, drives, job.target)
+    return photographs(job.logs, seen, drives, topics=settings.topics, units=settings.wheel_units)

@@ -74,7 +74,7 @@ def draw_stops(
             raise CalibError(
                 "holds no images, a recording is needed to draw its stops", source=log.name, remedy="give that"
             )
-        recording = _opened(log, topics, units, drives[d] if d < len(drives) else None)
+        recording = opened(log, topics, units, drives[d] if d < len(drives) else None)
         views: Sequence[StopObservation | Stop] = drives[d].stops if calibration else find_stops(recording.wheels)
         for j, view in enumerate(views):
             frame = stop_frame(recording, view.t_start_ns, view.t_end_ns)
@@ -107,7 +107,7 @@ def stop_jpegs(
     found = {}
     for d, log in enumerate(logs):
         drive = drives[d] if d < len(drives) else None
-        recording = None if log.suffix == CORRESPONDENCES else _opened(log, topics, units, drive)
+        recording = None if log.suffix == CORRESPONDENCES else opened(log, topics, units, drive)
         for s in stops:
             frame = stop_frame(recording, s.view.t_start_ns, s.view.t_end_ns) if recording and s.drive == d else None
             if frame is not None:
@@ -115,7 +115,7 @@ def stop_jpegs(
     return found
 
 
-def _opened(log: Path, topics: Topics | None, units: WheelUnits | None, drive: Correspondences | None) -> Recording:
+def opened(log: Path, topics: Topics | None, units: WheelUnits | None, drive: Correspondences | None) -> Recording:
     """Open a log with its frames at the times that they had when the drive was extracted from it."""
     recording = open_recording(log, topics, units, hashed=False)
     if drive is None:

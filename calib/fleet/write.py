@@ -7,6 +7,7 @@ from boxcal.calib.exports.fleet_csv import columns_csv, fleet_csv, fleet_rows
 from boxcal.calib.exports.fleet_xlsx import fleet_xlsx
 from boxcal.calib.fleet.store import FLEET, Member, fleet_record
 from boxcal.calib.report.fleet import fleet_report
+from boxcal.calib.report.fleet_tables import REPORT
 from boxcal.target.box import Target
 from boxcal.target.files.atomic_write import write_atomically
 
@@ -46,7 +47,8 @@ def write_fleet(out: Path, members: Sequence[Member], target: Target, *, command
     write_atomically(out / "fleet.csv", fleet_csv(rows))
     write_atomically(out / "fleet-columns.csv", columns_csv())
     if report:
+        without_page = [c.robot for c in results if not (out / c.robot / REPORT).exists()]
         failures = [m.error for m in members if m.error is not None]
-        write_atomically(out / "fleet.html", fleet_report(results, failures, stale))
+        write_atomically(out / "fleet.html", fleet_report(results, failures, stale, without_page))
         write_atomically(out / "fleet.xlsx", fleet_xlsx(rows))
     write_atomically(out / FLEET, fleet_record(members, target, command))

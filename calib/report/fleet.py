@@ -1,6 +1,6 @@
 """The report of a fleet: which robots can be used, how alike they are, and what became of those that failed."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from math import isfinite
 
 from boxcal.calib.assessment.verdict import verdict
@@ -22,7 +22,10 @@ from boxcal.target.errors import BoxcalError
 
 
 def fleet_report(
-    results: Sequence[Calibration], failures: Sequence[BoxcalError], stale: Mapping[str, str] | None = None
+    results: Sequence[Calibration],
+    failures: Sequence[BoxcalError],
+    stale: Mapping[str, str] | None = None,
+    without_page: Collection[str] = (),
 ) -> bytes:
     """Return the report of a fleet: one HTML file that needs nothing else.
 
@@ -36,6 +39,8 @@ def fleet_report(
         Why the others were not.
     stale
         Robot -> why its result is none of today: its last log failed, or the box was measured anew since.
+    without_page
+        Robots that have no report of their own, to which nothing links.
 
     Raises
     ------
@@ -65,11 +70,21 @@ def fleet_report(
             ],
         },
         counts={level.value: sum(v.level is level for v in verdicts) for level in Level},
-        robots=[robot_row(results[i], verdicts[i], values[i], odd[i], stale.get(results[i].robot, "")) for i in order],
+        robots=[
+            robot_row(
+                results[i],
+                verdicts[i],
+                values[i],
+                odd[i],
+                stale.get(results[i].robot, ""),
+                linked=results[i].robot not in without_page,
+            )
+            for i in order
+        ],
         headings=PARAMETERS,
         failures=failures,
         spread=spread_rows(values, sigmas) if len(results) > 1 else [],
-        odd=odd_list(results, values, odd),
+        odd=odd_list(results, values, odd, without_page),
         steps=steps(results, verdicts),
         shape=shape_rows(results),
         names=[c.robot for c in results],

@@ -1,7 +1,7 @@
 """Rows of the fleet page: robots, their spread, outlier robots, what to do, and the box as each robot found it."""
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from math import isfinite, pi
 from urllib.parse import quote
@@ -166,12 +166,12 @@ def robot_link(robot: str) -> str:
     return f"./{name}/{REPORT}" if robot not in {"", ".", ".."} else ""
 
 
-def robot_row(c: Calibration, v: Verdict, values: Array, odd: Mask, stale: str) -> RobotRow:
-    """Return one robot's row."""
+def robot_row(c: Calibration, v: Verdict, values: Array, odd: Mask, stale: str, *, linked: bool = True) -> RobotRow:
+    """Return one robot's row, with a link to its report if it has one."""
     ground = c.detail.ground if c.detail else None
     return RobotRow(
         robot=c.robot,
-        link=robot_link(c.robot),
+        link=robot_link(c.robot) if linked else "",
         level=v.level.value,
         rank=v.level.rank,
         why=" ".join(cause.text for cause in v.causes),
@@ -208,13 +208,15 @@ def spread_rows(values: Array, sigmas: Array) -> list[SpreadRow]:
     return rows
 
 
-def odd_list(results: Sequence[Calibration], values: Array, odd: Mask) -> list[OddOne]:
+def odd_list(
+    results: Sequence[Calibration], values: Array, odd: Mask, without_page: Collection[str] = ()
+) -> list[OddOne]:
     """Return every outlier in words."""
     middle = np.median(values, axis=0) if len(values) else np.zeros(len(PARAMETERS))
     return [
         OddOne(
             robot=results[i].robot,
-            link=robot_link(results[i].robot),
+            link=robot_link(results[i].robot) if results[i].robot not in without_page else "",
             name=PARAMETERS[k].name.lower(),
             text=f"{PARAMETERS[k].text(values[i, k])} {PARAMETERS[k].unit}".strip(),
             middle=f"{PARAMETERS[k].text(middle[k])} {PARAMETERS[k].unit}".strip(),

@@ -1,5 +1,7 @@
 """The report of one robot."""
 
+import base64
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,6 +20,7 @@ from boxcal.calib.report.tables import (
     noise_rows,
     provenance_rows,
     rms,
+    setting_rows,
     singular_ratios,
     stop_row,
 )
@@ -28,13 +31,22 @@ from boxcal.calib.results.verdict import Reason, Verdict
 from boxcal.detect.correspondences import Correspondences
 from boxcal.target.box import FACES, Target
 
-SCRIPTS = ("draw.js", "scene.js", "residuals.js", "charts.js")
+SCRIPTS = ("draw.js", "scene.js", "residuals.js", "photographs.js", "charts.js")
+FLEET_PAGE = "../fleet.html"
+"""Address of the fleet's page from a robot's folder."""
 _SINGULAR_LOW = 1e-4
 _TELLING = ("around", "legs", "slip", "sharpness", "fit", "print")
 """What a good verdict tells first."""
 
 
-def robot_report(calibration: Calibration, drives: Drives, target: Target) -> bytes:
+def robot_report(
+    calibration: Calibration,
+    drives: Drives,
+    target: Target,
+    *,
+    photographs: Mapping[str, bytes] | None = None,
+    fleet: str = "",
+) -> bytes:
     """Return the report of one robot: one HTML file that needs nothing else.
 
     Parameters
@@ -45,13 +57,17 @@ def robot_report(calibration: Calibration, drives: Drives, target: Target) -> by
         What the robot saw and rolled.
     target
         The landmark table that it was calibrated with.
+    photographs
+        A JPEG by the label of its stop; stops without one are not shown.
+    fleet
+        Relative address of the fleet's page, empty without one.
 
     Raises
     ------
     CalibError
         If the extra ``report`` is not installed.
     """
-    drives = _all(drives)
+    drives, photos = _all(drives), photographs or {}
     seen = stops_seen(calibration, drives, target)
     legs = driven_legs(calibration, drives, seen)
     detail = calibration.detail
@@ -63,12 +79,15 @@ def robot_report(calibration: Calibration, drives: Drives, target: Target) -> by
         data={
             "scene": scene_data(calibration, seen, legs, target),
             "residuals": residual_data(calibration, seen),
+            "photographs": {s.label: _embedded(photos[s.label]) for s in seen if s.label in photos},
             "legs": legs_data(legs),
             "growth": growth_data(detail),
             "projection": projection,
             "heldOut": held_out_data(detail),
         },
         c=calibration,
+        fleet=fleet,
+        photographed=[s for s in seen if s.label in photos],
         when=readable_time(calibration.provenance.created),
         detail=detail,
         verdict=judged,
@@ -89,7 +108,13 @@ def robot_report(calibration: Calibration, drives: Drives, target: Target) -> by
         held_out_ratio=held_out_ratio(detail) if detail else None,
         extra=extra_rows(calibration),
         provenance=provenance_rows(calibration),
+        settings=setting_rows(calibration),
     )
+
+
+def _embedded(jpeg: bytes) -> str:
+    """Return a JPEG as an address that holds it."""
+    return f"data:image/jpeg;base64,{base64.b64encode(jpeg).decode()}"
 
 
 def _all(drives: Drives) -> tuple[Correspondences, ...]:

@@ -218,12 +218,39 @@ def provenance_rows(c: Calibration) -> list[tuple[str, str]]:
     """Return how the result came about, by name."""
     p = c.provenance
     rows = [("boxcal", p.version), ("Command", p.command), ("Calibrated", p.created), ("Method", c.method)]
-    rows += [(f"SHA-256 of {name}", digest) for name, digest in p.inputs.items()]
-    return rows + [(f"Setting {name}", _setting(value)) for name, value in p.settings.items()]
+    return rows + [(f"SHA-256 of {name}", digest) for name, digest in p.inputs.items()]
 
 
-def _setting(value: object) -> str:
+def setting_rows(c: Calibration) -> list[tuple[str, str]]:
+    """Return the settings of the run, by name, in their units."""
+    return [(name, setting(name, value)) for name, value in c.provenance.settings.items()]
+
+
+_DEG, _MM = (180 / pi, "°"), (1e3, "mm")
+UNITS: Mapping[str, tuple[tuple[float, str], ...]] = {
+    "tilt_prior": (_DEG,),
+    "ink_prior": (_MM,),
+    "scale_prior": ((100.0, "%"),),
+    "size_prior": (_MM,),
+    "face_prior": (_DEG, _MM),
+    "bow_prior": (_MM,),
+    "encoder_step": (_DEG,),
+    "slip": ((1e3, "mm over the first metre"),),
+}
+"""Settings that have units: what SI is multiplied with, and the unit; of a pair one for each."""
+
+
+def setting(name: str, value: object) -> str:
+    """Return a setting of a run as people read it, in its unit."""
+    if value is None:
+        return "from the data" if name in UNITS else "not given"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
     if isinstance(value, Mapping):
-        given = [f"{k}: {v}" for k, v in value.items() if v is not None]
+        given = [f"{k}: {setting(k, v)}" for k, v in value.items() if v is not None]
         return ", ".join(given) or "not given"
-    return str(value)
+    if name in UNITS:
+        values = value if isinstance(value, list | tuple) else [value]
+        pairs = zip(values, UNITS[name], strict=False)
+        return ", ".join(f"{float(v) * scale:.4g} {unit}" for v, (scale, unit) in pairs)
+    return str(value) or "none"

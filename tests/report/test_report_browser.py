@@ -22,7 +22,7 @@ from boxcal.calib.results.calibration import Calibration
 from boxcal.detect.correspondences import Correspondences
 
 EVIL = "<script>alert(1)</script>/../../x"
-WIDTHS = {"desktop": 1280, "phone": 390}
+WIDTHS = {"desktop": 1280, "tablet": 768, "phone": 390}
 
 
 @pytest.fixture(scope="module")

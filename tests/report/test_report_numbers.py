@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import faulty
 import numpy as np
@@ -16,11 +16,12 @@ from boxcal.calib.geometry.so3_se3 import exp_so3, inverse
 from boxcal.calib.likelihood.estimate import FlaggedCorner
 from boxcal.calib.report.drawing import projection_data, residual_data, scene_data
 from boxcal.calib.report.parameters import Row, parameter_groups
-from boxcal.calib.report.tables import face_row, rms
+from boxcal.calib.report.tables import UNITS, face_row, rms, setting
 from boxcal.calib.results.calibration import Calibration, StopResult
 from boxcal.calib.results.diagnostics import Covariance
 from boxcal.calib.results.stop_residuals import stops_seen
 from boxcal.calib.results.trajectory import driven_legs, floor_pose
+from boxcal.calib.settings import Settings
 from boxcal.calib.simulate.drive import exact_correspondences, exact_options, simulate_drive
 from boxcal.calib.uncertainty.projection import projection_sigma
 from boxcal.detect.correspondences import Correspondences
@@ -287,3 +288,31 @@ def test_no_projection_map_is_drawn_where_a_parameter_is_not_determined(calibrat
     matrix[4, :], matrix[:, 4], matrix[4, 4] = np.nan, np.nan, np.inf
     assert projection_data(replace(c, detail=replace(c.detail, covariance=Covariance(matrix=matrix)))) is None
     assert projection_data(c) is not None
+
+
+def test_settings_are_shown_in_their_units() -> None:
+    settings = {
+        "tilt_prior": np.radians(1.0),
+        "ink_prior": 1e-4,
+        "scale_prior": 0.002,
+        "face_prior": [np.radians(0.5), 1e-3],
+        "slip": 5e-4,
+        "encoder_step": None,
+        "rigid_floor": True,
+        "nominal": None,
+        "wheel_units": {"unit": "ticks", "ticks_per_turn": 4096, "reverse_left": False},
+    }
+    shown = {name: setting(name, value) for name, value in settings.items()}
+    assert shown == {
+        "tilt_prior": "1 °",
+        "ink_prior": "0.1 mm",
+        "scale_prior": "0.2 %",
+        "face_prior": "0.5 °, 1 mm",
+        "slip": "0.5 mm over the first metre",
+        "encoder_step": "from the data",
+        "rigid_floor": "yes",
+        "nominal": "not given",
+        "wheel_units": "unit: ticks, ticks_per_turn: 4096, reverse_left: no",
+    }
+    known = {f.name for f in fields(Settings)}
+    assert set(UNITS) <= known, "a setting was renamed"

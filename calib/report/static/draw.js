@@ -11,6 +11,17 @@ function node(parent, name, attributes, text) {
   return e;
 }
 
+// Tables of figures become lists of their rows on narrow screens (style.css): every cell knows its heading.
+document.querySelectorAll(".scroll table:not(.robots, .parameters)").forEach((table) => {
+  if (!table.tHead || table.closest(".whole")) return;
+  const heads = [...table.tHead.rows[0].cells].map((cell) => cell.textContent.trim());
+  table.classList.add("stacked");
+  for (const row of table.tBodies[0].rows) [...row.cells].forEach((cell, k) => {
+    cell.dataset.label = heads[k];
+    if (cell.textContent.length + heads[k].length > 20) cell.classList.add("long");
+  });
+});
+
 function chart(where, width, height) {
   const svg = node(where, "svg", { viewBox: `0 0 ${width} ${height}`, "aria-hidden": "true", focusable: "false" });
   return svg;

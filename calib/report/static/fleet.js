@@ -41,9 +41,14 @@
 
   const where = document.getElementById("spread-charts");
   if (!where) return;
+  // So many robots get a line each with their name; of more only those that are far from the others are named.
+  const NAMED = 16;
+  const short = (name) => (name.length > 16 ? name.slice(0, 15) + "\u2026" : name);
   for (const panel of DATA.panels) {
-    const W = 360, H = 112, left = 16, right = 16, base = 84, top = 32;
-    const svg = chart(where, W, H), n = panel.value.length;
+    const n = panel.value.length, named = n <= NAMED;
+    const longest = named ? Math.min(16, Math.max(...DATA.robots.map((r) => r.length))) : 0;
+    const W = 360, left = 16 + 6.6 * longest, right = 16, top = 32, base = named ? top + 15 * n : 84, H = base + 28;
+    const svg = chart(where, W, H);
     node(svg, "text", { x: 12, y: 18, class: "title" }, `${panel.name}${panel.unit ? ", " + panel.unit : ""}`);
     const reach = panel.value.map((v, i) => [v - 2 * (panel.sigma[i] || 0), v + 2 * (panel.sigma[i] || 0)]);
     // Robots that are hardly known must not squeeze all others together.
@@ -62,14 +67,12 @@
     if (n > 2) node(svg, "path", { d: `M${x(middle)} ${top - 4}V${base}`, class: "final" });
     const step = Math.min(9, (base - top) / Math.max(n, 1));
     panel.value.forEach((v, i) => {
-      const y = top + ((i * 0.618034) % 1) * (base - top - 4) * (n > 1) + (n === 1) * 20;
+      const y = named ? top + 15 * i + 4 : top + ((i * 0.618034) % 1) * (base - top - 4);
+      if (named) node(svg, "text", { x: left - 12, y: y + 4, "text-anchor": "end", class: panel.odd[i] ? "out-text" : "" }, short(DATA.robots[i]));
       node(svg, "path", { d: `M${x(reach[i][0])} ${y.toFixed(1)}H${x(reach[i][1])}`, class: "whisker", "stroke-width": Math.max(2, step / 2) });
       const dot = node(svg, "circle", { cx: x(v), cy: y.toFixed(1), r: panel.odd[i] ? 4.4 : 3, class: panel.odd[i] ? "bar out" : "point" });
       node(dot, "title", {}, `${DATA.robots[i]}: ${v}`);
-      if (panel.odd[i]) {
-        const name = DATA.robots[i].length > 16 ? DATA.robots[i].slice(0, 15) + "\u2026" : DATA.robots[i];
-        node(svg, "text", { x: x(v), y: y - 7, "text-anchor": Number(x(v)) > W / 2 ? "end" : "start", class: "out-text" }, name);
-      }
+      if (panel.odd[i] && !named) node(svg, "text", { x: x(v), y: y - 7, "text-anchor": Number(x(v)) > W / 2 ? "end" : "start", class: "out-text" }, short(DATA.robots[i]));
     });
   }
 })();

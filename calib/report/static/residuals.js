@@ -42,6 +42,7 @@
     }
     field.replaceChildren();
     const svg = node(field, "svg", { viewBox: `${-0.5 - 8 * unit} ${-0.5 - 8 * unit} ${W + 16 * unit} ${H + 16 * unit}`, "aria-hidden": "true", focusable: "false" });
+    if (stop && DATA.photographs[stop]) node(svg, "image", { href: DATA.photographs[stop], x: -0.5, y: -0.5, width: W, height: H, class: "photo" });
     node(svg, "rect", { x: -0.5, y: -0.5, width: W, height: H, class: "axis" });
     for (let k = 1; k < 4; k++) node(svg, "path", { d: `M${(k * W) / 4} -0.5v${H}M-0.5 ${(k * H) / 4}h${W}`, class: "hair" });
     lines.forEach((d, f) => { if (d) node(svg, "path", { d, class: `vectors face${f}`, "stroke-width": 1.1 * unit }); });
@@ -60,6 +61,7 @@
     pick("residual-says").textContent = n ? `${n} corners, root mean square ${Math.sqrt(sum / n).toFixed(3)} px` + (left ? `, ${left} left out` : "") : "no corner";
     pick("residual-scale").textContent = `Lines are enlarged ${enlarged} times.` + (R.every > 1 ? ` One corner in ${R.every} is drawn.` : "");
     document.dispatchEvent(new CustomEvent("stopchosen", { detail: stop }));
+    document.dispatchEvent(new CustomEvent("enlarged", { detail: enlarged }));
   }
   ["pick-stop", "pick-face", "pick-scale"].forEach((id) => pick(id).addEventListener("change", draw));
   document.getElementById("residual-choices").addEventListener("submit", (e) => e.preventDefault());

@@ -1,0 +1,66 @@
+"""Small photographs of the stops, for the report: one frame each, bounded in size and number."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import cv2
+
+from boxcal.calib.exports.stop_images import opened, stop_frame
+from boxcal.calib.results.stop_residuals import SeenStop
+from boxcal.calib.settings import CORRESPONDENCES
+from boxcal.detect.correspondences import Correspondences
+from boxcal.detect.log.images import Grey
+from boxcal.detect.log.topics import Topics
+from boxcal.detect.log.wheel_samples import WheelUnits
+
+MOST = 24
+"""Photographs of one robot; of more stops those that fit worst are taken."""
+_WIDTH_PX, _QUALITY = 560, 55
+
+
+def photographs(
+    logs: Sequence[Path],
+    seen: Sequence[SeenStop],
+    drives: Sequence[Correspondences],
+    *,
+    topics: Topics | None = None,
+    units: WheelUnits | None = None,
+) -> dict[str, bytes]:
+    """Return a JPEG by the label of its stop, some 20 kB each; none where correspondences were saved before.
+
+    Parameters
+    ----------
+    logs
+        The robot's recordings.
+    seen
+        Its stops.
+    drives
+        What was extracted from each log.
+    topics, units
+        As the logs were read with.
+
+    Raises
+    ------
+    DetectError
+        If a log cannot be read.
+    """
+    worst = sorted(seen, key=lambda s: -s.result.reprojection_rms_px)[:MOST]
+    chosen = [s for s in seen if any(s is w for w in worst)]
+    found = {}
+    for d, log in enumerate(logs):
+        mine = [s for s in chosen if s.drive == d]
+        if log.suffix == CORRESPONDENCES or not mine:
+            continue
+        recording = opened(log, topics, units, drives[d])
+        for s in mine:
+            frame = stop_frame(recording, s.view.t_start_ns, s.view.t_end_ns)
+            if frame is not None:
+                found[s.label] = small_jpeg(frame[1])
+    return found
+
+
+def small_jpeg(image: Grey) -> bytes:
+    """Return an image as a JPEG of at most 560 pixels across."""
+    k = min(1.0, _WIDTH_PX / image.shape[1])
+    small = image if k == 1.0 else cv2.resize(image, None, fx=k, fy=k, interpolation=cv2.INTER_AREA)
+    return cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])[1].tobytes()
