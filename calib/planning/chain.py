@@ -53,13 +53,24 @@ def append(before: Array, legs: Array, pictures: Array) -> Array:
     pictures : (N, n + 3, n + 3)
         What the next stop's picture tells.
     """
-    out = stop_alone(pictures)
-    n = out.shape[1] - PER_STOP
-    out[:, :n, :n] += before[..., :n, :n]
+    return through(before, legs) + stop_alone(pictures)
+
+
+def through(before: Array, legs: Array) -> Array:
+    """Return what stops on one side of legs tell of shared unknowns and the stops on the other, (N, n + 5, n + 5).
+
+    Parameters
+    ----------
+    before, legs
+        As for :func:`append`.
+    """
+    n = before.shape[-1] - PER_STOP
+    out = np.zeros((len(legs), n + PER_STOP, n + PER_STOP))
+    out[:, :n, :n] = before[..., :n, :n]
     out[:, WHEELS, WHEELS] += legs[:, :3, :3]
     out[:, WHEELS, n:] += legs[:, :3, _SECOND]
     out[:, n:, WHEELS] += legs[:, _SECOND, :3]
-    out[:, n:, n:] += legs[:, _SECOND, _SECOND]
+    out[:, n:, n:] = legs[:, _SECOND, _SECOND]
     across = np.zeros((len(out), n + PER_STOP, PER_STOP))
     across[:, :n] = before[..., :n, n:]
     across[:, WHEELS] += legs[:, :3, _FIRST]
@@ -72,17 +83,6 @@ def reverse(legs: Array) -> Array:
     """Return legs' information with first and second stop changed round, for a drive read backwards."""
     order = [0, 1, 2, *range(_SECOND.start, _SECOND.stop), *range(_FIRST.start, _FIRST.stop)]
     return legs[..., order, :][..., order]
-
-
-def joined(before: Array, after: Array) -> Array:
-    """Return the information of both sides of a stop: before it with its picture, and after it without.
-
-    Parameters
-    ----------
-    before, after : (N, n + 5, n + 5)
-        Information of shared unknowns and one stop from the stops up to it, and from those that follow.
-    """
-    return np.asarray(before + after)
 
 
 def of_shared(chain: Array) -> Array:

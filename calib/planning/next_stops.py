@@ -132,11 +132,13 @@ def next_stops(
     values = figure_values(search.figures, of_shared(known.chain[None]))[0]
     share = np.array([bar.value for bar in bars]) / values
     chain, here, out = known.chain, known.poses[-1], []
+    visited: list[int] = []
     for _ in range(count):
-        step = search.next(chain, here)
+        step = search.next(chain, here, visited)
         if step is None:
             break
         before, after = (search.figures.as_bars(v * share) for v in (values, step.values))
+        visited.append(step.row)
         here, chain, values = search.choice.poses[step.row], step.chain, step.values
         out.append(
             NextStop(
@@ -169,7 +171,7 @@ def first_stops(
     step = search.first(prior_information(search.model, search.choice.problem))
     rows = [step.row]
     while len(rows) < count:
-        following = search.next(step.chain, search.choice.poses[step.row])
+        following = search.next(step.chain, search.choice.poses[step.row], rows)
         if following is None:
             break
         step = following

@@ -1,5 +1,6 @@
 """The search for the next stop: all candidates with all ways there, on one floor, for one robot."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,11 +13,8 @@ from boxcal.calib.planning.floor import Floor, free_space
 from boxcal.calib.planning.goal import Figures, Goal, along_camera, figures
 from boxcal.calib.planning.leg_information import leg_information_of
 from boxcal.calib.planning.objective import Criterion, score
-from boxcal.calib.planning.ways import Router, Ways, turning_ways
+from boxcal.calib.planning.ways import CurveRouter, Router, Ways
 from boxcal.target.arrays import Array, Ids
-
-SPINS = np.array([0, 1, -1])
-"""Whole turns on the spot that a way may end with, to the left."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -89,12 +87,16 @@ class Search:
         row = int(np.argmin(score(values / self.figures.goals, Criterion.MEAN)))
         return Step(row=row, whole_turns=0, turn=0.0, length=0.0, chain=chains[row], values=values[row])
 
-    def next(self, chain: Array, here: Array) -> Step | None:
-        """Return the best stop to append to a drive whose robot stands at a pose (3,); None if it cannot get away."""
-        C = len(self.choice)
-        rows, spins = np.tile(np.arange(C), len(SPINS)), np.repeat(SPINS, C)
-        ways = turning_ways(self.router, here, self.choice.poses[rows], spins)
-        fine = np.flatnonzero(ways.possible)
+    def next(self, chain: Array, here: Array, visited: Sequence[int] = ()) -> Step | None:
+        """Return the best stop to append to a drive whose robot stands at a pose (3,); None if it cannot get away.
+
+        Candidates that were visited are left out.
+        """
+        C, kinds = len(self.choice), self.router.spins()
+        rows, spins = np.tile(np.arange(C), len(kinds)), np.repeat(kinds, C)
+        direct = self.router.ways(np.broadcast_to(here, (C, 3)), self.choice.poses)
+        ways = direct.take(rows).with_whole_turns(spins)
+        fine = np.flatnonzero(ways.possible & ~np.isin(rows, visited))
         if not len(fine):
             return None
         rows, spins, ways = rows[fine], spins[fine], ways.take(fine)
@@ -118,6 +120,7 @@ def make_search(
     *,
     criterion: Criterion = Criterion.WORST,
     distances: Distances | None = None,
+    turning_radius: float = 0.0,
     count: int = 150,
     rng: np.random.Generator,
 ) -> Search:
@@ -144,7 +147,7 @@ def make_search(
     return Search(
         model=model,
         choice=choice,
-        router=Router(space),
+        router=CurveRouter(space, turning_radius) if turning_radius > 0 else Router(space),
         figures=along_camera(found, robot.T_body_cam[:3, :3]),
         criterion=criterion,
     )

@@ -44,9 +44,16 @@ class Ways:
         """Return some of the ways."""
         return Ways(distance=self.distance[rows], turn=self.turn[rows], possible=self.possible[rows])
 
+    def with_whole_turns(self, turns: Ids) -> "Ways":
+        """Return the ways with whole turns to the left (N,) on the spot at their ends."""
+        turn = self.turn.copy()
+        turn[:, -1] += 2 * pi * turns
+        within = np.abs(turn.sum(axis=1)) <= _MOST_TURN
+        return Ways(distance=self.distance, turn=turn, possible=self.possible & within)
+
 
 class Router:
-    """Finds ways on one floor: direct ones, else the shortest along the corners of what stands in between."""
+    """Ways on one floor: direct ones, else the shortest along the corners of what stands in between."""
 
     def __init__(self, space: FreeSpace) -> None:
         x0, y0, x1, y1 = (space.blocked + _OFF_CORNER * np.array([-1, -1, 1, 1])).T
@@ -57,9 +64,7 @@ class Router:
     def _shortest(self) -> tuple[Array, Ids]:
         """Return the lengths of the shortest ways between corners, and the corner to go to next (Floyd-Warshall)."""
         n = len(self.corners)
-        i, j = np.divmod(np.arange(n * n), max(n, 1))
-        length = np.linalg.norm(self.corners[i] - self.corners[j], axis=1)
-        length = np.where(self.space.clear(self.corners[i], self.corners[j]), length, np.inf).reshape(n, n)
+        length = self._lengths(self.corners)
         following = np.tile(np.arange(n), (n, 1))
         for k in range(n):
             over = length[:, k : k + 1] + length[k]
@@ -68,68 +73,96 @@ class Router:
             following = np.where(better, following[:, k : k + 1], following)
         return length, following
 
-    def stations(self, start: Array, goals: Array) -> tuple[Array, Mask]:
-        """Return the places to pass on the way from a point (2,) to points (N, 2): (N, H, 2), the last the goal.
+    def _lengths(self, xy: Array) -> Array:
+        """Return the lengths of straight ways from points (N, 2) to all corners, infinite where blocked."""
+        N, n = len(xy), len(self.corners)
+        start, end = np.repeat(xy, n, axis=0), np.tile(self.corners, (N, 1))
+        length = np.hypot(*(end - start).T)
+        return np.asarray(np.where(self.space.clear(start, end), length, np.inf).reshape(N, n))
+
+    def stations(self, starts: Array, goals: Array) -> tuple[Array, Mask]:
+        """Return the places to pass from points (N, 2) to points (N, 2), (N, H, 2), the last the goal.
 
         Shorter chains repeat their goal. The second array (N,) tells whether there is a way.
         """
-        starts = np.broadcast_to(start, goals.shape)
-        direct = self.space.clear(starts, goals)
+        possible = self.space.clear(starts, goals)
         chains: list[list[Array]] = [[goal] for goal in goals]
-        possible = direct.copy()
-        blocked = np.flatnonzero(~direct)
-        n = len(self.corners)
+        blocked, n = np.flatnonzero(~possible), len(self.corners)
         if len(blocked) and n:
-            from_start = np.linalg.norm(self.corners - start, axis=1)
-            from_start[~self.space.clear(np.broadcast_to(start, (n, 2)), self.corners)] = np.inf
-            ends = goals[blocked]
-            gap = np.linalg.norm(self.corners[None] - ends[:, None], axis=2)
-            seen = self.space.clear(np.tile(self.corners, (len(ends), 1)), np.repeat(ends, n, axis=0))
-            gap[~seen.reshape(len(ends), n)] = np.inf
-            reach = (from_start[:, None] + self.between).min(axis=0)
-            first = (from_start[:, None] + self.between).argmin(axis=0)
-            last = (reach + gap).argmin(axis=1)
-            possible[blocked] = np.isfinite((reach + gap).min(axis=1))
-            for row, end in zip(blocked, last, strict=True):
-                at, chain = int(first[end]), []
-                while at != end:
+            away, to = self._lengths(starts[blocked]), self._lengths(goals[blocked])
+            total = (away[:, :, None] + self.between + to[:, None, :]).reshape(len(blocked), -1)
+            best = total.argmin(axis=1)
+            possible[blocked] = np.isfinite(total[np.arange(len(blocked)), best])
+            for row, at, last in zip(blocked, *np.divmod(best, n), strict=True):
+                chain = [self.corners[at]]
+                while at != last:
+                    at = self.via[at, last]
                     chain.append(self.corners[at])
-                    at = int(self.via[at, end])
-                chains[row] = [*chain, self.corners[end], goals[row]]
+                chains[row] = [*chain, goals[row]]
         most = max(len(chain) for chain in chains)
         return np.array([chain + [chain[-1]] * (most - len(chain)) for chain in chains]), possible
 
+    def ways(self, starts: Array, goals: Array) -> Ways:
+        """Return ways of turns on the spot and straights from poses (N, 3) to poses (N, 3).
 
-def turning_ways(router: Router, start: Array, goals: Array, whole_turns: Array) -> Ways:
-    """Return ways of turns on the spot and straights from a pose (3,) to poses (N, 3).
+        The gear of the first straight is that which needs the smaller first turn, and is kept.
+        """
+        stations, possible = self.stations(starts[:, :2], goals[:, :2])
+        N, H = stations.shape[:2]
+        distance, turn = np.zeros((N, 2 * H + 1)), np.zeros((N, 2 * H + 1))
+        here, heading = starts[:, :2], starts[:, 2]
+        backwards, begun = np.zeros(N, dtype=np.bool_), np.zeros(N, dtype=np.bool_)
+        for h in range(H):
+            chord = stations[:, h] - here
+            way = np.hypot(chord[:, 0], chord[:, 1])
+            drives = way > _TINY
+            ahead = np.arctan2(chord[:, 1], chord[:, 0])
+            gear = np.abs(wrap(ahead - heading)) > pi / 2 + _TINY
+            backwards = np.where(begun | ~drives, backwards, gear)
+            begun |= drives
+            first = np.where(drives, wrap(ahead + np.where(backwards, pi, 0.0) - heading), 0.0)
+            turn[:, 2 * h], distance[:, 2 * h + 1] = first, np.where(backwards, -way, way)
+            here, heading = stations[:, h], heading + first
+        turn[:, -1] = wrap(goals[:, 2] - heading)
+        return Ways(distance=distance, turn=turn, possible=possible)
 
-    The gear of the first straight is that which needs the smaller first turn, and is kept.
+    def spins(self) -> Ids:
+        """Return the whole turns on the spot, to the left, that a way may end with."""
+        return np.array([0, 1, -1])
+
+
+class CurveRouter(Router):
+    """Ways of a robot that cannot turn on the spot: Dubins curves, forwards or backwards.
 
     Parameters
     ----------
-    router
-        The floor.
-    start, goals
-        x, y (m) and heading (rad).
-    whole_turns : (N,)
-        Whole turns on the spot besides, to the left, at the end of each way.
+    space
+        The free floor.
+    radius : m
+        Smallest turning radius.
     """
-    stations, possible = router.stations(start[:2], goals[:, :2])
-    N, H = stations.shape[:2]
-    distance, turn = np.zeros((N, 2 * H + 1)), np.zeros((N, 2 * H + 1))
-    here, heading = np.broadcast_to(start[:2], (N, 2)), np.full(N, start[2])
-    backwards, begun = np.zeros(N, dtype=np.bool_), np.zeros(N, dtype=np.bool_)
-    for h in range(H):
-        chord = stations[:, h] - here
-        way = np.hypot(chord[:, 0], chord[:, 1])
-        drives = way > _TINY
-        ahead = np.arctan2(chord[:, 1], chord[:, 0])
-        gear = np.abs(wrap(ahead - heading)) > pi / 2 + _TINY
-        backwards = np.where(begun | ~drives, backwards, gear)
-        begun |= drives
-        first = np.where(drives, wrap(ahead + np.where(backwards, pi, 0.0) - heading), 0.0)
-        turn[:, 2 * h], distance[:, 2 * h + 1] = first, np.where(backwards, -way, way)
-        here, heading = stations[:, h], heading + first
-    turn[:, -1] = wrap(goals[:, 2] - heading) + 2 * pi * whole_turns
-    within = np.abs(turn.sum(axis=1)) <= _MOST_TURN
-    return Ways(distance=distance, turn=turn, possible=possible & within)
+
+    def __init__(self, space: FreeSpace, radius: float) -> None:
+        super().__init__(space)
+        self.radius = radius
+
+    def ways(self, starts: Array, goals: Array) -> Ways:
+        """Return the shortest curves from poses (N, 3) to poses (N, 3) that touch nothing."""
+        from boxcal.calib.planning.dubins import dubins_curves, points_along  # noqa: PLC0415
+
+        best = np.full(len(starts), np.inf)
+        distance, turn = np.zeros((len(starts), 3)), np.zeros((len(starts), 3))
+        for gear in (1.0, -1.0):
+            flip = np.array([0.0, 0.0, 0.0 if gear > 0 else pi])
+            for d, t in dubins_curves(starts + flip, goals + flip, self.radius):
+                length = d.sum(axis=1)
+                better = np.flatnonzero(length < best)
+                xy = points_along(starts[better] + flip, d[better], t[better])
+                inside = self.space.free(xy.reshape(-1, 2)).reshape(xy.shape[:2]).all(axis=1)
+                better = better[inside]
+                best[better], distance[better], turn[better] = length[better], gear * d[better], t[better]
+        return Ways(distance=distance, turn=turn, possible=np.isfinite(best))
+
+    def spins(self) -> Ids:
+        """Return that no whole turns on the spot can be made."""
+        return np.array([0])
