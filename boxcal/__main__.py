@@ -11,6 +11,7 @@ COMMANDS = {
     "make-target": ("boxcal.target.cli", "print files, landmark table and models of a box"),
     "measure-target": ("boxcal.target.measure.cli", "correct the landmark table by what a ruler reads on the box"),
     "detect-tags": ("boxcal.detect.cli", "find the box's tags in pictures"),
+    "plan-drive": ("boxcal.calib.plan_drive.cli", "plan where to drive around the box"),
     "fleet-calibrate": ("boxcal.calib.cli", "calibrate robots from their logs"),
     "check-drive": ("boxcal.calib.check_drive.cli", "tell whether a calibrated robot drives as predicted"),
     "compare-calibrations": ("boxcal.calib.compare.cli", "tell whether two calibrations of a robot differ"),
@@ -21,6 +22,7 @@ ONLY_HERE = {"schemas": ("boxcal.schemas", "write JSON Schemas of the files that
 """Commands that have no name of their own."""
 SHORT = {
     "calibrate": "fleet-calibrate",
+    "plan": "plan-drive",
     "check": "check-drive",
     "compare": "compare-calibrations",
     "simulate": "simulate-fleet",

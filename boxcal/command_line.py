@@ -3,8 +3,9 @@
 import argparse
 import re
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from difflib import get_close_matches
+from math import isfinite
 from typing import NoReturn
 
 from boxcal.one_thread import hold_process_to_one_thread
@@ -65,6 +66,45 @@ def probability(text: str) -> float:
     if not 0 < value < 1:
         raise argparse.ArgumentTypeError(f"{value:g} is not between 0 and 1")
     return value
+
+
+def whole_number(low: int, high: int) -> Callable[[str], int]:
+    """Return what reads a whole number within limits from an option; argparse says what is wrong with another."""
+
+    def parse(text: str) -> int:
+        try:
+            value = int(text)
+        except ValueError:
+            value = low - 1
+        if not low <= value <= high:
+            raise argparse.ArgumentTypeError(f"{text[:40]!r}: a whole number from {low} to {high} is needed")
+        return value
+
+    return parse
+
+
+def number(low: float, high: float) -> Callable[[str], float]:
+    """Return what reads a number within limits from an option; argparse says what is wrong with another."""
+
+    def parse(text: str) -> float:
+        try:
+            value = float(text)
+        except ValueError:
+            value = float("nan")
+        if not (isfinite(value) and low <= value <= high):
+            raise argparse.ArgumentTypeError(f"{text[:40]!r}: a number from {low:g} to {high:g} is needed")
+        return value
+
+    return parse
+
+
+def image_size(text: str) -> tuple[int, int]:
+    """Return an option's value as width and height in px, such as 640x480."""
+    side = whole_number(64, 8192)
+    width, by, height = text.lower().partition("x")
+    if not by:
+        raise argparse.ArgumentTypeError(f"{text[:40]!r}: width and height are needed, such as 640x480")
+    return side(width), side(height)
 
 
 def did_you_mean(word: str, known: Iterable[str]) -> str:

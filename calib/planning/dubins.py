@@ -62,7 +62,6 @@ def _pieces(first: Array, middle: Array, last: Array) -> Array:
 
 def points_along(starts: Array, distance: Array, turn: Array) -> Array:
     """Return points (N, K, 2) along chains of three arcs from poses (N, 3)."""
-    N = len(starts)
     ds = np.repeat(distance / _POINTS, _POINTS, axis=1)
     dth = np.repeat(turn / _POINTS, _POINTS, axis=1)
     end = starts[:, 2:] + np.cumsum(dth, axis=1)
@@ -70,4 +69,4 @@ def points_along(starts: Array, distance: Array, turn: Array) -> Array:
     chord = ds * np.sinc(dth / (2 * pi))
     x = starts[:, :1] + np.cumsum(chord * np.cos(middle), axis=1)
     y = starts[:, 1:2] + np.cumsum(chord * np.sin(middle), axis=1)
-    return np.stack([x, y], axis=2).reshape(N, -1, 2)
+    return np.stack([x, y], axis=2)

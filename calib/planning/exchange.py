@@ -7,7 +7,7 @@ import numpy as np
 
 from boxcal.calib.planning.candidates import enough_tags
 from boxcal.calib.planning.search import Search, Step
-from boxcal.calib.planning.tour import Tour, Worth, messages, replacements, ways_of, worth
+from boxcal.calib.planning.tour import Tour, Worth, messages, replacements, seconds_of, ways_of, worth
 from boxcal.target.arrays import Array, Ids
 
 _SWEEPS = 3
@@ -123,7 +123,5 @@ def _best_at(problem: Problem, tour: Tour, k: int, cost: Cost) -> Tour | None:
 
 def _seconds_at(problem: Problem, tour: Tour, k: int) -> float:
     """Return the time of the ways to and from one stop of a drive, s."""
-    from boxcal.calib.planning.tour import seconds_of  # noqa: PLC0415
-
     seconds = seconds_of(problem.nominal, ways_of(problem.nominal, tour))
     return float(seconds[max(k - 1, 0) : k + 1].sum())

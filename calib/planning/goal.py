@@ -11,6 +11,7 @@ from boxcal.calib.errors import CalibError
 from boxcal.calib.geometry.parameters import ORDER, TRANSLATION
 from boxcal.calib.geometry.so3_se3 import hat
 from boxcal.calib.likelihood.estimate import Estimate
+from boxcal.calib.results.calibration import Calibration
 from boxcal.calib.uncertainty.projection import points_at
 from boxcal.calib.uncertainty.propagation import STRAIGHT_M
 from boxcal.target.arrays import Array
@@ -250,3 +251,25 @@ def bars_of_estimate(
         cov = cov.copy()
         cov[5:8, 5:8] = estimate.odometry_cov[5:8, 5:8]
     return found.bars(cov)
+
+
+def bars_of_calibration(calibration: Calibration, goal: Goal | None = None) -> tuple[Bar, ...]:
+    """Return what a user cares about of a calibration, beside the goals; nothing for the closed form alone."""
+    detail, goal = calibration.detail, goal or Goal()
+    if detail is None:
+        return ()
+    sigma, ground = detail.covariance.sigma, detail.ground
+    values = {
+        "straight": ground.straight_position,
+        "heading": ground.straight_heading,
+        "turn": ground.turn_heading,
+        "camera": max(sigma[name] for name in ("rx", "ry", "rz")),
+        "place": max(sigma[name] for name in ("tx", "ty", "tz")),
+        "projection": ground.projection_mean_px,
+    }
+    goals = {name: getattr(goal, name) for name in LABELS}
+    goals["projection"] *= calibration.image_size[0] / 640
+    return tuple(
+        Bar(name=name, label=label, unit=unit, value=float(values[name]), goal=float(goals[name]))
+        for name, (label, unit) in LABELS.items()
+    )

@@ -10,11 +10,25 @@ from boxcal.calib.likelihood.estimate import Estimate
 from boxcal.calib.likelihood.problem import PER_STOP
 from boxcal.calib.planning.assumptions import assumed_model
 from boxcal.calib.planning.chain import figure_values, of_shared
-from boxcal.calib.planning.drive_information import DriveInformation, information_of
+from boxcal.calib.planning.drive_information import (
+    DriveInformation,
+    information_of,
+    solved_by_calibration,
+    solved_by_estimate,
+)
 from boxcal.calib.planning.floor import Floor
-from boxcal.calib.planning.goal import Bar, Goal, along_camera, bars_of_estimate, figures, worst
+from boxcal.calib.planning.goal import (
+    Bar,
+    Goal,
+    along_camera,
+    bars_of_calibration,
+    bars_of_estimate,
+    figures,
+    worst,
+)
 from boxcal.calib.planning.objective import Criterion
 from boxcal.calib.planning.search import make_search, prior_information
+from boxcal.calib.results.calibration import Calibration
 from boxcal.calib.simulate.robot import Robot
 from boxcal.detect.correspondences import Correspondences
 from boxcal.target.arrays import Array, Ids
@@ -103,10 +117,33 @@ def what_next(
         Settles the places that are tried.
     """
     goal = goal or Goal()
-    known = information_of(estimate, drives, target)
+    known = information_of(solved_by_estimate(estimate), drives, target)
     return next_stops(
         known, bars_of_estimate(estimate, goal, drives[0].image_size), goal, floor or Floor(), count=count, seed=seed
     )
+
+
+def what_next_after(
+    calibration: Calibration,
+    drives: Sequence[Correspondences],
+    target: Target,
+    *,
+    goal: Goal | None = None,
+    floor: Floor | None = None,
+    count: int = 3,
+    seed: int = 0,
+) -> tuple[NextStop, ...]:
+    """Return the stops that help most after a calibration; as :func:`what_next`.
+
+    Raises
+    ------
+    CalibError
+        If the calibration is the closed form alone, or the box is seen from nowhere on the floor.
+    """
+    goal = goal or Goal()
+    known = information_of(solved_by_calibration(calibration, drives), drives, target, calibration.robot)
+    bars = bars_of_calibration(calibration, goal)
+    return next_stops(known, bars, goal, floor or Floor(), count=count, seed=seed)
 
 
 def next_stops(

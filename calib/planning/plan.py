@@ -1,6 +1,6 @@
 """The plan of a whole drive: the fewest stops that reach the goals, or the best drive of so many stops."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from math import atan2, inf
 
 import numpy as np
@@ -8,7 +8,7 @@ import numpy as np
 from boxcal.calib.errors import CalibError
 from boxcal.calib.planning.assumptions import Assumptions, assumed_model
 from boxcal.calib.planning.candidates import Distances, candidates_at
-from boxcal.calib.planning.exchange import Cost, Problem, greedy, improved, total
+from boxcal.calib.planning.exchange import Cost, Problem, greedy, improved
 from boxcal.calib.planning.floor import Floor
 from boxcal.calib.planning.goal import Bar, Goal, along_camera, figures
 from boxcal.calib.planning.objective import Criterion, score
@@ -56,12 +56,12 @@ class PlanOptions:
         Settles them.
     """
 
-    goal: Goal = Goal()
+    goal: Goal = field(default_factory=Goal)
     stops: int | None = None
     least_stops: int = LEAST_STOPS
     criterion: Criterion = Criterion.WORST
-    floor: Floor = Floor()
-    distances: Distances = Distances()
+    floor: Floor = field(default_factory=Floor)
+    distances: Distances = field(default_factory=Distances)
     turning_radius: float = 0.0
     faces: int = FACES
     candidates: int = 150

@@ -6,6 +6,7 @@ from math import pi
 import numpy as np
 
 from boxcal.calib.geometry.so3_se3 import wrap
+from boxcal.calib.planning.dubins import dubins_curves, points_along
 from boxcal.calib.planning.floor import FreeSpace
 from boxcal.target.arrays import Array, Ids, Mask
 
@@ -93,8 +94,8 @@ class Router:
             total = (away[:, :, None] + self.between + to[:, None, :]).reshape(len(blocked), -1)
             best = total.argmin(axis=1)
             possible[blocked] = np.isfinite(total[np.arange(len(blocked)), best])
-            for row, at, last in zip(blocked, *np.divmod(best, n), strict=True):
-                chain = [self.corners[at]]
+            for row, first, last in zip(blocked, *np.divmod(best, n), strict=True):
+                at, chain = first, [self.corners[first]]
                 while at != last:
                     at = self.via[at, last]
                     chain.append(self.corners[at])
@@ -148,8 +149,6 @@ class CurveRouter(Router):
 
     def ways(self, starts: Array, goals: Array) -> Ways:
         """Return the shortest curves from poses (N, 3) to poses (N, 3) that touch nothing."""
-        from boxcal.calib.planning.dubins import dubins_curves, points_along  # noqa: PLC0415
-
         best = np.full(len(starts), np.inf)
         distance, turn = np.zeros((len(starts), 3)), np.zeros((len(starts), 3))
         for gear in (1.0, -1.0):

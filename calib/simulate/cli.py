@@ -5,11 +5,11 @@ import os
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from math import isfinite, radians
+from math import radians
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from boxcal.command_line import CommandParser
+from boxcal.command_line import CommandParser, image_size, number, whole_number
 
 if TYPE_CHECKING:
     from boxcal.calib.simulate.fleet import Job
@@ -120,20 +120,20 @@ def _parser() -> argparse.ArgumentParser:
 
     parser.add_argument("folder", type=Path, metavar="FOLDER", help="where logs and truths go")
     parser.add_argument("--target", type=Path, metavar="FILE", help="target.json of the box (the default box if none)")
-    add("--robots", _whole(1, 999), 3, "how many")
-    add("--stops", _whole(3, 1000), 10, "stops of each")
-    add("--seed", _whole(0, 2**63 - 1), 0, "settles all that is drawn at random")
-    add("--jobs", _whole(1, 256), min(os.cpu_count() or 1, 8), "robots simulated side by side")
-    add("--encoder-step-deg", _number(0, 30), 0.1302, "encoders round down to a multiple of it; 0 is exact", "DEG")
-    add("--joint-rate-hz", _number(1, 1000), 50.0, "wheel samples a second", "HZ")
-    add("--slip", _number(0, 50), 0.2, "error of each wheel after it rolled 1 m; grows with the root of the way", "MM")
-    add("--frames", _whole(1, 1000), 3, "pictures at each stop")
-    add("--moving-frames", _whole(0, 1000), 2, "pictures between two stops, blurred by the motion")
-    add("--image-size", _size, (640, 480), "of the pictures, px", "WxH")
-    add("--noise", _number(0, 100), 1.5, "standard deviation of the pictures' noise, grey levels", "GREY")
-    add("--blur", _number(0, 50), 0.6, "standard deviation of the lens's blur, px", "PX")
+    add("--robots", whole_number(1, 999), 3, "how many")
+    add("--stops", whole_number(3, 1000), 10, "stops of each")
+    add("--seed", whole_number(0, 2**63 - 1), 0, "settles all that is drawn at random")
+    add("--jobs", whole_number(1, 256), min(os.cpu_count() or 1, 8), "robots simulated side by side")
+    add("--encoder-step-deg", number(0, 30), 0.1302, "encoders round down to a multiple of it; 0 is exact", "DEG")
+    add("--joint-rate-hz", number(1, 1000), 50.0, "wheel samples a second", "HZ")
+    add("--slip", number(0, 50), 0.2, "error of each wheel after it rolled 1 m; grows with the root of the way", "MM")
+    add("--frames", whole_number(1, 1000), 3, "pictures at each stop")
+    add("--moving-frames", whole_number(0, 1000), 2, "pictures between two stops, blurred by the motion")
+    add("--image-size", image_size, (640, 480), "of the pictures, px", "WxH")
+    add("--noise", number(0, 100), 1.5, "standard deviation of the pictures' noise, grey levels", "GREY")
+    add("--blur", number(0, 50), 0.6, "standard deviation of the lens's blur, px", "PX")
     parser.add_argument("--image", choices=("jpeg", "png", "raw"), default="jpeg", help="pictures (default: jpeg)")
-    add("--quality", _whole(1, 100), 90, "of JPEG")
+    add("--quality", whole_number(1, 100), 90, "of JPEG")
     parser.add_argument(
         "--camera",
         choices=("radial", "brown", "rational", "fisheye"),
@@ -148,10 +148,10 @@ def _parser() -> argparse.ArgumentParser:
         "print by 0.07 %%, bow 0.3 mm, floor tilted by 0.3 deg, lean 0.05 deg a stop, a lens of four coefficients",
     )
     wrong.add_argument(
-        "--lean-deg", type=_number(0, 10), metavar="DEG", help="roll and pitch from stop to stop, standard deviation"
+        "--lean-deg", type=number(0, 10), metavar="DEG", help="roll and pitch from stop to stop, standard deviation"
     )
     wrong.add_argument(
-        "--tilt-deg", type=_number(0, 10), metavar="DEG", help="floor against the box's base, standard deviation"
+        "--tilt-deg", type=number(0, 10), metavar="DEG", help="floor against the box's base, standard deviation"
     )
     wrong.add_argument(
         "--violation",
@@ -185,41 +185,7 @@ class _ListViolations(argparse.Action):
 
 def _violation(text: str) -> tuple[str, float | None]:
     name, given, size = text.partition("=")
-    return name.strip(), _number(0, 1e6)(size) if given else None
-
-
-def _whole(low: int, high: int) -> Callable[[str], int]:
-    def parse(text: str) -> int:
-        try:
-            value = int(text)
-        except ValueError:
-            value = low - 1
-        if not low <= value <= high:
-            raise argparse.ArgumentTypeError(f"{text[:40]!r}: a whole number from {low} to {high} is needed")
-        return value
-
-    return parse
-
-
-def _number(low: float, high: float) -> Callable[[str], float]:
-    def parse(text: str) -> float:
-        try:
-            value = float(text)
-        except ValueError:
-            value = float("nan")
-        if not (isfinite(value) and low <= value <= high):
-            raise argparse.ArgumentTypeError(f"{text[:40]!r}: a number from {low:g} to {high:g} is needed")
-        return value
-
-    return parse
-
-
-def _size(text: str) -> tuple[int, int]:
-    side = _whole(64, 8192)
-    width, by, height = text.lower().partition("x")
-    if not by:
-        raise argparse.ArgumentTypeError(f"{text[:40]!r}: width and height are needed, such as 640x480")
-    return side(width), side(height)
+    return name.strip(), number(0, 1e6)(size) if given else None
 
 
 if __name__ == "__main__":

@@ -31,8 +31,45 @@ def urdf_wheels(content: bytes, name: str) -> tuple[float, float]:
         If it is no URDF, declares a document type (entities are not read), or does not describe two such wheels.
     """
     root = _parse(content, name)
+    radius, T_right, T_left = _wheels(root, name)
+    right = _wheel_joints(root, name)["right"]
+    axis = _triple(_attribute(right, "axis", "xyz"), (1.0, 0.0, 0.0), name)
+    if not np.linalg.norm(axis) > 0:
+        raise DetectError("the right wheel's axis has no length", source=name, remedy=_REMEDY)
+    axis = T_right[:3, :3] @ axis / np.linalg.norm(axis)
+    return radius, float(abs(axis @ (T_left[:3, 3] - T_right[:3, 3])))
+
+
+def urdf_camera(content: bytes, name: str, link: str | None = None) -> tuple[str, Array]:
+    """Return the name of a camera's optical link, and its pose on the robot, (4, 4), m.
+
+    The robot's frame is x forward as in the root link, its origin on the floor below the axle's middle. Without a link
+    the only one counts whose name ends in ``optical_frame`` and does not speak of depth or infrared.
+
+    Raises
+    ------
+    DetectError
+        As :func:`urdf_wheels`, or if there is no such link.
+    """
+    root = _parse(content, name)
+    radius, T_right, T_left = _wheels(root, name)
+    by_child = {_link(j, "child"): j for j in root.findall("joint")}
+    optical = [n for n in by_child if n.endswith("optical_frame") and not any(w in n for w in ("depth", "infra"))]
+    chosen = [link] if link is not None else optical
+    if len(chosen) != 1 or chosen[0] not in by_child:
+        raise DetectError(
+            f"no single camera link (asked for: {printable(link or 'optical_frame')}, found: {listed(optical)})",
+            source=name,
+            remedy="name the optical link of the camera",
+        )
+    T = _pose(by_child[chosen[0]], by_child, name)
+    T[:3, 3] -= (T_right[:3, 3] + T_left[:3, 3]) / 2 - (0.0, 0.0, radius)
+    return chosen[0], T
+
+
+def _wheel_joints(root: ET.Element, name: str) -> dict[Side, ET.Element]:
+    """Return the two driven wheels' joints."""
     joints = {j.get("name", ""): j for j in root.findall("joint")}
-    by_child = {_link(j, "child"): j for j in joints.values()}
     wheels: dict[Side, ET.Element] = {}
     for side in ("left", "right"):
         found = [n for n, j in joints.items() if j.get("type") == "continuous" and wheel_side(n) == side]
@@ -44,6 +81,13 @@ def urdf_wheels(content: bytes, name: str) -> tuple[float, float]:
                 remedy=_REMEDY,
             )
         wheels[side] = joints[found[0]]
+    return wheels
+
+
+def _wheels(root: ET.Element, name: str) -> tuple[float, Array, Array]:
+    """Return the wheels' radius, m, and the frames of the right and the left wheel's joint in the root link's."""
+    by_child = {_link(j, "child"): j for j in root.findall("joint")}
+    wheels = _wheel_joints(root, name)
     radii = [_radius(root, _link(wheels[side], "child"), name) for side in ("left", "right")]
     if abs(radii[0] - radii[1]) > _SAME:
         raise DetectError(
@@ -52,11 +96,7 @@ def urdf_wheels(content: bytes, name: str) -> tuple[float, float]:
             remedy=_REMEDY,
         )
     T_left, T_right = (_pose(wheels[side], by_child, name) for side in ("left", "right"))
-    axis = _triple(_attribute(wheels["right"], "axis", "xyz"), (1.0, 0.0, 0.0), name)
-    if not np.linalg.norm(axis) > 0:
-        raise DetectError("the right wheel's axis has no length", source=name, remedy=_REMEDY)
-    axis = T_right[:3, :3] @ axis / np.linalg.norm(axis)
-    return radii[1], float(abs(axis @ (T_left[:3, 3] - T_right[:3, 3])))
+    return radii[1], T_right, T_left
 
 
 def _parse(content: bytes, name: str) -> ET.Element:

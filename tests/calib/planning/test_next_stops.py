@@ -9,7 +9,7 @@ from boxcal.calib.likelihood.estimate import Estimate
 from boxcal.calib.likelihood.estimator import estimate
 from boxcal.calib.likelihood.options import EstimateOptions
 from boxcal.calib.planning.chain import figure_values, of_shared
-from boxcal.calib.planning.drive_information import information_of
+from boxcal.calib.planning.drive_information import information_of, solved_by_estimate
 from boxcal.calib.planning.floor import Floor
 from boxcal.calib.planning.goal import Goal, along_camera, bars_of_estimate, figures, worst
 from boxcal.calib.planning.next_stops import NextStop, first_stops, what_next
@@ -59,7 +59,7 @@ def test_what_is_not_determined_has_an_infinite_bar(partial: Partial) -> None:
 
 def test_information_of_a_drive_gives_the_estimates_sigmas_again(partial: Partial) -> None:
     target, _, drive, found = partial
-    known = information_of(found, [drive], target)
+    known = information_of(solved_by_estimate(found), [drive], target)
     rows = along_camera(figures(known.names, found, drive.image_size, Goal()), found.T_body_cam[:3, :3])
     values = figure_values(rows, of_shared(known.chain[None]))[0]
     expected = [bar.value for bar in bars_of_estimate(found)]
