@@ -6,6 +6,7 @@ square of the errors over their predicted sigmas (1 in the ideal) and how often 
 
     python benchmarks/clean_robots.py             40 robots, some 15 minutes on one core
     python benchmarks/clean_robots.py --quick     4 robots
+    python benchmarks/clean_robots.py --keep FOLDER    correspondences are kept there and read from there the next time
 """
 
 import argparse
@@ -25,6 +26,8 @@ from boxcal.calib.geometry.so3_se3 import log_so3
 from boxcal.calib.simulate.drive import DriveOptions
 from boxcal.calib.simulate.fleet import Job, simulate_robot
 from boxcal.calib.simulate.recorder import RecordOptions
+from boxcal.detect.correspondences import load_correspondences
+from boxcal.detect.extract import extract
 from boxcal.target.arrays import Array
 from boxcal.target.box import make_target
 from boxcal.target.camera.camera_model import CameraKind
@@ -47,10 +50,20 @@ class Outcome:
     problem: str
 
 
-def robot(number: int, seed: int, kind: CameraKind) -> Outcome:
-    """Render one robot's drive and calibrate it."""
+def seen_by(number: int, seed: int, kind: CameraKind, keep: Path) -> tuple[Path, Path]:
+    """Return one robot's correspondences and truth in a folder, rendered unless they are there.
+
+    Raises
+    ------
+    BoxcalError
+        If the simulated robot finds no drive, or its log cannot be used.
+    """
+    seen = keep / f"{kind}-{seed}-{number}.npz"
+    truth = seen.with_suffix(".truth.json")
+    if seen.exists() and truth.exists():
+        return seen, truth
+    rng = np.random.default_rng([seed, number])
     with tempfile.TemporaryDirectory() as folder:
-        rng = np.random.default_rng([seed, number])
         job = Job(
             folder=Path(folder),
             number=number,
@@ -62,20 +75,31 @@ def robot(number: int, seed: int, kind: CameraKind) -> Outcome:
         )
         done = simulate_robot(job)
         if done.error:
-            return Outcome(name=job.name, z=None, verdict="", problem=done.error)
+            raise BoxcalError(done.error)
+        keep.mkdir(parents=True, exist_ok=True)
+        extract(done.log, make_target()).save(seen)
+        truth.write_bytes(done.log.with_suffix(".truth.json").read_bytes())
+    return seen, truth
+
+
+def robot(number: int, seed: int, kind: CameraKind, keep: Path | None) -> Outcome:
+    """Render one robot's drive and calibrate it."""
+    name = f"r{number:02d}"
+    with tempfile.TemporaryDirectory() as folder:
         try:
-            result = calibrate(done.log)
+            seen, true = seen_by(number, seed, kind, keep or Path(folder))
+            result = calibrate(load_correspondences(seen))
         except BoxcalError as error:
-            return Outcome(name=job.name, z=None, verdict="refused", problem=str(error))
-        truth = load_truth(done.log.with_suffix(".truth.json"))
+            return Outcome(name=name, z=None, verdict="refused", problem=str(error))
+        truth = load_truth(true)
     if result.detail is None:
-        return Outcome(name=job.name, z=None, verdict="refused", problem="no covariance")
+        return Outcome(name=name, z=None, verdict="refused", problem="no covariance")
     camera = [getattr(result.camera, n) - getattr(truth.camera, n) for n in GROUPS["camera"]]
     wheels = [getattr(result.wheels, n) - getattr(truth.wheels, n) for n in GROUPS["wheels"]]
     turned = log_so3(truth.T_body_cam[:3, :3].T @ result.T_body_cam[:3, :3])
     error = np.array([*camera, *wheels, *turned, *(result.T_body_cam[:3, 3] - truth.T_body_cam[:3, 3])])
     z = error / np.sqrt(np.diag(result.detail.covariance.matrix))
-    return Outcome(name=job.name, z=z, verdict=str(result.verdict.level) if result.verdict else "", problem="")
+    return Outcome(name=name, z=z, verdict=str(result.verdict.level) if result.verdict else "", problem="")
 
 
 def main() -> None:
@@ -86,11 +110,12 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=2026)
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--camera", type=CameraKind, default=CameraKind.RADIAL, choices=list(CameraKind))
+    parser.add_argument("--keep", type=Path, metavar="FOLDER", help="keep correspondences there, and read them again")
     args = parser.parse_args()
     count = 4 if args.quick else args.robots
     begun = time.perf_counter()
     with ProcessPoolExecutor(args.jobs, mp_context=get_context("spawn")) as pool:
-        jobs = [pool.submit(robot, k + 1, args.seed, args.camera) for k in range(count)]
+        jobs = [pool.submit(robot, k + 1, args.seed, args.camera, args.keep) for k in range(count)]
         outcomes = [job.result() for job in jobs]
     for outcome in outcomes:
         worst = "" if outcome.z is None else f"worst {np.abs(outcome.z).max():.1f} sigma ({_worst(outcome.z)})"

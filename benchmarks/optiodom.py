@@ -20,7 +20,8 @@ from captured import NOMINAL, T_CAPTURED_CAM, CapturedRun, carry_camera, load_ru
 
 from boxcal.calib.geometry.so3_se3 import exp_so3, inverse, planar, rigid
 from boxcal.calib.likelihood import Estimate, EstimateOptions, estimate
-from boxcal.calib.likelihood.leg_model import LegModel, WheelPath, leg_model
+from boxcal.calib.likelihood.leg_model import LegModel, leg_model
+from boxcal.calib.likelihood.wheel_path import WheelPath
 from boxcal.detect.correspondences import Correspondences
 from boxcal.target.arrays import Array
 

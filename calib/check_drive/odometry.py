@@ -4,7 +4,8 @@ import numpy as np
 
 from boxcal.calib.errors import CalibError
 from boxcal.calib.geometry.diff_drive import legs_between
-from boxcal.calib.likelihood.leg_model import LegModel, leg_model, wheel_path
+from boxcal.calib.likelihood.leg_model import LegModel, leg_model
+from boxcal.calib.likelihood.wheel_path import wheel_path
 from boxcal.calib.results.calibration import Calibration
 from boxcal.calib.results.diagnostics import Detail
 from boxcal.detect.correspondences import Correspondences

@@ -60,6 +60,33 @@ class VarianceComponents:
         return replace(state, lean=state.lean * on[:3], growth=state.growth * on[3])
 
 
+def extrapolated(
+    first: VarianceComponents, second: VarianceComponents, third: VarianceComponents
+) -> VarianceComponents:
+    """Return where three steps of a fixed point lead, each component by itself (Aitken), in logarithms; slip stays."""
+    steps = [
+        np.log([c.noise_scale, *np.maximum(c.local_sigma[1:], _NOUGHT), *c.target.values()])
+        for c in (first, second, third)
+    ]
+    before, after = steps[1] - steps[0], steps[2] - steps[1]
+    ratio = np.divide(after, before, out=np.zeros_like(after), where=np.abs(before) > 1e-9)
+    ratio = np.where((ratio > _LEAST_RATIO) & (ratio < _MOST_RATIO), ratio, 0.0)
+    factor = np.exp(np.clip(after * ratio / (1 - ratio), -_FARTHEST, _FARTHEST))
+    return replace(
+        third,
+        noise_scale=float(third.noise_scale * factor[0]),
+        lean=float(third.lean * factor[1]),
+        height=float(third.height * factor[2]),
+        growth=float(third.growth * factor[3]),
+        target={name: float(s * f) for (name, s), f in zip(third.target.items(), factor[4:], strict=True)},
+    )
+
+
+_NOUGHT = 1e-30
+_LEAST_RATIO, _MOST_RATIO, _FARTHEST = 0.2, 0.95, 1.0
+"""Ratios of two steps that are taken to go on, and the largest step, in logarithms."""
+
+
 def largest_change(before: VarianceComponents, after: VarianceComponents) -> float:
     """Return the largest change of any component but slip, as the logarithm of a ratio."""
     pairs = [(before.noise_scale, after.noise_scale), *zip(before.local_sigma, after.local_sigma, strict=True)]

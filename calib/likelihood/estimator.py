@@ -8,10 +8,10 @@ import numpy as np
 from boxcal.calib.errors import CalibError
 from boxcal.calib.four_steps.procedure import FourSteps
 from boxcal.calib.likelihood.camera_selection import choose_camera, with_camera
-from boxcal.calib.likelihood.components import VarianceComponents, largest_change
+from boxcal.calib.likelihood.components import VarianceComponents, extrapolated, largest_change
 from boxcal.calib.likelihood.estimate import Estimate
 from boxcal.calib.likelihood.explanation import Explanation
-from boxcal.calib.likelihood.fit import Fit
+from boxcal.calib.likelihood.fit import Fit, Known
 from boxcal.calib.likelihood.initial_guess import CameraStart, camera_start, first_states
 from boxcal.calib.likelihood.levenberg_marquardt import (
     CONVERGED,
@@ -59,6 +59,8 @@ LEGS_FOR_SLIP = 3
 """Two legs fit any wheels and mounting exactly: nothing is left over to tell slip from."""
 _ROUNDS = 25
 _INNER = 12
+_EXTRAPOLATED = 3
+"""After so many values of the components they are extrapolated."""
 _CLOSE, _LOOSE = 0.02, 0.1
 """Relative changes of a component at which its fixed point, and the rounds, end."""
 _ROUGH = 1.0
@@ -184,19 +186,31 @@ def step_of(drives: Sequence[Correspondences], options: EstimateOptions) -> floa
     return max(step for drive in drives for step in drive.wheels.encoder_steps)
 
 
-def solve_likelihood(problem: Problem, state: State, options: EstimateOptions, known: Fit | None = None) -> Fit:
+def solve_likelihood(
+    problem: Problem, state: State, options: EstimateOptions, known: Known | None = None, rounds: int = _ROUNDS
+) -> Fit:
     """Return the solution from a first state, and from components and weights of a solution near by if there is one.
 
     Each round maximises the likelihood for fixed components and weights, then updates the components, then tests legs
     and corners. Rounds end when no weight changes and the components stay put.
+
+    Parameters
+    ----------
+    problem, state, options
+        The data, where to start, and what was asked for.
+    known
+        What is known of a solution near by.
+    rounds
+        How many there are at most.
     """
     at, weights, components = _beginning(problem, state, options, known)
     legs_seen = LegMemory()
     iterations, tail, fresh, converged = 0, np.inf, True, False
-    for round_ in range(_ROUNDS):
+    near = None if known is None else known.profile
+    for round_ in range(rounds):
         first = round_ == 0 and known is None
-        near = _ROUGH if first else CONVERGED
-        at, steps = maximise(problem, at if fresh else at.state, components, weights, near)
+        close = _ROUGH if first else CONVERGED
+        at, steps = maximise(problem, at if fresh else at.state, components, weights, close)
         iterations += steps
         corners, unreliable = _corner_weights(problem, at, components, options, first)
         fresh = np.array_equal(corners, weights.corners)
@@ -204,7 +218,7 @@ def solve_likelihood(problem: Problem, state: State, options: EstimateOptions, k
             weights = replace(weights, corners=corners)
             continue
         before = components
-        components, scale_sigma, profile = _components(problem, at, components, weights, options)
+        components, scale_sigma, profile = _components(problem, at, components, weights, options, near)
         tests = leg_tests(problem, at, weights, profile, tail)
         legs = weights.legs
         if options.find_faults:
@@ -212,6 +226,7 @@ def solve_likelihood(problem: Problem, state: State, options: EstimateOptions, k
             tail = legs_seen.heaviest(tail_of(tests.square[kept > 0]) if options.slip is None else np.inf)
             legs = tail_weights(tests, kept, tail)
         same = fresh and bool(np.all(np.abs(legs - weights.legs) < _CLOSE_WEIGHT))
+        near = profile if np.array_equal(legs > 0, weights.legs > 0) else None
         weights = Weights(corners=corners, legs=legs)
         converged = same and _settled(before, components, scale_sigma, profile)
         if converged or iterations > _MOST_STEPS:
@@ -238,7 +253,7 @@ def solve_likelihood(problem: Problem, state: State, options: EstimateOptions, k
 
 
 def _beginning(
-    problem: Problem, state: State, options: EstimateOptions, known: Fit | None
+    problem: Problem, state: State, options: EstimateOptions, known: Known | None
 ) -> tuple[Linearization, Weights, VarianceComponents]:
     """Return where the rounds begin: robust guesses from medians, or what a solution near by ended with."""
     if known is not None:
@@ -271,32 +286,40 @@ def refit(fit: Fit, explanations: Sequence[Explanation]) -> Fit:
     return solve_likelihood(problem, state, options, fit)
 
 
-def _components(
+def _components(  # noqa: PLR0917 - a solution and what it is of
     problem: Problem,
     at: Linearization,
     components: VarianceComponents,
     weights: Weights,
     options: EstimateOptions,
+    near: SlipProfile | None,
 ) -> tuple[VarianceComponents, float, SlipProfile]:
     """Return all variance components from the likelihood about one state, and the profile of slip that belongs to them.
 
-    Nothing is linearized again: the fixed point of the variances is iterated on the same normal equations.
+    Nothing is linearized again: the fixed point of the variances is iterated on the same normal equations. ``near`` is
+    a profile nearby, with the same legs.
     """
     scale_sigma = 0.0
+    steps: list[VarianceComponents] = [components]
     for _ in range(_INNER):
         information = leg_information(problem, at.legs, weights, np.array(components.slip))
         normal, _ = equations(problem, at, components, information)
         solution = solve(normal)
-        new = updated(problem, at, components, solution)
+        joint = solution.joint_covariances()
+        new = updated(problem, at, components, solution, joint)
         if options.noise_scale is None:
-            scale, scale_sigma = noise_scale(problem, at, components, weights, solution)
+            scale, scale_sigma = noise_scale(problem, at, components, weights, solution, joint)
             new = replace(new, noise_scale=scale)
         change = largest_change(components, new)
         components = new
         if change < _CLOSE:
             break
+        steps.append(new)
+        if len(steps) == _EXTRAPOLATED:
+            components = extrapolated(*steps)
+            steps = [components]
     if options.slip is None and np.any(weights.legs > 0):
-        profile = slip_profile(problem, at, components, weights)
+        profile = slip_profile(problem, at, components, weights, near)
     else:
         profile = fixed_profile(problem, at, components, weights)
     return replace(components, slip=profile.typical), scale_sigma, profile

@@ -1,6 +1,7 @@
 """The solution in the solver's own terms."""
 
 from dataclasses import dataclass
+from typing import Protocol
 
 from boxcal.calib.likelihood.camera_score import CameraScore
 from boxcal.calib.likelihood.components import VarianceComponents
@@ -11,6 +12,22 @@ from boxcal.calib.likelihood.problem import Problem
 from boxcal.calib.likelihood.slip_profile import SlipProfile
 from boxcal.calib.likelihood.state import State
 from boxcal.target.arrays import Array, Ids
+
+
+class Known(Protocol):
+    """What of a solution helps to find one of nearly the same data: a :class:`Fit`, say."""
+
+    @property
+    def weights(self) -> Weights:
+        """Which corners and legs counted."""
+
+    @property
+    def components(self) -> VarianceComponents:
+        """Variance components."""
+
+    @property
+    def profile(self) -> SlipProfile | None:
+        """Levels of slip, if known."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

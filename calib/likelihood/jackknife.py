@@ -18,7 +18,7 @@ from boxcal.calib.likelihood.leave_one_out import Jackknife
 from boxcal.calib.likelihood.levenberg_marquardt import equations, leg_information
 from boxcal.calib.likelihood.normal_equations import Solution, solve
 from boxcal.calib.likelihood.outliers import leg_unknowns
-from boxcal.calib.likelihood.residuals import Corners, corner_residuals, explained_columns, groups_of
+from boxcal.calib.likelihood.residuals import Corners, groups_of
 from boxcal.target.arrays import Array, Ids
 
 ENOUGH_STOPS = 8
@@ -54,7 +54,7 @@ def jackknife(fit: Fit) -> Jackknife:
 def _without_pictures(fit: Fit, solution: Solution) -> Array:
     """Return the changes of the shared unknowns with each stop's corners left out, (P, n)."""
     problem, components = fit.problem, fit.components
-    corners = corner_residuals(problem, fit.state, explained_columns(problem, fit.state))
+    corners = fit.at.corners
     n, P = len(problem.names), len(problem.drive)
     H, g = _group_blocks(fit, corners)
     X = np.concatenate([corners.J_shared, corners.J_pose, corners.J_local * components.local_sigma], axis=2)

@@ -5,73 +5,18 @@ noise reach it, both propagated through the path that was really driven:
 
 - *slip*: while a wheel rolls a distance d, the distance travelled differs from it by a random walk of variance
   ``slip^2 d``; slip in m/sqrt(m), independent for the two wheels. A wheel that stands while the other rolls scrubs a
-  little, and both drift sideways a little (``_DRAGGED``, ``_SIDEWAYS``), so that no leg is taken as exact.
+  little, and both drift sideways a little (``DRAGGED``, ``SIDEWAYS``), so that no leg is taken as exact.
 - *quantisation*: a reading differs from the wheel's angle by a uniform error of variance ``step^2 / 12``. The errors at
   the two stops act on the whole leg, and neighbouring legs share them: they are unknowns of their own (see
   ``State.encoder_errors``), so that nothing is counted twice. The errors of readings on the way act on the path's shape
   only; they are added to the leg's covariance.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
-import numpy as np
-
-from boxcal.calib.geometry.diff_drive import Legs, chord_lengths
-from boxcal.target.arrays import Array, Ids
-
-_PAIRS = np.array([(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)])
-_UNPACK = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])
-_DRAGGED = 0.01
-"""Share of the other wheel's distance that counts as a wheel's own: a wheel that pivots scrubs."""
-_SIDEWAYS = 1e-4
-"""Variance of sideways drift over that of slip along the way: a hundredth in standard deviation."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class WheelPath:
-    """Wheel travel of all legs, one behind the other.
-
-    Attributes
-    ----------
-    dphi : (S, 2), rad
-        Angle travelled in each sample, right and left.
-    starts : (N,)
-        First sample of each leg.
-    leg : (S,)
-        The leg that each sample belongs to.
-    moving : ((Q,), (Q',))
-        Samples in which the right and the left wheel turned.
-    phi_start : (S, 2), rad
-        Readings at the start of each sample.
-    t_start_ns : (S,), ns
-        When each sample began; empty where that is not known.
-    """
-
-    dphi: Array
-    starts: Ids
-    leg: Ids
-    moving: tuple[Ids, Ids]
-    phi_start: Array
-    t_start_ns: Ids
-
-    @property
-    def legs(self) -> int:
-        """Number of legs."""
-        return len(self.starts)
-
-
-def wheel_path(drives: list[Legs]) -> WheelPath:
-    """Return the wheel travel of several drives as one."""
-    dphi = np.concatenate([np.zeros((0, 2)), *(np.stack([d.dphi_R, d.dphi_L], axis=1) for d in drives)])
-    counts = np.concatenate([np.zeros(0, dtype=np.int64), *(np.diff(d.ends) for d in drives)]).astype(np.int64)
-    return WheelPath(
-        dphi=dphi,
-        starts=np.cumsum(counts) - counts,
-        leg=np.repeat(np.arange(len(counts), dtype=np.int64), counts),
-        moving=(np.flatnonzero(dphi[:, 0]), np.flatnonzero(dphi[:, 1])),
-        phi_start=np.concatenate([np.zeros((0, 2)), *(d.phi_start for d in drives)]),
-        t_start_ns=np.concatenate([np.zeros(0, dtype=np.int64), *(d.t_start_ns for d in drives)]),
-    )
+from boxcal.calib.likelihood.backend import backend
+from boxcal.calib.likelihood.wheel_path import WheelPath
+from boxcal.target.arrays import Array
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -112,9 +57,6 @@ class LegModel:
 def leg_model(path: WheelPath, wheels: Array, at_start: Array, at_end: Array, added: Array | None = None) -> LegModel:
     """Return what the wheels say about each leg.
 
-    Wheel speeds are taken as constant within a sample, so that a sample's path is an arc: its chord is
-    ``ds sin(h)/h`` long and points h = dtheta/2 off the heading at its start.
-
     Parameters
     ----------
     path
@@ -126,125 +68,7 @@ def leg_model(path: WheelPath, wheels: Array, at_start: Array, at_end: Array, ad
     added : (S, 2), m
         Distance that the wheels rolled besides what their radii say.
     """
-    radius, b = wheels[:2], wheels[2]
-    dphi = _corrected(path, at_start, at_end)
-    u = dphi * radius
-    if added is not None:
-        u = u + added
-    ds, dth = u.sum(axis=1) / 2, (u[:, 0] - u[:, 1]) / b
-    end_th = np.cumsum(dth)
-    th = end_th - dth
-    th = th - th[path.starts][path.leg]
-    h = dth / 2
-    sinc = np.sinc(h / np.pi)
-    small = np.abs(h) < 1e-3
-    dsinc = np.where(small, -h / 3 + h**3 / 30, (np.cos(h) - sinc) / np.where(small, 1.0, h))
-    cos, sin = np.cos(th + h), np.sin(th + h)
-    length = chord_lengths(ds, dth)
-    end_x, end_y = np.cumsum(length * cos), np.cumsum(length * sin)
-    last = np.append(path.starts[1:], len(ds)) - 1
-    to_go_x, to_go_y = end_x[last][path.leg] - end_x, end_y[last][path.leg] - end_y
-    # End pose by the sample's own ds and dth: the rest of the leg turns with dth.
-    zero = np.zeros_like(ds)
-    by_ds = np.stack([sinc * cos, sinc * sin, zero])
-    by_sideways = np.stack([-sinc * sin, sinc * cos, zero])
-    by_dth = np.stack(
-        [
-            0.5 * ds * (dsinc * cos - sinc * sin) - to_go_y,
-            0.5 * ds * (dsinc * sin + sinc * cos) + to_go_x,
-            np.ones_like(ds),
-        ]
-    )
-    by_u = np.stack([by_ds / 2 + by_dth / b, by_ds / 2 - by_dth / b])  # (2, 3, S)
-    first = path.starts
-    rolled = np.abs(u)
-    d_radius = np.add.reduceat(by_u * dphi.T[:, None, :], first, axis=2)  # (2, 3, N)
-    d_b = np.add.reduceat(by_dth * (-dth / b), first, axis=1)
-    displacement = np.stack(
-        [
-            np.add.reduceat(length * cos, first),
-            np.add.reduceat(length * sin, first),
-            np.add.reduceat(dth, first),
-        ],
-        axis=1,
-    )
-    d_start, d_end, quantisation = _readings(path, by_u, radius)
-    return LegModel(
-        displacement=displacement,
-        d_wheels=np.stack([d_radius[0], d_radius[1], d_b]).transpose(2, 1, 0),
-        d_start=d_start,
-        d_end=d_end,
-        slip=_slip_covariance(by_u, by_sideways, rolled, first),
-        quantisation=quantisation,
-        rolled=np.add.reduceat(rolled, first, axis=0),
-        by_travel=by_u,
-        by_sideways=by_sideways,
-    )
+    return LegModel(**dict(zip(_FIELDS, backend().propagate(path, wheels, at_start, at_end, added), strict=True)))
 
 
-def _slip_covariance(by_u: Array, by_sideways: Array, rolled: Array, first: Ids) -> Array:
-    """Return the legs' covariances for slip of 1 m/sqrt(m), (N, 3, 3)."""
-    effective = rolled + _DRAGGED * rolled[:, ::-1]
-    products = by_u[:, _PAIRS[:, 0]] * by_u[:, _PAIRS[:, 1]]  # (2, 6, S)
-    aside = by_sideways[_PAIRS[:, 0]] * by_sideways[_PAIRS[:, 1]] * (_SIDEWAYS * rolled.sum(axis=1))
-    slip = np.add.reduceat(np.einsum("wks,sw->ks", products, effective) + aside, first, axis=1)
-    return np.asarray(slip.T[:, _UNPACK])
-
-
-def _corrected(path: WheelPath, at_start: Array, at_end: Array) -> Array:
-    """Return the travel in each sample, (S, 2) rad, with the readings at the legs' ends corrected.
-
-    A wheel whose reading never changed on a leg may have turned by less than a step: its correction is spread evenly.
-    """
-    dphi = path.dphi.copy()
-    count = np.diff(np.append(path.starts, len(dphi)))
-    for wheel, moved in enumerate(path.moving):
-        still = np.ones(path.legs, dtype=np.bool_)
-        if len(moved):
-            leg, first, last = _ends(path, moved)
-            dphi[moved[first], wheel] -= at_start[leg[first], wheel]
-            dphi[moved[last], wheel] += at_end[leg[last], wheel]
-            still[leg[first]] = False
-        if np.any(still):
-            spread = np.where(still, (at_end - at_start)[:, wheel] / count, 0.0)
-            dphi[:, wheel] += spread[path.leg]
-    return dphi
-
-
-def _ends(path: WheelPath, moved: Ids) -> tuple[Ids, Ids, Ids]:
-    """Return the leg of each moving sample, and which of them are the first and the last of their legs."""
-    leg = path.leg[moved]
-    change = np.flatnonzero(np.diff(leg)) + 1
-    return leg, np.concatenate([[0], change]), np.concatenate([change, [len(leg)]]) - 1
-
-
-def _readings(path: WheelPath, by_u: Array, radius: Array) -> tuple[Array, Array, Array]:
-    """Return the derivatives by the readings at both ends, (N, 3, 2) each, and the covariance of those between.
-
-    A reading's error is shared by all samples until the reading changes: only samples in which the wheel moved count,
-    and each reading between two of them moves path length from one to the other.
-    """
-    n = path.legs
-    d_start, d_end, quantisation = np.zeros((n, 3, 2)), np.zeros((n, 3, 2)), np.zeros((6, n))
-    count = np.diff(np.append(path.starts, len(path.dphi)))
-    for wheel, moved in enumerate(path.moving):
-        still = np.ones(n, dtype=np.bool_)
-        if len(moved):
-            g = radius[wheel] * by_u[wheel][:, moved]
-            leg, first, last = _ends(path, moved)
-            still[leg[first]] = False
-            d_start[leg[first], :, wheel] = -g[:, first].T
-            d_end[leg[last], :, wheel] = g[:, last].T
-            between = g[:, :-1] - g[:, 1:]
-            between[:, first[1:] - 1] = 0.0
-            if between.shape[1]:
-                squares = between[_PAIRS[:, 0]] * between[_PAIRS[:, 1]] / 12
-                bounds = np.minimum(first, between.shape[1] - 1)
-                sums = np.add.reduceat(squares, bounds, axis=1)
-                sums[:, first >= between.shape[1]] = 0.0
-                quantisation[:, leg[first]] += sums
-        if np.any(still):
-            mean = np.add.reduceat(radius[wheel] * by_u[wheel], path.starts, axis=1).T / count[:, None]
-            d_start[still, :, wheel] = -mean[still]
-            d_end[still, :, wheel] = mean[still]
-    return d_start, d_end, np.asarray(quantisation.T[:, _UNPACK])
+_FIELDS = tuple(field.name for field in fields(LegModel))

@@ -8,7 +8,7 @@ three, and how large each explanation is.
 from typing import NamedTuple
 
 import numpy as np
-from scipy import stats
+from scipy import special
 
 from boxcal.calib.geometry.so3_se3 import rot2
 from boxcal.calib.likelihood.estimate import FlaggedLeg
@@ -146,7 +146,7 @@ def find_slip(dphi: Array, wheels: Array, difference: Array, covariance: Array) 
     N = np.linalg.inv(covariance[:2, :2] + 1e-16 * np.eye(2))
     ds = np.einsum("si,ij,sj->s", direction, N, left_over) / np.einsum("si,ij,sj->s", direction, N, direction)
     rest = left_over - ds[:, None] * direction
-    chance = stats.chi2.sf(np.einsum("si,ij,sj->s", rest, N, rest), 1)
+    chance = special.chdtrc(1, np.einsum("si,ij,sj->s", rest, N, rest))
     right, left = ds + wheels[2] * psi / 2, ds - wheels[2] * psi / 2
     small, large = np.minimum(np.abs(right), np.abs(left)), np.maximum(np.abs(right), np.abs(left))
     unlike = np.minimum(small, np.abs(right - left)) / large

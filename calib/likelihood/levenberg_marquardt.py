@@ -9,6 +9,7 @@ from boxcal.calib.likelihood.explanation import Columns
 from boxcal.calib.likelihood.normal_equations import Local, Normal, solve
 from boxcal.calib.likelihood.problem import Problem
 from boxcal.calib.likelihood.residuals import (
+    Corners,
     LegResiduals,
     corner_equations,
     corner_residuals,
@@ -54,25 +55,32 @@ class Linearization:
         Where.
     columns
         Of the explanations that are part of the model.
+    corners
+        Residuals of the corners and their derivatives.
     corner_normal, corner_local, corner_squares
         Normal equations of the corners, those of the local unknowns, and each stop's weighted sum of squares, all for
         noise scale 1.
-    residual_px : (L, 2)
-        Corners' residuals, whitened by their own covariance.
     legs
         Residuals of the legs.
-    valid
-        Whether all landmarks lie in front of the camera.
     """
 
     state: State
     columns: Columns
+    corners: Corners
     corner_normal: Normal
     corner_local: Local
     corner_squares: Array
-    residual_px: Array
     legs: LegResiduals
-    valid: bool
+
+    @property
+    def residual_px(self) -> Array:
+        """Corners' residuals, whitened by their own covariance, (L, 2)."""
+        return self.corners.residual
+
+    @property
+    def valid(self) -> bool:
+        """Whether all landmarks lie in front of the camera."""
+        return self.corners.valid
 
 
 def linearize(problem: Problem, state: State, weights: Weights) -> Linearization:
@@ -83,12 +91,11 @@ def linearize(problem: Problem, state: State, weights: Weights) -> Linearization
     return Linearization(
         state=state,
         columns=columns,
+        corners=corners,
         corner_normal=normal,
         corner_local=local,
         corner_squares=squares,
-        residual_px=corners.residual,
         legs=leg_residuals(problem, state, columns),
-        valid=corners.valid,
     )
 
 

@@ -8,7 +8,9 @@ all stops at once. All arrays may carry the same leading axes: a batch of system
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.linalg import lapack
 
+from boxcal.calib.likelihood.backend import backend
 from boxcal.target.arrays import Array
 
 _NULL = 1e-13
@@ -206,14 +208,8 @@ class Solution:
 
     def stop_blocks(self) -> tuple[Array, Array]:
         """Return the stops' covariances (..., P, 5, 5), and those of each stop with the next (the last zero)."""
-        pivots, gains = self.pivots, self.gains
-        P = pivots.shape[-3]
-        own, cross = np.empty_like(pivots), np.zeros_like(pivots)
-        own[..., P - 1, :, :] = pivots[..., P - 1, :, :]
-        for i in range(P - 2, -1, -1):
-            G = gains[..., i, :, :]
-            cross[..., i, :, :] = -G @ own[..., i + 1, :, :]
-            own[..., i, :, :] = pivots[..., i, :, :] - cross[..., i, :, :] @ np.swapaxes(G, -1, -2)
+        own, cross = backend().chain_covariances(_as_batch(self.pivots, 3), _as_batch(self.gains, 3))
+        own, cross = own.reshape(self.pivots.shape), cross.reshape(self.pivots.shape)
         YC = self.Y @ self.cov[..., None, :, :]
         own += YC @ np.swapaxes(self.Y, -1, -2)
         cross[..., :-1, :, :] += YC[..., :-1, :, :] @ np.swapaxes(self.Y[..., 1:, :, :], -1, -2)
@@ -259,28 +255,27 @@ def solve(normal: Normal) -> Solution:
 
 
 def solve_chain(normal: Normal, eliminated: Eliminated) -> Solution:
-    """Return the solution of equations whose local unknowns are eliminated."""
-    n, P = normal.A.shape[-1], normal.D.shape[-3]
-    right = np.concatenate([np.swapaxes(normal.B, -1, -2), normal.c[..., None]], axis=-1)  # (..., P, 5, n + 1)
-    pivots, gains = np.empty_like(normal.D), np.zeros_like(normal.D)
-    D = normal.D[..., 0, :, :]
-    for i in range(P):
-        pivots[..., i, :, :] = inv = np.linalg.inv(D)
-        if i + 1 < P:
-            E = normal.E[..., i, :, :]
-            gains[..., i, :, :] = G = inv @ E
-            Gt = np.swapaxes(G, -1, -2)
-            D = normal.D[..., i + 1, :, :] - Gt @ E
-            right[..., i + 1, :, :] -= Gt @ right[..., i, :, :]
-    back = pivots @ right
+    """Return the solution of equations whose local unknowns are eliminated.
+
+    Raises
+    ------
+    LinAlgError
+        If nothing holds a stop.
+    """
+    n, compute = normal.A.shape[-1], backend()
+    right = np.empty((*normal.c.shape, n + 1))
+    right[..., :n], right[..., n] = np.swapaxes(normal.B, -1, -2), normal.c
     batch = right.shape[:-3]
+    pivots, gains, back = (
+        part.reshape(*batch, *part.shape[1:])
+        for part in compute.eliminate_stops(_as_batch(normal.D, 3), _as_batch(normal.E, 3), _as_batch(right, 3))
+    )
     flat = right[..., :n].reshape(*batch, -1, n)
     reduced = np.swapaxes(flat, -1, -2) @ back.reshape(*batch, -1, n + 1)
     S = normal.A - reduced[..., :n]
     s = normal.a - reduced[..., n]
     stops_decrease = np.einsum("...pk,...pk->...", right[..., n], back[..., n])
-    for i in range(P - 2, -1, -1):
-        back[..., i, :, :] -= gains[..., i, :, :] @ back[..., i + 1, :, :]
+    compute.substitute_back(_as_batch(gains, 3), _as_batch(back, 3))
     cov, log_det = _invert(S)
     d_shared = np.einsum("...ij,...j->...i", cov, s)
     return Solution(
@@ -297,20 +292,30 @@ def solve_chain(normal: Normal, eliminated: Eliminated) -> Solution:
     )
 
 
+def _as_batch(part: Array, axes: int) -> Array:
+    """Return an array with one leading axis before its last ones; changes in place reach a contiguous original."""
+    return np.ascontiguousarray(part).reshape(-1, *part.shape[-axes:])
+
+
 def _invert(S: Array) -> tuple[Array, Array]:
     """Return the inverse of information matrices and their log determinants; null directions are left out."""
     diagonal = np.einsum("...ii->...i", S)
     scale = 1 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
     scaled = S * scale[..., :, None] * scale[..., None, :]
     try:
-        pivots = np.einsum("...ii->...i", np.linalg.cholesky(scaled))
+        factors = np.linalg.cholesky(scaled)
     except np.linalg.LinAlgError:
         return _pseudo_inverse(scaled, scale)
+    pivots = np.einsum("...ii->...i", factors)
     if np.any(pivots < _SMALL_PIVOT):
         return _pseudo_inverse(scaled, scale)
-    inverse = np.linalg.inv(scaled) * scale[..., :, None] * scale[..., None, :]
+    n = S.shape[-1]
+    inverse = np.empty_like(factors)
+    for factor, out in zip(factors.reshape(-1, n, n), inverse.reshape(-1, n, n), strict=True):
+        out[:] = lapack.dpotri(factor, lower=1)[0]
+    inverse = np.tril(inverse) + np.swapaxes(np.tril(inverse, -1), -1, -2)
     log_det = 2 * np.sum(np.log(pivots) - np.log(scale), axis=-1)
-    return (inverse + np.swapaxes(inverse, -1, -2)) / 2, log_det
+    return inverse * scale[..., :, None] * scale[..., None, :], log_det
 
 
 def _pseudo_inverse(scaled: Array, scale: Array) -> tuple[Array, Array]:

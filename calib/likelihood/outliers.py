@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from scipy import special, stats
+from scipy import special
 
 from boxcal.calib.geometry.parameters import WHEELS
 from boxcal.calib.likelihood.levenberg_marquardt import Linearization, Weights
@@ -123,8 +123,8 @@ def leg_tests(
 def _survival(square: Array, freedom: Array, tail: float) -> Array:
     """Return the chance of a larger squared distance: chi-square, or F where the noise has a heavy tail."""
     if np.isinf(tail):
-        return np.asarray(stats.chi2.sf(square, freedom))
-    return np.asarray(stats.f.sf(square / freedom, freedom, tail))
+        return np.asarray(special.chdtrc(freedom, square))
+    return np.asarray(special.fdtrc(freedom, tail, square / freedom))
 
 
 def leg_unknowns(problem: Problem, s: Solution) -> Array:
@@ -254,7 +254,7 @@ def flag_corners(problem: Problem, residual: Array, noise_scale: float, signific
     stop = problem.corner_stop
     drive = problem.drive[stop]
     count = np.bincount(drive, minlength=problem.drives)[drive]
-    bad = np.sum(residual**2, axis=1) > noise_scale**2 * stats.chi2.isf(significance / count, 2)
+    bad = np.sum(residual**2, axis=1) > noise_scale**2 * special.chdtri(2, significance / count)
     P = len(problem.drive)
     share = np.bincount(stop, weights=bad, minlength=P) / np.maximum(np.bincount(stop, minlength=P), 1)
     unreliable = np.flatnonzero(share > 0.5)
@@ -277,4 +277,4 @@ def first_leg_weights(problem: Problem, at: Linearization) -> tuple[Array, float
     keep = problem.leg_known.astype(np.float64)
     far = np.argsort(-square)[: most_rejected(len(square))]
     keep[far] *= np.where(square[far] > 25 * middle, 0.0, 1.0)
-    return keep, float(np.sqrt(middle / stats.chi2.median(3)))
+    return keep, float(np.sqrt(middle / special.chdtri(3, 0.5)))

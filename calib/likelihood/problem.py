@@ -14,9 +14,9 @@ import numpy as np
 from boxcal.calib.geometry.diff_drive import legs_between
 from boxcal.calib.geometry.parameters import COUNT, ORDER
 from boxcal.calib.likelihood.explanation import Explanation
-from boxcal.calib.likelihood.leg_model import WheelPath, wheel_path
 from boxcal.calib.likelihood.options import EstimateOptions
 from boxcal.calib.likelihood.target_deformation import TargetDeformation, target_deformation
+from boxcal.calib.likelihood.wheel_path import WheelPath, wheel_path
 from boxcal.detect.correspondences import Correspondences, StopObservation
 from boxcal.target.arrays import Array, Ids, Mask
 from boxcal.target.box import CORNERS

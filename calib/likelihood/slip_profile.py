@@ -40,6 +40,9 @@ _NONE = 0.02
 """A given slip of nought is taken as this share of what equals the quantisation, so that nothing is exact."""
 _POINTS = 13
 _ZOOMS = 4
+_DENSE = 1.1
+"""Levels are close enough at a distance of this many standard deviations: a sum over them is an integral to 1e-7."""
+_IMPROBABLE = 1e-5
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -119,29 +122,76 @@ def least_slip(problem: Problem, at: Linearization) -> Array:
     return np.asarray(middle * np.exp(_SPREAD))
 
 
-def slip_profile(problem: Problem, at: Linearization, components: VarianceComponents, weights: Weights) -> SlipProfile:
+def slip_profile(
+    problem: Problem,
+    at: Linearization,
+    components: VarianceComponents,
+    weights: Weights,
+    near: SlipProfile | None = None,
+) -> SlipProfile:
     """Return the restricted likelihood over the slip that the data allow.
 
-    Starts with all levels and closes in on those that are probable.
+    Starts with all levels, or with those that were probable nearby, and closes in on those that are probable.
+
+    Parameters
+    ----------
+    problem, at, components, weights
+        The likelihood about a state.
+    near
+        The profile about a state nearby with the same legs.
     """
     quiet, little = quiet_slip(problem, at), least_slip(problem, at)
-    least = float(little[0])
     low, high = 2 * np.log(quiet), np.log(LARGEST_SLIP**2 + quiet**2)
-    u = np.linspace(low, high, _POINTS + 4)
+    every = np.linspace(low, high, _POINTS + 4)
     system = _system(problem, at, components, weights)
-    for zoom in range(_ZOOMS + 1):
-        step = u[1] - u[0]
-        slip = np.append(little, np.sqrt(np.maximum(np.exp(u) - quiet**2, least**2)))
-        prior = np.append(_NO_SLIP / step * _SPREAD_WEIGHT, np.ones(len(u)))
-        profile = _profile(system, slip, prior)
-        slipping = np.exp(profile.log_weight[len(little) :] - profile.log_weight[len(little) :].max())
-        slipping /= slipping.sum()
-        spread = float(np.sqrt(slipping @ (u - slipping @ u) ** 2))
-        if zoom == _ZOOMS or step < 0.6 * spread:
+    if near is not None and len(near.slip) > len(little):
+        levels = near.slip[len(little) :]
+        u = np.log(levels[[0, -1]] ** 2 + quiet**2)
+        found = _profile_over(system, np.linspace(max(u[0], low), min(u[1], high), _POINTS), quiet, little)
+        if found.holds_all(low, high):
+            return found.profile
+    found = _profile_over(system, every, quiet, little)
+    for _ in range(_ZOOMS):
+        if found.step < _DENSE * found.spread:
             break
-        likely = np.flatnonzero(slipping > 1e-5 * slipping.max())
-        u = np.linspace(max(low, u[likely[0]] - step), min(high, u[likely[-1]] + step), _POINTS)
-    return profile
+        found = _profile_over(system, found.closer(low, high), quiet, little)
+    return found.profile
+
+
+class _Scan(NamedTuple):
+    """The profile at equally spaced logarithms u of the legs' variance, and the probabilities of these."""
+
+    profile: SlipProfile
+    u: Array
+    probable: Array
+
+    @property
+    def step(self) -> float:
+        return float(self.u[1] - self.u[0])
+
+    @property
+    def spread(self) -> float:
+        return float(np.sqrt(self.probable @ (self.u - self.probable @ self.u) ** 2))
+
+    def closer(self, low: float, high: float) -> Array:
+        """Return levels over what is probable."""
+        likely = np.flatnonzero(self.probable > _IMPROBABLE * self.probable.max())
+        return np.linspace(max(low, self.u[likely[0]] - self.step), min(high, self.u[likely[-1]] + self.step), _POINTS)
+
+    def holds_all(self, low: float, high: float) -> bool:
+        """Tell whether nothing probable lies beyond the levels, which are close enough."""
+        least = _IMPROBABLE * self.probable.max()
+        below = self.u[0] <= low or self.probable[0] < least
+        above = self.u[-1] >= high or self.probable[-1] < least
+        return bool(below and above and self.step < _DENSE * self.spread)
+
+
+def _profile_over(system: "_System", u: Array, quiet: float, little: Array) -> _Scan:
+    slip = np.append(little, np.sqrt(np.maximum(np.exp(u) - quiet**2, little[0] ** 2)))
+    prior = np.append(_NO_SLIP / (u[1] - u[0]) * _SPREAD_WEIGHT, np.ones(len(u)))
+    profile = _profile(system, slip, prior)
+    slipping = np.exp(profile.log_weight[len(little) :] - profile.log_weight[len(little) :].max())
+    return _Scan(profile=profile, u=u, probable=slipping / slipping.sum())
 
 
 def fixed_profile(problem: Problem, at: Linearization, components: VarianceComponents, weights: Weights) -> SlipProfile:

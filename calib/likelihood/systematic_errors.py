@@ -11,7 +11,7 @@ from boxcal.calib.likelihood.components import VarianceComponents
 from boxcal.calib.likelihood.levenberg_marquardt import Linearization, Weights
 from boxcal.calib.likelihood.normal_equations import Solution
 from boxcal.calib.likelihood.problem import Problem
-from boxcal.calib.likelihood.residuals import corner_residuals, groups_of
+from boxcal.calib.likelihood.residuals import groups_of
 from boxcal.target.arrays import Array
 
 _ALONG_U = ((1, 0), (3, 0), (1, 2))
@@ -43,7 +43,7 @@ def systematic_covariance(
         Root mean square of each field over the corners, in standard deviations of a corner's noise.
     """
     along_u, along_v = _fields(problem, _ALONG_U), _fields(problem, _ALONG_V)
-    corners = corner_residuals(problem, at.state, at.columns)
+    corners = at.corners
     w = weights.corners / components.noise_scale**2
     pulls = np.swapaxes(corners.jacobian, 1, 2) @ (problem.whiten * w[:, None, None])  # (L, m, 2)
     groups = groups_of(corners.group, len(corners.group_stop))

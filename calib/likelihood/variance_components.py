@@ -47,7 +47,7 @@ def first_components(problem: Problem, noise_scale: float, slip: float) -> Varia
 
 
 def updated(
-    problem: Problem, at: Linearization, components: VarianceComponents, solution: Solution
+    problem: Problem, at: Linearization, components: VarianceComponents, solution: Solution, joint: Array
 ) -> VarianceComponents:
     """Return the variance components of stops and target after one step of the fixed point.
 
@@ -57,8 +57,9 @@ def updated(
         The likelihood about a state.
     components, solution
         Components so far, and the solution of the equations that they make there.
+    joint : (P, n + 5, n + 5)
+        The solution's joint covariances.
     """
-    joint = solution.joint_covariances()
     s = components.local_sigma
     values = np.concatenate([at.state.lean, at.state.growth[:, None]], axis=1)
     unit = np.divide(values, s, out=np.zeros_like(values), where=s > 0) + solution.d_local
@@ -110,14 +111,19 @@ def smallest_scale(problem: Problem) -> float:
     return SMALLEST_PX / problem.sigma_px
 
 
-def noise_scale(
-    problem: Problem, at: Linearization, components: VarianceComponents, weights: Weights, solution: Solution
+def noise_scale(  # noqa: PLR0917 - a solution and what it is of
+    problem: Problem,
+    at: Linearization,
+    components: VarianceComponents,
+    weights: Weights,
+    solution: Solution,
+    joint: Array,
 ) -> tuple[float, float]:
     """Return the noise scale, at least the smallest, and its standard deviation.
 
     The corners' sum of squares over their number less the degrees of freedom that the solution takes from them.
     """
-    freedom = 2 * float(np.count_nonzero(weights.corners)) - taken(at, components, solution)
+    freedom = 2 * float(np.count_nonzero(weights.corners)) - taken(at, components, solution, joint)
     squares = squares_left(at, components, solution)
     if freedom <= 0:
         return components.noise_scale, np.inf
@@ -141,12 +147,11 @@ def squares_left(at: Linearization, components: VarianceComponents, solution: So
     return max(float(at.corner_squares.sum() - 2 * linear + square), 0.0)
 
 
-def taken(at: Linearization, components: VarianceComponents, solution: Solution) -> float:
+def taken(at: Linearization, components: VarianceComponents, solution: Solution, joint: Array) -> float:
     """Return the degrees of freedom that the solution takes from the corners."""
     normal, local, s = at.corner_normal, at.corner_local, components.local_sigma
     e = solution.eliminated
     n = solution.cov.shape[-1]
-    joint = solution.joint_covariances()
     K = np.concatenate([e.by_shared, e.by_chain], axis=2)
     with_local = -K @ joint  # (P, q, n + 5)
     own_local = e.inverse - with_local @ np.swapaxes(K, 1, 2)

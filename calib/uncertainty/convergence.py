@@ -10,11 +10,18 @@ from boxcal.calib.four_steps.procedure import FourSteps
 from boxcal.calib.geometry.parameters import ORDER
 from boxcal.calib.geometry.so3_se3 import log_so3
 from boxcal.calib.likelihood import Estimate, EstimateOptions, estimate
-from boxcal.detect.correspondences import Correspondences, StopObservation
+from boxcal.calib.likelihood.components import VarianceComponents
+from boxcal.calib.likelihood.estimator import reported, solve_likelihood, step_of
+from boxcal.calib.likelihood.levenberg_marquardt import Weights
+from boxcal.calib.likelihood.problem import build_problem
+from boxcal.calib.likelihood.state_of_estimate import state_of
+from boxcal.detect.correspondences import Correspondences
 from boxcal.target.arrays import Array
 
 STEPS = 6
 """How many numbers of stops are tried: estimates of all would cost more than the calibration itself."""
+FROM_THE_END = 6
+"""Number of stops from which on one answer is near that of all stops."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -39,7 +46,8 @@ def grow(
 ) -> tuple[ConvergencePoint, ...]:
     """Return estimates from the first 3, ... and all stops of a drive, in growing steps.
 
-    Numbers of stops that do not determine the calibration are left out.
+    From ``FROM_THE_END`` stops on they are found from where all stops lead, in one round; fewer leave more than one
+    answer open, and are solved like any drive. Numbers of stops that do not determine the calibration are left out.
 
     Parameters
     ----------
@@ -55,20 +63,39 @@ def grow(
     out = []
     for count in _counts(len(kept)):
         try:
-            found = estimate([replace(drive, stops=_first(drive, kept, count))], _start(steps, count), quick)
-        except CalibError:  # too few stops to say anything: the chart begins later
+            if count < FROM_THE_END:
+                first = replace(drive, stops=tuple(drive.stops[j] for j in kept[:count]))
+                found = estimate([first], _start(steps, count), quick)
+            else:
+                found = _from_the_end(drive, kept[:count], final, quick)
+        except (CalibError, np.linalg.LinAlgError):  # too few stops to say anything: the chart begins later
             continue
         out.append(_point(count, found, final))
     return (*out, _point(len(kept), final, final))
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Start:
+    """What is known of some stops from all of them."""
+
+    weights: Weights
+    components: VarianceComponents
+    profile: None = None
+
+
+def _from_the_end(
+    drive: Correspondences, stops: tuple[int, ...], final: Estimate, options: EstimateOptions
+) -> Estimate:
+    """Return the estimate from some stops, started from that of all."""
+    problem = build_problem([drive], [stops], options, step_of([drive], options))
+    weights = Weights(corners=np.ones(len(problem.uv_px)), legs=problem.leg_known.astype(np.float64))
+    start = _Start(weights=weights, components=final.components)
+    return reported(solve_likelihood(problem, state_of(problem, final), options, start, rounds=1), [drive], options)
+
+
 def _counts(stops: int) -> Sequence[int]:
     counts = np.unique(np.round(np.geomspace(3, max(stops, 3), STEPS)).astype(int))
     return [int(c) for c in counts if c < stops]
-
-
-def _first(drive: Correspondences, kept: tuple[int, ...], count: int) -> tuple[StopObservation, ...]:
-    return tuple(drive.stops[j] for j in kept[:count])
 
 
 def _start(steps: FourSteps, count: int) -> FourSteps:

@@ -6,7 +6,8 @@ import numpy as np
 
 from boxcal.calib.geometry.parameters import CAMERA, MOUNTING, ORDER
 from boxcal.calib.likelihood.estimate import Estimate
-from boxcal.calib.likelihood.leg_model import LegModel, WheelPath, leg_model
+from boxcal.calib.likelihood.leg_model import LegModel, leg_model
+from boxcal.calib.likelihood.wheel_path import WheelPath
 from boxcal.calib.uncertainty.projection import projection_sigma
 from boxcal.target.arrays import Array
 

@@ -7,7 +7,7 @@ numba tells processors apart. Without a place that can be written it is compiled
 
 import hashlib
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import cache
 from importlib import import_module
 from pathlib import Path
@@ -27,9 +27,14 @@ _SOURCES = (
 
 @cache
 def cache_folder() -> Path | None:
-    """Return the folder for compiled code, made if need be; None if no place can be written."""
+    """Return the folder for the detector's compiled code, made if need be; None if no place can be written."""
+    return folder_for(_SOURCES)
+
+
+def folder_for(sources: Iterable[Path]) -> Path | None:
+    """Return the folder for code compiled from some sources, made if need be; None if no place can be written."""
     digest = hashlib.sha256(__version__.encode())
-    for source in _SOURCES:
+    for source in sources:
         digest.update(source.read_bytes())
     places = [Path(_CONFIG.CACHE_DIR)] if _CONFIG.CACHE_DIR else []
     places += [Path(_APPDIRS.user_cache_dir("boxcal"))]
@@ -44,11 +49,19 @@ def cache_folder() -> Path | None:
     return None
 
 
-def kernel(**options: Any) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
+
+
+def kernel(**options: Any) -> Decorator:
     """Compile a function of arrays and numbers at its first call; ``options`` are numba's beyond the usual ones."""
+    return compiled_in(cache_folder(), **options)
+
+
+def compiled_in(folder: Path | None, **options: Any) -> Decorator:
+    """Return a decorator that compiles a function at its first call and keeps the code in a folder, if there is one."""
 
     def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
-        folder, before = cache_folder(), _CONFIG.CACHE_DIR
+        before = _CONFIG.CACHE_DIR
         _CONFIG.CACHE_DIR = str(folder or before)
         try:
             made: Callable[..., Any] = njit(cache=folder is not None, nogil=True, error_model="numpy", **options)(

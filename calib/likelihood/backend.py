@@ -1,0 +1,60 @@
+"""The one switch between the likelihood's compiled loops and their reference in numpy.
+
+Every function has a twin of the same name and arguments in ``compiled/``; tests hold the twins together.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from importlib.util import find_spec
+from typing import Any
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Backend:
+    """The loops that take most of the time, compiled or in numpy.
+
+    Attributes
+    ----------
+    eliminate_stops, substitute_back, chain_covariances
+        Of :mod:`boxcal.calib.likelihood.chain`.
+    propagate
+        Of :mod:`boxcal.calib.likelihood.leg_propagation`.
+    """
+
+    eliminate_stops: Callable[..., Any]
+    substitute_back: Callable[..., None]
+    chain_covariances: Callable[..., Any]
+    propagate: Callable[..., tuple[Any, ...]]
+
+
+@cache
+def backend() -> Backend:
+    """Return compiled code where numba is installed, else numpy."""
+    return numpy_backend() if find_spec("numba") is None else numba_backend()
+
+
+@cache
+def numpy_backend() -> Backend:
+    """Return the reference in numpy."""
+    from boxcal.calib.likelihood import chain, leg_propagation  # noqa: PLC0415 - as the other one
+
+    return Backend(
+        eliminate_stops=chain.eliminate_stops,
+        substitute_back=chain.substitute_back,
+        chain_covariances=chain.chain_covariances,
+        propagate=leg_propagation.propagate,
+    )
+
+
+@cache
+def numba_backend() -> Backend:
+    """Return compiled code; each function is compiled, or read from the cache, when it is first called."""
+    from boxcal.calib.likelihood.compiled import chain, legs  # noqa: PLC0415 - slow to import
+
+    return Backend(
+        eliminate_stops=chain.eliminate_stops,
+        substitute_back=chain.substitute_back,
+        chain_covariances=chain.chain_covariances,
+        propagate=legs.propagate,
+    )

@@ -1,0 +1,19 @@
+"""The likelihood's loops called once each, so that they are compiled before they are needed."""
+
+import numpy as np
+
+from boxcal.calib.geometry.diff_drive import Legs
+from boxcal.calib.likelihood.backend import numba_backend
+from boxcal.calib.likelihood.wheel_path import wheel_path
+
+
+def compile_all() -> None:
+    """Compile every function, with the types of arguments that it is called with in use."""
+    compute = numba_backend()
+    D = np.eye(5)[None, None]
+    right = np.ones((1, 1, 5, 2))
+    pivots, gains, back = compute.eliminate_stops(D, D, right)
+    compute.substitute_back(gains, back)
+    compute.chain_covariances(pivots, gains)
+    path = wheel_path([Legs(dphi_R=np.ones(1), dphi_L=np.ones(1), ends=(0, 1))])
+    compute.propagate(path, np.ones(3), np.zeros((1, 2)), np.zeros((1, 2)), None)

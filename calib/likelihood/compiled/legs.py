@@ -1,0 +1,129 @@
+"""Wheel noise propagated along legs, compiled: see :mod:`boxcal.calib.likelihood.leg_propagation`."""
+
+from typing import Any
+
+import numpy as np
+
+from boxcal.calib.likelihood.compiled.kernel import kernel
+from boxcal.calib.likelihood.leg_propagation import DRAGGED, SIDEWAYS
+
+
+@kernel()
+def _corrected(dphi: Any, starts: Any, at_start: Any, at_end: Any, ends: Any, out: Any) -> None:  # noqa: PLR0917
+    """Fill out (S, 2) with the corrected travel, and ends (N, 2, 2) with the first and last moving samples, or -1."""
+    for n in range(starts.shape[0] - 1):
+        for w in range(2):
+            first, last = -1, -1
+            for s in range(starts[n], starts[n + 1]):
+                out[s, w] = dphi[s, w]
+                if dphi[s, w] != 0.0:
+                    last = s
+                    if first < 0:
+                        first = s
+            ends[n, w, 0], ends[n, w, 1] = first, last
+            if first >= 0:
+                out[first, w] -= at_start[n, w]
+                out[last, w] += at_end[n, w]
+            else:
+                spread = (at_end[n, w] - at_start[n, w]) / (starts[n + 1] - starts[n])
+                for s in range(starts[n], starts[n + 1]):
+                    out[s, w] += spread
+
+
+DISPLACEMENT, D_WHEELS, SLIP, ROLLED = 0, 3, 12, 21
+"""Where displacement (3), its derivatives by the wheels (3 x 3), covariance (3 x 3) and distances (2) begin in a row."""
+SUMS = 23
+
+
+@kernel()
+def _propagate(starts: Any, dphi: Any, u: Any, b: float, sums: Any, by_travel: Any, by_sideways: Any) -> None:  # noqa: PLR0917
+    """Fill what one pass over the samples of each leg gives; u (S, 2) is the distance that the wheels rolled."""
+    for n in range(starts.shape[0] - 1):
+        x, y, th = 0.0, 0.0, 0.0
+        for s in range(starts[n], starts[n + 1]):
+            ds, dth = (u[s, 0] + u[s, 1]) / 2, (u[s, 0] - u[s, 1]) / b
+            h = dth / 2
+            sinc = np.sin(h) / h if h != 0.0 else 1.0
+            dsinc = -h / 3 + h**3 / 30 if abs(h) < 1e-3 else (np.cos(h) - sinc) / h
+            c, si = np.cos(th + h), np.sin(th + h)
+            x += ds * sinc * c
+            y += ds * sinc * si
+            th += dth
+            # By the sample's own ds, by drift aside, and by its turn where the leg ended here.
+            by_travel[0, 0, s], by_travel[0, 1, s] = sinc * c, sinc * si
+            by_sideways[0, s], by_sideways[1, s] = -sinc * si, sinc * c
+            by_travel[1, 0, s] = 0.5 * ds * (dsinc * c - sinc * si) + y
+            by_travel[1, 1, s] = 0.5 * ds * (dsinc * si + sinc * c) - x
+        sums[n, DISPLACEMENT], sums[n, DISPLACEMENT + 1], sums[n, DISPLACEMENT + 2] = x, y, th
+        for s in range(starts[n], starts[n + 1]):
+            turn_x, turn_y = (by_travel[1, 0, s] - y) / b, (by_travel[1, 1, s] + x) / b
+            half_x, half_y = by_travel[0, 0, s] / 2, by_travel[0, 1, s] / 2
+            by_travel[0, 0, s], by_travel[0, 1, s], by_travel[0, 2, s] = half_x + turn_x, half_y + turn_y, 1 / b
+            by_travel[1, 0, s], by_travel[1, 1, s], by_travel[1, 2, s] = half_x - turn_x, half_y - turn_y, -1 / b
+            dth = (u[s, 0] - u[s, 1]) / b
+            right, left = abs(u[s, 0]), abs(u[s, 1])
+            sums[n, ROLLED] += right
+            sums[n, ROLLED + 1] += left
+            sums[n, D_WHEELS + 2] -= turn_x * dth
+            sums[n, D_WHEELS + 5] -= turn_y * dth
+            sums[n, D_WHEELS + 8] -= dth / b
+            weight_R, weight_L = right + DRAGGED * left, left + DRAGGED * right
+            aside = SIDEWAYS * (right + left)
+            for i in range(3):
+                sums[n, D_WHEELS + 3 * i] += by_travel[0, i, s] * dphi[s, 0]
+                sums[n, D_WHEELS + 3 * i + 1] += by_travel[1, i, s] * dphi[s, 1]
+                for j in range(3):
+                    sums[n, SLIP + 3 * i + j] += (
+                        weight_R * by_travel[0, i, s] * by_travel[0, j, s]
+                        + weight_L * by_travel[1, i, s] * by_travel[1, j, s]
+                        + aside * by_sideways[i, s] * by_sideways[j, s]
+                    )
+
+
+@kernel()
+def _readings(  # noqa: PLR0917
+    starts: Any, raw: Any, ends: Any, radius: Any, by_travel: Any, d_start: Any, d_end: Any, quantisation: Any
+) -> None:
+    """Fill the derivatives by the readings at both ends, and the covariance of those between."""
+    step = np.empty(3)
+    for n in range(starts.shape[0] - 1):
+        for w in range(2):
+            first, last = ends[n, w, 0], ends[n, w, 1]
+            if first < 0:
+                for i in range(3):
+                    total = 0.0
+                    for s in range(starts[n], starts[n + 1]):
+                        total += by_travel[w, i, s]
+                    total *= radius[w] / (starts[n + 1] - starts[n])
+                    d_start[n, i, w], d_end[n, i, w] = -total, total
+                continue
+            for i in range(3):
+                d_start[n, i, w] = -radius[w] * by_travel[w, i, first]
+                d_end[n, i, w] = radius[w] * by_travel[w, i, last]
+            before = first
+            for s in range(first + 1, last + 1):
+                if raw[s, w] != 0.0:
+                    for i in range(3):
+                        step[i] = radius[w] * (by_travel[w, i, before] - by_travel[w, i, s])
+                    for i in range(3):
+                        for j in range(3):
+                            quantisation[n, i, j] += step[i] * step[j] / 12
+                    before = s
+
+
+def propagate(path: Any, wheels: Any, at_start: Any, at_end: Any, added: Any) -> tuple[Any, ...]:
+    """Return what the wheels say of each leg: see :func:`boxcal.calib.likelihood.leg_propagation.propagate`."""
+    N, S = len(path.starts), len(path.dphi)
+    starts, radius = np.append(path.starts, S), np.ascontiguousarray(wheels[:2])
+    raw, dphi, ends = np.ascontiguousarray(path.dphi), np.empty((S, 2)), np.empty((N, 2, 2), dtype=np.int64)
+    _corrected(raw, starts, np.ascontiguousarray(at_start), np.ascontiguousarray(at_end), ends, dphi)
+    u = dphi * radius
+    if added is not None:
+        u += added
+    sums, by_travel, by_sideways = np.zeros((N, SUMS)), np.zeros((2, 3, S)), np.zeros((3, S))
+    _propagate(starts, dphi, u, float(wheels[2]), sums, by_travel, by_sideways)
+    displacement, d_wheels, slip, rolled = np.split(sums, (D_WHEELS, SLIP, ROLLED), axis=1)
+    d_wheels, slip = d_wheels.reshape(N, 3, 3), slip.reshape(N, 3, 3)
+    d_start, d_end, quantisation = np.empty((N, 3, 2)), np.empty((N, 3, 2)), np.zeros((N, 3, 3))
+    _readings(starts, raw, ends, radius, by_travel, d_start, d_end, quantisation)
+    return displacement, d_wheels, d_start, d_end, slip, quantisation, rolled, by_travel, by_sideways

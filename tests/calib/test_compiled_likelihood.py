@@ -1,0 +1,72 @@
+import numpy as np
+import pytest
+
+from boxcal.calib.geometry.diff_drive import Legs
+from boxcal.calib.likelihood import EstimateOptions, estimate
+from boxcal.calib.likelihood.backend import backend, numba_backend, numpy_backend
+from boxcal.calib.likelihood.compiled import chain, legs
+from boxcal.calib.likelihood.compiled.compilation import compile_all
+from boxcal.calib.likelihood.wheel_path import wheel_path
+from boxcal.calib.simulate.drive import DriveOptions, exact_correspondences, simulate_drive
+from boxcal.calib.simulate.robot import khepera
+from boxcal.target.box import make_target
+
+COMPILED, REFERENCE = numba_backend(), numpy_backend()
+
+
+def test_plain_install_runs_compiled_loops():
+    assert backend() is COMPILED
+
+
+@pytest.mark.parametrize(("systems", "stops"), [(1, 1), (1, 20), (7, 3)])
+def test_compiled_chain_is_the_reference(systems, stops):
+    rng = np.random.default_rng(stops)
+    half = rng.normal(size=(systems, stops, 5, 9))
+    D = half @ np.swapaxes(half, -1, -2) + 3 * np.eye(5)
+    E = 0.3 * rng.normal(size=D.shape)
+    right = rng.normal(size=(systems, stops, 5, 11))
+    found = []
+    for compute in (COMPILED, REFERENCE):
+        left = right.copy()
+        pivots, gains, back = compute.eliminate_stops(D, E, left)
+        forward = back.copy()
+        compute.substitute_back(gains, back)
+        found.append((pivots, gains, forward, back, left, *compute.chain_covariances(pivots, gains)))
+    for ours, reference in zip(*found, strict=True):
+        np.testing.assert_allclose(ours, reference, rtol=1e-11, atol=1e-13)
+
+
+@pytest.mark.parametrize("compute", [COMPILED, REFERENCE], ids=["compiled", "reference"])
+def test_a_stop_that_nothing_holds_is_singular(compute):
+    D = np.eye(5)[None, None].repeat(3, axis=1)
+    D[0, 1] = 0.0
+    with pytest.raises(np.linalg.LinAlgError):
+        compute.eliminate_stops(D, np.zeros_like(D), np.ones((1, 3, 5, 2)))
+
+
+@pytest.mark.parametrize("still", [False, True], ids=["both wheels roll", "a wheel stands on two legs"])
+@pytest.mark.parametrize("added", [False, True], ids=["radii only", "explained travel"])
+def test_compiled_legs_are_the_reference(still, added):
+    rng = np.random.default_rng(3)
+    dphi = np.round(rng.normal(0.2, 0.3, (60, 2)), 1)  # with samples in which a wheel stands
+    dphi[30:34] = 0.31, -0.29  # on the spot
+    if still:
+        dphi[20:40, 0] = dphi[40:, 1] = 0.0
+    path = wheel_path([Legs(dphi_R=dphi[:, 0], dphi_L=dphi[:, 1], ends=(0, 20, 40, 60))])
+    wheels = np.array([0.0208, 0.0212, 0.0891])
+    at_start, at_end = rng.normal(0, 1e-3, (2, 3, 2))
+    more = rng.normal(0, 1e-4, (60, 2)) if added else None
+    ours = COMPILED.propagate(path, wheels, at_start, at_end, more)
+    reference = REFERENCE.propagate(path, wheels, at_start, at_end, more)
+    assert len(ours) == len(reference)
+    for mine, theirs in zip(ours, reference, strict=True):
+        np.testing.assert_allclose(mine, theirs, rtol=1e-10, atol=1e-12 * np.abs(theirs).max())
+
+
+def test_nothing_is_compiled_in_use_beyond_what_is_prepared():
+    compile_all()
+    kernels = (chain._eliminate, chain.substitute_back, chain._covariances, legs._propagate, legs._readings)
+    drive = simulate_drive(khepera(), make_target(), DriveOptions(stops=6, slip=3e-4), np.random.default_rng(1))
+    seen = exact_correspondences(khepera(), make_target(), drive, 0.2, np.random.default_rng(2))
+    estimate([seen], None, EstimateOptions(lens=None, target=make_target()))
+    assert [len(k.signatures) for k in kernels] == [1] * len(kernels)
