@@ -31,7 +31,7 @@ def _corrected(dphi: Any, starts: Any, at_start: Any, at_end: Any, ends: Any, ou
 
 
 DISPLACEMENT, D_WHEELS, SLIP, ROLLED = 0, 3, 12, 21
-"""Where displacement (3), its derivatives by the wheels (3 x 3), covariance (3 x 3) and distances (2) begin in a row."""
+"""Where displacement (3), its derivatives by the wheels (9), covariance (9) and distances (2) begin in a row."""
 SUMS = 23
 
 
