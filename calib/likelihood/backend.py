@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from importlib.util import find_spec
+from types import ModuleType
 from typing import Any
 
 
@@ -28,10 +29,12 @@ class Backend:
     propagate: Callable[..., tuple[Any, ...]]
 
 
-@cache
 def backend() -> Backend:
     """Return compiled code where numba is installed, else numpy."""
-    return numpy_backend() if find_spec("numba") is None else numba_backend()
+    return numpy_backend() if _NO_NUMBA else numba_backend()
+
+
+_NO_NUMBA = find_spec("numba") is None
 
 
 @cache
@@ -39,12 +42,7 @@ def numpy_backend() -> Backend:
     """Return the reference in numpy."""
     from boxcal.calib.likelihood import chain, leg_propagation  # noqa: PLC0415 - as the other one
 
-    return Backend(
-        eliminate_stops=chain.eliminate_stops,
-        substitute_back=chain.substitute_back,
-        chain_covariances=chain.chain_covariances,
-        propagate=leg_propagation.propagate,
-    )
+    return _of(chain, leg_propagation)
 
 
 @cache
@@ -52,6 +50,10 @@ def numba_backend() -> Backend:
     """Return compiled code; each function is compiled, or read from the cache, when it is first called."""
     from boxcal.calib.likelihood.compiled import chain, legs  # noqa: PLC0415 - slow to import
 
+    return _of(chain, legs)
+
+
+def _of(chain: ModuleType, legs: ModuleType) -> Backend:
     return Backend(
         eliminate_stops=chain.eliminate_stops,
         substitute_back=chain.substitute_back,
