@@ -15,7 +15,7 @@ from boxcal.target.arrays import Array, Ids
 
 
 class Known(Protocol):
-    """What of a solution helps to find one of nearly the same data: a :class:`Fit`, say."""
+    """Parts of a solution that help to find one of nearly the same data: those of a :class:`Fit`, say."""
 
     @property
     def weights(self) -> Weights:

@@ -76,7 +76,7 @@ def grow(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Start:
-    """What is known of some stops from all of them."""
+    """Weights and components of some stops, from the estimate of all of them."""
 
     weights: Weights
     components: VarianceComponents
