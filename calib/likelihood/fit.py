@@ -19,7 +19,7 @@ class Known(Protocol):
 
     @property
     def weights(self) -> Weights:
-        """Which corners and legs counted."""
+        """Weights of corners and legs."""
 
     @property
     def components(self) -> VarianceComponents:
