@@ -27,7 +27,7 @@ from boxcal.calib.results.calibration import Calibration
 from boxcal.calib.results.json_format import CALIBRATION, calibration_bytes
 from boxcal.calib.results.provenance import provenance
 from boxcal.calib.results.stop_residuals import stops_seen
-from boxcal.calib.settings import CORRESPONDENCES, Job, Progress, Settings, Stage, listed, robot_name
+from boxcal.calib.settings import CORRESPONDENCES, Job, Nominal, Progress, Settings, Stage, listed, robot_name
 from boxcal.calib.uncertainty.box_size import box_notes
 from boxcal.calib.uncertainty.convergence import grow
 from boxcal.calib.uncertainty.cross_validation import validate
@@ -186,7 +186,15 @@ def read(log: Path, job: Job, progress: Callable[[str, float], None] | None = No
 def _nominal_wheels(job: Job) -> tuple[float, float] | None:
     """Return the wheel radius and separation, m, that the user gave, for robots that publish only odometry."""
     nominal = job.settings.nominal
-    return None if nominal is None else (nominal.wheel_radius, nominal.wheel_separation)
+    return None if nominal is None else nominal.driver
+
+
+def nominal_of(settings: Settings, drive: Correspondences) -> Nominal | None:
+    """Return the nominal wheels that results are given against: the user's, else those that the log tells."""
+    source = drive.source
+    if settings.nominal is not None or min(source.nominal_radius, source.nominal_separation) <= 0:
+        return settings.nominal
+    return Nominal(wheel_radius=source.nominal_radius, wheel_separation=source.nominal_separation, source=source.log)
 
 
 def placed(drive: Correspondences, target: Target) -> Correspondences:
@@ -270,7 +278,7 @@ def write(job: Job, result: Calibration, drives: Sequence[Correspondences]) -> N
     settings = job.settings
     if job.out is not None:
         folder = job.out / job.robot
-        files = dict(exports(result, settings.nominal, names_for(settings, drives[0].source)))
+        files = dict(exports(result, nominal_of(settings, drives[0]), names_for(settings, drives[0].source)))
         if settings.report:
             files["report.html"] = robot_report(
                 result, drives, job.target, photographs=_photographs(job, result, drives), fleet=FLEET_PAGE

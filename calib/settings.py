@@ -11,6 +11,7 @@ from boxcal.calib.likelihood import CameraKind
 from boxcal.calib.results.calibration import Calibration
 from boxcal.detect.log.opener import robot_name_of
 from boxcal.detect.log.topics import Topics
+from boxcal.detect.log.wheel_parameters import DriverWheels
 from boxcal.detect.log.wheel_samples import WheelUnits
 from boxcal.target.box import Target
 from boxcal.target.errors import BoxcalError
@@ -29,11 +30,23 @@ class Nominal:
         One radius for both wheels; distance between them.
     source
         File name that they came from.
+    multipliers
+        Of the right radius, the left radius and the separation, as the robot's driver has them.
     """
 
     wheel_radius: float
     wheel_separation: float
     source: str
+    multipliers: tuple[float, float, float] = (1.0, 1.0, 1.0)
+
+    @property
+    def driver(self) -> tuple[float, float] | None:
+        """Wheel radius and separation, m, that odometry is reckoned with; None if its wheels have two radii."""
+        right, left, apart = self.multipliers
+        wheels = DriverWheels(
+            radius=self.wheel_radius, separation=self.wheel_separation, right=right, left=left, apart=apart
+        )
+        return wheels.reckoned
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -175,7 +175,7 @@ def _seen(
 def _offset_by_pictures(recording: Recording, stops: tuple[Stop, ...], found: _Seen) -> int | None:
     """Return by how many ns the camera's clock is ahead, if stops that show too little or move give cause to ask."""
     look, seen = found
-    few = len(seen) < max(MIN_STOPS, len(stops) / 2)
+    few = len(seen) < MIN_STOPS or len(seen) <= len(stops) / 2
     if len(stops) < MIN_STOPS or not (few or look.moved > len(stops) / 3):
         return None
     stands = np.array([(stop.t_start_ns, stop.t_end_ns) for stop in stops], dtype=np.int64)

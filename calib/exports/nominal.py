@@ -8,6 +8,7 @@ from boxcal.calib.errors import CalibError
 from boxcal.calib.settings import Nominal
 from boxcal.detect.errors import DetectError
 from boxcal.detect.log.urdf_wheels import urdf_wheels
+from boxcal.detect.log.wheel_parameters import DriverWheels, driver_wheels, says_of_wheels
 
 MAX_YAML_BYTES = 1 << 16
 MAX_URDF_BYTES = 16 << 20
@@ -17,8 +18,9 @@ _MAX_DEPTH = 30
 def load_nominal(path: Path) -> Nominal:
     """Read nominal wheels.
 
-    YAML or JSON (also a diff_drive_controller's parameters): ``wheel_radius`` and ``wheel_separation`` side by side, at
-    any depth. URDF (``.urdf``, ``.xml``): the two driven wheels' cylinders or spheres, and where their joints are.
+    YAML or JSON (also the parameters of a diff_drive_controller or of a robot's node): ``wheel_radius`` and
+    ``wheel_separation`` side by side, at any depth, or what drivers call them. URDF (``.urdf``, ``.xml``): the two
+    driven wheels' cylinders or spheres, and where their joints are.
 
     Raises
     ------
@@ -41,18 +43,28 @@ def load_nominal(path: Path) -> Nominal:
             f"cannot be read ({error.strerror or error})", source=path.name, remedy="check --nominal"
         ) from error
     try:
-        radius, separation = urdf_wheels(content, path.name) if urdf else _yaml_wheels(content, path.name)
+        found = _urdf_wheels(content, path.name) if urdf else _yaml_wheels(content, path.name)
     except DetectError as error:
         raise CalibError(error.found, source=error.source, needed=error.needed, remedy=error.remedy) from error
-    for name, value in (("wheel_radius", radius), ("wheel_separation", separation)):
+    for name, value in (("wheel_radius", found.radius), ("wheel_separation", found.separation)):
         if not (math.isfinite(value) and 0 < value < 100):
             raise CalibError(
                 f"{name} is {value:g}, a positive number of metres is needed", source=path.name, remedy="correct it"
             )
-    return Nominal(wheel_radius=radius, wheel_separation=separation, source=path.name)
+    return Nominal(
+        wheel_radius=found.radius,
+        wheel_separation=found.separation,
+        source=path.name,
+        multipliers=(found.right, found.left, found.apart),
+    )
 
 
-def _yaml_wheels(content: bytes, name: str) -> tuple[float, float]:
+def _urdf_wheels(content: bytes, name: str) -> DriverWheels:
+    radius, separation = urdf_wheels(content, name)
+    return DriverWheels(radius=radius, separation=separation)
+
+
+def _yaml_wheels(content: bytes, name: str) -> DriverWheels:
     from ruamel.yaml import YAML  # noqa: PLC0415  (only where a nominal file is given)
     from ruamel.yaml.error import YAMLError  # noqa: PLC0415
     from ruamel.yaml.events import AliasEvent, CollectionEndEvent, CollectionStartEvent  # noqa: PLC0415
@@ -72,17 +84,23 @@ def _yaml_wheels(content: bytes, name: str) -> tuple[float, float]:
         raise CalibError(
             f"not YAML ({line})", source=name, remedy="give wheel_radius and wheel_separation, in metres"
         ) from error
-    pairs = {
-        (_metres(m["wheel_radius"], name), _metres(m["wheel_separation"], name))
-        for m in _mappings(document)
-        if "wheel_radius" in m and "wheel_separation" in m
-    }
-    if len(pairs) != 1:
-        found = "no wheel_radius with a wheel_separation" if not pairs else f"{len(pairs)} different pairs of them"
+    nodes = [driver_wheels({n: _metres(v, name) for n, v in _named(mapping)}) for mapping in _mappings(document)]
+    told = {wheels for wheels in nodes if wheels is not None}
+    if len(told) != 1:
+        found = "no wheel_radius with a wheel_separation" if not told else f"{len(told)} different pairs of them"
         raise CalibError(
             f"{found}, one of each side by side is needed", source=name, remedy="give a file with just these two"
         )
-    return pairs.pop()
+    return told.pop()
+
+
+def _named(mapping: dict[object, object]) -> Iterator[tuple[str, object]]:
+    """Yield what a mapping says of wheels by its name: ``wheel_radius``, and ``radius`` below ``wheels``."""
+    for key, value in mapping.items():
+        inner = value.items() if isinstance(value, dict) else ()
+        for name, found in ((str(key), value), *((f"{key}.{k}", v) for k, v in inner)):
+            if says_of_wheels(name) and not isinstance(found, dict | list):
+                yield name, found
 
 
 def _mappings(document: object) -> Iterator[dict[object, object]]:

@@ -95,7 +95,12 @@ def offset_by_standstills(image_t: Ids, still: "np.ndarray[tuple[int], np.dtype[
 def _runs(
     image_t: Ids, still: "np.ndarray[tuple[int], np.dtype[np.bool_]]"
 ) -> "np.ndarray[tuple[int, int], np.dtype[np.float64]]":
-    """Return first and last time of each run of frames that stay the same, (R, 2) ns."""
+    """Return first and last time of each run of frames that stay the same, (R, 2) ns.
+
+    Runs of less than half the usual length are no stands: two frames are alike where a robot starts or creeps.
+    """
     edges = np.diff(np.concatenate([[0], still.astype(np.int8), [0]]))
     first, last = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
-    return np.stack([image_t[first], image_t[last]], axis=1).astype(np.float64).reshape(-1, 2)
+    runs = np.stack([image_t[first], image_t[last]], axis=1).astype(np.float64).reshape(-1, 2)
+    lengths = runs[:, 1] - runs[:, 0]
+    return runs[lengths >= 0.5 * np.median(lengths)] if lengths.size else runs

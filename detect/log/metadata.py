@@ -1,4 +1,4 @@
-"""Metadata of a recording: robot description, static transforms, camera info."""
+"""Metadata of a recording: robot description, static transforms, camera info, parameters of its nodes."""
 
 from dataclasses import dataclass, field
 from typing import Any
@@ -7,13 +7,18 @@ import numpy as np
 
 from boxcal.detect.errors import DetectError
 from boxcal.detect.log.urdf_wheels import urdf_wheels
+from boxcal.detect.log.wheel_parameters import reckoned_by, says_of_wheels
 from boxcal.target.arrays import Array
 
 BASE_FRAMES = ("base_footprint", "base_link", "base", "chassis")
 STRING, TRANSFORMS, CAMERA_INFO = "std_msgs/msg/String", "tf2_msgs/msg/TFMessage", "sensor_msgs/msg/CameraInfo"
-METADATA_TYPES = {STRING, TRANSFORMS, CAMERA_INFO}
+PARAMETERS = "rcl_interfaces/msg/ParameterEvent"
+METADATA_TYPES = {STRING, TRANSFORMS, CAMERA_INFO, PARAMETERS}
 MAX_DESCRIPTION_BYTES = 8 << 20
 _MAX_TRANSFORMS, _MAX_TAKEN, _MAX_CAMERAS = 2000, 200, 50
+_MAX_EVENTS, _MAX_PARAMETERS, _MAX_NODES = 10_000, 1000, 100
+_INTEGER, _DOUBLE = 2, 3
+"""Types of parameters (rcl_interfaces/msg/ParameterType)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -75,12 +80,16 @@ class Metadata:
         Static transforms by child frame.
     cameras
         Camera figures by topic.
+    parameters
+        What nodes' parameters say of wheels, by node and name: the last that the recording has.
     """
 
     description: str = ""
     transforms: dict[str, Transform] = field(default_factory=dict)
     cameras: dict[str, CameraInfo] = field(default_factory=dict)
+    parameters: dict[str, dict[str, float]] = field(default_factory=dict)
     _taken: int = 0
+    _events: int = 0
 
     def wants(self, kind: str, topic: str) -> bool:
         """Tell whether a message of a topic can say anything new."""
@@ -88,12 +97,18 @@ class Metadata:
             return topic.endswith("robot_description") and not self.description
         if kind == TRANSFORMS:
             return topic.endswith("tf_static") and self._taken < _MAX_TAKEN
+        if kind == PARAMETERS:
+            return self._events < _MAX_EVENTS
         return topic not in self.cameras and len(self.cameras) < _MAX_CAMERAS
 
     def nominal_wheels(self) -> tuple[float, float] | None:
-        """Return the wheel radius and separation, m, of the robot's description; None if it does not say them."""
-        if not self.description:
-            return None
+        """Return the wheel radius and separation, m, of the driver's parameters, else of the robot's description.
+
+        None if neither says them.
+        """
+        told = reckoned_by(self.parameters.values())
+        if told is not None or not self.description:
+            return told
         try:
             return urdf_wheels(self.description.encode(), "/robot_description")
         except DetectError:  # a robot of other joints; whoever needs the figures is told that they are not known
@@ -121,7 +136,7 @@ class Metadata:
 
     def take(self, kind: str, topic: str, message: Any) -> None:
         """Take a message (DetectError if it is not what its type says)."""
-        self._taken += 1
+        self._taken += kind != PARAMETERS
         try:
             if kind == STRING:
                 text = str(message.data)
@@ -137,6 +152,8 @@ class Metadata:
                             t=(float(t.x), float(t.y), float(t.z)),
                             q=(float(q.x), float(q.y), float(q.z), float(q.w)),
                         )
+            elif kind == PARAMETERS:
+                self._take_parameters(message)
             else:
                 self.cameras[topic] = CameraInfo(
                     frame_id=str(message.header.frame_id)[:256],
@@ -147,3 +164,13 @@ class Metadata:
                 )
         except (AttributeError, TypeError, ValueError) as error:
             raise DetectError(f"no {kind} ({error})") from error
+
+    def _take_parameters(self, event: Any) -> None:
+        """Take what a node's parameters were declared or set to, of those that say something of wheels."""
+        self._events += 1
+        node = str(event.node)[:256]
+        for found in (*event.new_parameters[:_MAX_PARAMETERS], *event.changed_parameters[:_MAX_PARAMETERS]):
+            name, kind = str(found.name)[:256], int(found.value.type)
+            if kind in {_INTEGER, _DOUBLE} and says_of_wheels(name) and len(self.parameters) < _MAX_NODES:
+                value = found.value.double_value if kind == _DOUBLE else found.value.integer_value
+                self.parameters.setdefault(node, {})[name] = float(value)

@@ -31,7 +31,7 @@ class BoxAtStops:
     frames, with_frames, with_tags
         Frames that were looked at; stops with frames, and with tags of the box.
     moved
-        Stops of which frames were left out.
+        Stops of which frames were left out since the picture moved, or whose frames hardly show one picture.
     odd_sizes
         Frames of another size than the first, which were left out.
     """
@@ -56,7 +56,7 @@ class BoxAtStops:
         self._foreign.update(found.foreign_ids.tolist())
         self.with_frames += bool(found.corners.frames)
         self.with_tags += found.corners.tags > 0
-        self.moved += "moved" in found.left_out
+        self.moved += "moved" in found.left_out or not found.settled
         return found.corners, found.left_out
 
     def _images(self, frames: Ids) -> Iterator[DeepGrey]:

@@ -50,6 +50,8 @@ class Stillness:
         Displacement against the median frame.
     noise
         Deviation of a pixel from frame to frame at edges, grey levels; NaN of a single frame.
+    settled
+        Whether most frames show one picture; if not, all are kept, and they were hardly taken at rest.
     """
 
     kept: NDArray[np.bool_]
@@ -60,6 +62,7 @@ class Stillness:
     offset: Array
     motion_px: Array
     noise: float
+    settled: bool
 
     @property
     def left_out(self) -> str:
@@ -101,9 +104,10 @@ def compare_frames(frames: Sequence[DeepGrey], mean: NDArray[np.float32]) -> Sti
     changed = np.mean(np.abs(residuals) > CHANGED_SIGMAS * noise, axis=1) > MOST_CHANGED
     flickered = _banding(values, reference, at // mean.shape[1], mean.shape[0]) > MOST_BANDING
     kept = ~(moved | changed | flickered)
+    settled = n == 1 or bool((~(moved | changed)).sum() * 2 > n)
     # where no picture has a majority, nothing says which frame is right
     if kept.sum() * 2 <= n and n > 1:
-        kept = ~(moved | changed) if (~(moved | changed)).sum() * 2 > n else np.ones(n, dtype=np.bool_)
+        kept = ~(moved | changed) if settled else np.ones(n, dtype=np.bool_)
     used = residuals[kept]
     return Stillness(
         kept=kept,
@@ -114,6 +118,7 @@ def compare_frames(frames: Sequence[DeepGrey], mean: NDArray[np.float32]) -> Sti
         offset=coefficients[:, 1],
         motion_px=motion,
         noise=_temporal_noise(used, int(kept.sum())) if n > 1 else float("nan"),
+        settled=settled,
     )
 
 

@@ -42,12 +42,15 @@ class StopMeasurement:
         How many frames were left out and why, as a phrase; empty if none was.
     camera
         For the next stop; None where nothing is known yet.
+    settled
+        Whether most frames show one picture, as they do at rest.
     """
 
     corners: AveragedCorners
     foreign_ids: NDArray[np.int64]
     left_out: str
     camera: KnownCamera | None
+    settled: bool
 
 
 def measure_stop(
@@ -84,7 +87,7 @@ def measure_stop(
     if found.ids.size == 0:
         foreign = foreign_tags(held[len(held) // 2], target, settings)
         corners = combine([TagDetections.none()] * len(held))
-        return _measured(corners, foreign_ids=foreign, left_out=still.left_out, camera=camera)
+        return _measured(corners, foreign_ids=foreign, still=still, camera=camera)
     kept, landmarks = int(still.kept.sum()), 4 * found.ids.size
     corners = AveragedCorners(
         landmark_ids=(4 * found.ids[:, None] + np.arange(4)).ravel(),
@@ -99,7 +102,7 @@ def measure_stop(
         of_mean=True,
         averages_out=_averages_out(still.noise / full, found.residual, kept),
     )
-    return _measured(corners, left_out=still.left_out, camera=_newer(camera, found.camera))
+    return _measured(corners, still=still, camera=_newer(camera, found.camera))
 
 
 def average_frames(frames: list[DeepGrey]) -> tuple[NDArray[np.float32], Stillness]:
@@ -160,10 +163,13 @@ def _measured(
     corners: AveragedCorners,
     *,
     foreign_ids: NDArray[np.int64] | None = None,
-    left_out: str = "",
+    still: Stillness | None = None,
     camera: KnownCamera | None = None,
 ) -> StopMeasurement:
-    none = np.zeros(0, dtype=np.int64)
     return StopMeasurement(
-        corners=corners, foreign_ids=none if foreign_ids is None else foreign_ids, left_out=left_out, camera=camera
+        corners=corners,
+        foreign_ids=np.zeros(0, dtype=np.int64) if foreign_ids is None else foreign_ids,
+        left_out="" if still is None else still.left_out,
+        camera=camera,
+        settled=still is None or still.settled,
     )

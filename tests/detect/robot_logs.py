@@ -347,6 +347,37 @@ def _described(angles: Angles) -> Iterator[Message]:
     yield "/robot_description", "std_msgs/msg/String", int(angles[0][0]), STORE.types["std_msgs/msg/String"](data=urdf)
 
 
+def _parameters(angles: Angles) -> Iterator[Message]:
+    """Yield what nodes say of their parameters as they start: the driver's, and another's that has no wheels."""
+    kind, types = "rcl_interfaces/msg/ParameterEvent", STORE.types
+    for node, values in (
+        ("/controller_manager", {"update_rate": 100.0}),
+        ("/diff_drive_controller", {"wheel_radius": DRIVER[0], "wheel_separation": DRIVER[1] / 1.25}),
+        ("/diff_drive_controller", {"wheel_separation_multiplier": 1.25}),
+    ):
+        new = [
+            types["rcl_interfaces/msg/Parameter"](
+                name=name,
+                value=types["rcl_interfaces/msg/ParameterValue"](
+                    type=3,
+                    bool_value=False,
+                    integer_value=0,
+                    double_value=value,
+                    string_value="",
+                    byte_array_value=np.zeros(0, np.uint8),
+                    bool_array_value=np.zeros(0, np.bool_),
+                    integer_array_value=np.zeros(0, np.int64),
+                    double_array_value=np.zeros(0),
+                    string_array_value=[],
+                ),
+            )
+            for name, value in values.items()
+        ]
+        stamp = header(int(angles[0][0])).stamp
+        event = types[kind](stamp=stamp, node=node, new_parameters=new, changed_parameters=[], deleted_parameters=[])
+        yield "/parameter_events", kind, int(angles[0][0]), event
+
+
 def _locobot(angles: Angles) -> Iterator[Message]:
     yield from joints("/mobile_base/joint_states", angles, ["wheel_left_joint", "wheel_right_joint"])
     for k, (t, right, left) in enumerate(zip(*angles, strict=True)):
@@ -433,6 +464,7 @@ ROBOTS: dict[str, RobotLog] = {
     "Stretch": _odometry("/odom", _zero_joints("joint_lift", "joint_head_pan", "joint_gripper_finger_left")),
     "MiR": _odometry("/odom", _filtered("/odometry/filtered"), _zero_joints("left_wheel_joint", "right_wheel_joint")),
     "odometry beside its robot's description": _odometry("/odom", _described, nominal=None),
+    "odometry beside its driver's parameters": _odometry("/odom", _parameters, nominal=None),
     "Int32 counters": RobotLog(
         wheels=lambda a: counters(a, "Int32", "/right_ticks", "/left_ticks"), units=_1200, tick=_turn(1200)
     ),

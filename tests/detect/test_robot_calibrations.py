@@ -90,6 +90,7 @@ def test_the_docs_table_names_every_robot_that_is_held_here() -> None:
 _IN_OTHER_WORDS = {
     "six wheels",
     "odometry beside its robot's description",
+    "odometry beside its driver's parameters",
     "Int32 counters",
     "Int64 counters",
     "Int16 counters",

@@ -87,8 +87,9 @@ def test_without_the_drivers_wheels_odometry_gives_ratios_and_says_so(tmp_path: 
     assert s == pytest.approx(DRIVER[0] * np.sum([p[-1] - p[0] for p in angles[1:]]), rel=1e-4)
 
 
-def test_the_robots_description_gives_the_wheels_that_odometry_was_reckoned_with(tmp_path: Path) -> None:
-    row = ROBOTS["odometry beside its robot's description"]
+@pytest.mark.parametrize("what", ["robot's description", "driver's parameters"])
+def test_what_the_log_says_of_the_driver_gives_the_wheels_of_its_odometry(tmp_path: Path, what: str) -> None:
+    row = ROBOTS[f"odometry beside its {what}"]
     assert open_recording(row.log(tmp_path / "a.mcap", _angles())).nominal == pytest.approx(DRIVER)
 
 

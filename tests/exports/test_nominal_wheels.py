@@ -33,6 +33,8 @@ URDF = """<?xml version="1.0"?>
             "n.yml",
             "/**:\n  ros__parameters:\n    wheel_radius: 3.3e-2\n    wheel_separation: 0.16\n    other: [1, {a: b}]\n",
         ),
+        ("turtlebot3.yaml", "turtlebot3_node:\n  ros__parameters:\n    wheels: {separation: 0.160, radius: 0.033}\n"),
+        ("raspimouse.yaml", "raspimouse:\n  ros__parameters: {wheel_diameter: 0.066, wheel_tread: 0.16}\n"),
         ("n.urdf", URDF),
     ],
 )
@@ -42,6 +44,18 @@ def test_nominal_wheels_are_read_from_yaml_json_and_urdf(tmp_path: Path, name: s
     assert nominal.wheel_radius == 0.033
     assert nominal.wheel_separation == pytest.approx(0.16, abs=1e-12)
     assert nominal.source == name
+
+
+def test_odometry_is_reckoned_with_a_drivers_multipliers(tmp_path: Path) -> None:
+    """Multipliers that are written are against the plain values; the driver's odometry has them in it."""
+    text = "wheel_radius: 0.033\nwheel_separation: 0.16\nwheel_separation_multiplier: 1.1\n"
+    sides = "left_wheel_radius_multiplier: {0}\nright_wheel_radius_multiplier: {1}\n"
+    (tmp_path / "alike.yaml").write_text(text + sides.format(1.02, 1.02))
+    nominal = load_nominal(tmp_path / "alike.yaml")
+    assert (nominal.wheel_radius, nominal.wheel_separation) == (0.033, 0.16)
+    assert nominal.driver == pytest.approx((0.033 * 1.02, 0.16 * 1.1))
+    (tmp_path / "unlike.yaml").write_text(text + sides.format(1.02, 1.01))
+    assert load_nominal(tmp_path / "unlike.yaml").driver is None
 
 
 BOMB = "a: &a [1,1]\n" + "".join(
