@@ -6,6 +6,7 @@ prints its seed; put it into SEEDS.
 """
 
 import os
+import shutil
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -15,8 +16,10 @@ import pytest
 
 pytest.importorskip("foxglove_schemas_protobuf")
 pytest.importorskip("mcap_ros1")
+from mcap.writer import CompressionType, Writer
 from recorded_kinds import KINDS, events
-from small_logs import write_small
+from robot_logs import BLANKS, ROBOTS, STORE, Message, images
+from small_logs import drive, write_small
 
 from boxcal.detect.errors import DetectError
 from boxcal.detect.log.recording import open_recording
@@ -24,10 +27,9 @@ from boxcal.detect.log.recording import open_recording
 SECONDS = float(os.environ.get("BOXCAL_FUZZ_S", "6"))
 FIRST = int(os.environ.get("BOXCAL_FUZZ_SEED", str(1 << 40)))
 """Where fuzzing goes on after SEEDS: the same in every run, so that a run that fails can be had again."""
-SEEDS = [*range(40), 1001, 4242, 90_210, 459_720_522_620, 459_720_537_771, 459_721_185_512, 1_099_511_656_960]
-"""Seeds that found something once, and some to begin with."""
+SEEDS = list(range(100))
+"""What every run begins with; put in what was found to fail."""
 _FUZZED = (
-    "mcap",
     "db3 alone",
     "ROS 1 bag",
     "ROS 1 bag, lz4",
@@ -35,16 +37,46 @@ _FUZZED = (
     "mcap.gz",
     "Foxglove protobuf, raw",
     "Foxglove JSON",
+    "split mcap folder",
+    "sqlite3 folder, messages compressed",
+    "ROS 1 in MCAP",
+    "plain folder with times in a file",
 )
+_BARE = ("TurtleBot 4", "Int16 counters", "any message, ticks in a list", "odometry beside its driver's parameters")
+"""Robots whose messages are spoilt themselves, in a file without compression or checksums."""
+Files = dict[str, bytes]
+"""Content by path in a folder; of a recording in one file by an empty path."""
 
 
 @pytest.fixture(scope="module")
-def recordings(tmp_path_factory: pytest.TempPathFactory) -> list[tuple[str, bytes]]:
-    folder, out = tmp_path_factory.mktemp("fuzz"), []
+def recordings(tmp_path_factory: pytest.TempPathFactory) -> list[tuple[str, Files]]:
+    folder = tmp_path_factory.mktemp("fuzz")
+    out = [(".mcap", {"": write_small(folder / "a.mcap").read_bytes()})]
     for k, kind in enumerate(_FUZZED):
-        path = write_small(folder / "a.mcap") if kind == "mcap" else KINDS[kind](folder / f"r{k}", events(3))
-        out.append(("".join(path.suffixes), path.read_bytes()))
+        path = KINDS[kind](folder / f"r{k}", events(3))
+        inside = sorted(p for p in path.rglob("*") if p.is_file()) if path.is_dir() else []
+        files = {str(p.relative_to(path)): p.read_bytes() for p in inside} or {"": path.read_bytes()}
+        out.append(("" if inside else "".join(path.suffixes), files))
+    t_ns, phi_R, phi_L, _ = drive(stops=3, step=0)
+    for robot in _BARE:
+        wheels = ROBOTS[robot].wheels((t_ns[::5], phi_R[::5], phi_L[::5]))
+        content = _bare(folder / "b.mcap", [*wheels, *images(BLANKS[:3], ("/camera/image_raw/compressed", "jpeg"))])
+        out.append((".mcap", {"": content}))
     return out
+
+
+def _bare(path: Path, messages: list[Message]) -> bytes:
+    with path.open("wb") as file:
+        writer = Writer(file, compression=CompressionType.NONE, enable_crcs=False, chunk_size=1 << 14)
+        writer.start(profile="ros2")
+        channels: dict[str, int] = {}
+        for topic, kind, log, message in sorted(messages, key=lambda m: m[2]):
+            if topic not in channels:
+                text = STORE.generate_msgdef(kind, ros_version=2)[0].encode()
+                channels[topic] = writer.register_channel(topic, "cdr", writer.register_schema(kind, "ros2msg", text))
+            writer.add_message(channels[topic], log, bytes(STORE.serialize_cdr(message, kind)), log)
+        writer.finish()
+    return path.read_bytes()
 
 
 def _bits(data: bytearray, rng: np.random.Generator) -> None:
@@ -86,16 +118,20 @@ SPOIL: tuple[Callable[[bytearray, np.random.Generator], None], ...] = (
 )
 
 
-def _try(folder: Path, recordings: list[tuple[str, bytes]], seed: int) -> bool:
+def _try(folder: Path, recordings: list[tuple[str, Files]], seed: int) -> bool:
     """Read a spoilt recording; tell whether it was used. Anything but a DetectError escapes."""
     rng = np.random.default_rng(seed)
-    suffix, content = recordings[int(rng.integers(len(recordings)))]
-    data = bytearray(content)
+    suffix, files = recordings[int(rng.integers(len(recordings)))]
+    name = sorted(files)[int(rng.integers(len(files)))]
+    data = bytearray(files[name])
     for _ in range(int(rng.integers(1, 4))):
         if data:
             SPOIL[int(rng.integers(len(SPOIL)))](data, rng)
     path = folder / f"a{suffix}"
-    path.write_bytes(bytes(data))
+    shutil.rmtree(path, ignore_errors=True)
+    for other, content in files.items():
+        (path / other).parent.mkdir(parents=True, exist_ok=True)
+        (path / other).write_bytes(bytes(data) if other == name else content)
     try:
         recording = open_recording(path)
         list(recording.read_frames(range(min(recording.frame_t_ns.size, 5))))
@@ -107,7 +143,7 @@ def _try(folder: Path, recordings: list[tuple[str, bytes]], seed: int) -> bool:
     return True
 
 
-def test_spoilt_recordings_are_read_or_refused(tmp_path: Path, recordings: list[tuple[str, bytes]]) -> None:
+def test_spoilt_recordings_are_read_or_refused(tmp_path: Path, recordings: list[tuple[str, Files]]) -> None:
     used = sum(_try(tmp_path, recordings, seed) for seed in SEEDS)
     assert 0 < used < len(SEEDS)
     begun, seed = time.monotonic(), FIRST
