@@ -271,3 +271,30 @@ def test_no_conformance_file_ends_in_anything_but_a_detect_error(tmp_path: Path,
                 messages.append(str(caught.value))
     assert len(messages) > 400
     assert not [m for m in messages if "damaged" in m or "truncated" in m or "not an MCAP" in m]
+
+
+def test_a_chunk_of_a_ros1_bag_without_its_size_is_damage(tmp_path: Path) -> None:
+    pytest.importorskip("mcap_ros1")
+    from recorded_kinds import KINDS, events  # noqa: PLC0415  (needs extras)
+
+    path = KINDS["ROS 1 bag"](tmp_path / "r", events())
+    content = path.read_bytes()
+    at = content.index(b"size=", content.index(b"compression=") - 200)
+    path.write_bytes(content[:at] + b"sizf=" + content[at + 5 :])
+    try:
+        found = open_recording(path)
+    except DetectError as error:
+        assert "\n" not in str(error)  # noqa: PT017
+        return
+    assert any("damaged" in note for note in found.notes)
+
+
+def test_readings_beyond_all_measure_are_dropped_and_counted(tmp_path: Path) -> None:
+    def wild(log: LogWriter) -> None:
+        write_joints(log)
+        for k in range(2):
+            t = T0_NS + 100_000_000 * (k + 1) + 5
+            log.joint_state(JOINTS, t, t + 2_000_000, [LEFT, RIGHT], [1e300, -1e308])
+
+    found = open_recording(write_log(tmp_path / "a.mcap", wild, write_frames))
+    assert np.max(np.abs(found.wheels.phi_R)) < 1e3
