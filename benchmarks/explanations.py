@@ -39,8 +39,9 @@ REFUSALS = (
     ("box-on-side", "lies on its side"),
     ("other-box", "another box"),
     ("unit", "--joint-unit|whole numbers"),
-    ("clock", "stamps"),
-    ("few-stops", "usable stops|fewer than|can be used"),
+    ("clock", "stamps|clocks"),
+    ("encoder-restart", "readings jump"),
+    ("few-stops", "usable stops|fewer than|can be used|too few to tell why"),
 )
 """What a refusal names, by its words."""
 FAMILIES = re.compile(r"-(right|left|both|\d+).*$")
@@ -64,7 +65,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--runs", type=int, default=40, help="drives of each violation and size (40)")
     parser.add_argument("--clean", type=int, default=500, help="drives without a violation (500)")
     parser.add_argument("--quick", action="store_true", help="3 drives of each violation, 20 clean ones")
-    parser.add_argument("--only", default="", help="violations whose name holds this word")
+    parser.add_argument("--only", default="", help="violations whose name holds this word; 'clean' for drives without")
     parser.add_argument("--seed", type=int, default=0)
     arguments = parser.parse_args(argv)
     runs, clean = (3, 20) if arguments.quick else (arguments.runs, arguments.clean)
@@ -87,9 +88,10 @@ def main(argv: Sequence[str] | None = None) -> int:
                 cause for run in found for cause in (families(run) or ["nothing"])
             )
             print(line(violation, size, found, time.process_time() - begun), flush=True)
-    if not arguments.only:
-        show_clean(clean, arguments.seed)
-    table(confusion)
+    if arguments.only in {"", "clean"}:
+        everything += show_clean(clean, arguments.seed)
+    if confusion:
+        table(confusion)
     calibrated = [run for run in everything if run.level != "refused"]
     for level in ("good", "usable"):
         wrong = sum(run.level == level and run.worst > WRONG for run in calibrated)
@@ -173,8 +175,8 @@ def line(violation: Violation, size: float, found: list[Run], seconds: float) ->
     )
 
 
-def show_clean(count: int, seed: int) -> None:
-    """Print what is found where nothing is wrong: hand-made boxes and leaning robots, nothing else."""
+def show_clean(count: int, seed: int) -> list[Run]:
+    """Print and return what is found where nothing is wrong: hand-made boxes and leaning robots, nothing else."""
     found = list(clean_runs(count, seed))
     named = Counter(cause for run in found for cause in families(run))
     false = sum(any(cause != "target" for cause in families(run)) for run in found)
@@ -185,6 +187,7 @@ def show_clean(count: int, seed: int) -> None:
         f"{np.sqrt(np.mean(z**2)):.2f}, worst {np.max(np.abs(z)):.1f}, 95 % intervals hold "
         f"{100 * np.mean(np.abs(z) < 1.96):.1f} %, verdicts {dict(levels)}"
     )
+    return found
 
 
 def clean_runs(count: int, seed: int) -> Iterator[Run]:

@@ -3,7 +3,6 @@
 The stamps of the pictures are shifted against the wheels until turns seen and turns rolled agree.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -25,6 +24,8 @@ LONGEST_S = 60.0
 """Offsets up to this are tried."""
 MOVES_PX = 2.0
 """Pictures whose corners scatter more than this (median, one axis) were not taken by a camera that stood still."""
+MOVING_SHARE = 4
+"""One stop of so many with a moving picture makes the clocks suspect; one of three, and two at least, forbid use."""
 LEAST_STOPS = 6
 """With fewer stops an offset is not looked for: some offset always fits."""
 FITS_DEG = 4.0
@@ -101,7 +102,7 @@ def find_offset(drive: Correspondences, camera: CameraStep) -> ClockOffset | Non
     return ClockOffset(late_s=late, rms_deg=float(np.degrees(least)), as_stamped_deg=float(np.degrees(here)))
 
 
-def clock_finding(offset: ClockOffset | None, moving: Sequence[int], stops: int) -> Finding | None:
+def clock_finding(offset: ClockOffset | None, moving: tuple[int, ...], stops: int) -> Finding | None:
     """Return what is said of the clocks; None if nothing speaks against one clock.
 
     Parameters
@@ -124,21 +125,21 @@ def clock_finding(offset: ClockOffset | None, moving: Sequence[int], stops: int)
             f"rolled agree to {offset.rms_deg:.1f} deg, as stamped to {offset.as_stamped_deg:.0f} deg)",
             advice=advice,
             blocks=True,
-            stops=tuple(moving),
+            stops=moving,
             size=offset.late_s,
             sigma=_COARSE_S / 2,
             unit="s",
         )
-    if len(moving) >= max(2, stops // 3):
-        return Finding(
-            cause="clock",
-            text=f"at {len(moving)} of {stops} stops the picture moves while the wheels stand: the stamps of camera "
-            "and wheels do not fit together",
-            advice=advice,
-            blocks=True,
-            stops=tuple(moving),
+    if not moving or len(moving) < stops // MOVING_SHARE:
+        return None
+    of = f"at {len(moving)} of {stops} stops" if len(moving) > 1 else f"at stop {moving[0] + 1} of {stops}"
+    text = f"{of} the picture moves while the wheels stand: the stamps of camera and wheels do not fit together"
+    if moving[0] > 0 and len(moving) > 1 and moving == tuple(range(moving[0], stops)):
+        text = (
+            f"from stop {moving[0] + 1} of {stops} on the picture moves while the wheels stand: the clocks of camera "
+            "and wheels drift apart"
         )
-    return None
+    return Finding(cause="clock", text=text, advice=advice, blocks=len(moving) >= max(2, stops // 3), stops=moving)
 
 
 def _misfit(drive: Correspondences, camera: CameraStep, t_ns: Array) -> float:

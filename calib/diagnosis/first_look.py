@@ -6,10 +6,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from boxcal.calib.diagnosis.clock import clock_finding, find_offset, moving_pictures
+from boxcal.calib.diagnosis.counters import counter_finding
+from boxcal.calib.diagnosis.frozen import without_frozen
 from boxcal.calib.diagnosis.layout import other_layout
 from boxcal.calib.diagnosis.sheets import Gluing, find_gluing
+from boxcal.calib.diagnosis.sheets_by_wheels import gluing_by_wheels
 from boxcal.calib.diagnosis.standing import Standing, how_it_stands, side_finding
-from boxcal.calib.diagnosis.wheel_signs import LEAST_STOPS, Explained, explain_signs
+from boxcal.calib.diagnosis.wheel_signs import LEAST_STOPS, Explained, agree, explain_signs
 from boxcal.calib.errors import CalibError
 from boxcal.calib.four_steps.procedure import MIN_STOPS, FourSteps, solve_motion
 from boxcal.calib.four_steps.step1_camera import CameraMode, CameraStep, calibrate_camera
@@ -20,7 +23,7 @@ from boxcal.target.box import FACES, Target
 
 LAYOUT_RMS_PX = 1.0
 """Reprojection errors of step 1 (root mean square) from which on the prints' layout is looked at."""
-_UPSIDE_DOWN = Gluing(face=(0, 3, 2, 1), turned=(True,) * FACES, misfit_deg=0.0, described_deg=0.0, views=0)
+_UPSIDE_DOWN = Gluing(face=(0, 3, 2, 1), turned=(True,) * FACES)
 """A box upside down is a box upright whose sheets run round it in reverse order, each upside down."""
 
 
@@ -44,6 +47,14 @@ class FirstLook:
     findings: tuple[Finding, ...]
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Relaid:
+    """Landmarks elsewhere than described, with which the four steps work, and what is said of that."""
+
+    gluing: Gluing
+    finding: Finding
+
+
 def first_look(drives: Sequence[Correspondences], target: Target, mode: CameraMode = CameraMode.JOINT) -> FirstLook:
     """Return the four steps of each drive, with sheets and box as they are glued and stand.
 
@@ -53,6 +64,9 @@ def first_look(drives: Sequence[Correspondences], target: Target, mode: CameraMo
         If the drives do not determine the calibration: the cause, where one explains that.
     """
     findings: list[Finding] = []
+    thawed = [without_frozen(drive) for drive in drives]
+    drives = [drive for drive, _ in thawed]
+    findings += [finding for _, finding in thawed if finding is not None]
     stops = [stop for drive in drives for stop in drive.stops]
     gluing = find_gluing(stops, drives[0].image_size, target)
     if gluing is not None and not gluing.as_described:
@@ -62,35 +76,28 @@ def first_look(drives: Sequence[Correspondences], target: Target, mode: CameraMo
     steps = []
     for drive in drives:
         found = _steps(drive, target, mode)
-        if isinstance(found, Explained):
-            return _turned_over(drives, target, mode, found, findings)
+        if isinstance(found, _Relaid):
+            return _relaid(drives, target, mode, found, findings)
         steps.append(found)
     return FirstLook(drives=tuple(drives), target=target, steps=tuple(steps), findings=tuple(findings))
 
 
-def _turned_over(
-    drives: Sequence[Correspondences], target: Target, mode: CameraMode, why: Explained, findings: list[Finding]
+def _relaid(
+    drives: Sequence[Correspondences], target: Target, mode: CameraMode, why: _Relaid, findings: list[Finding]
 ) -> FirstLook:
-    """Return the look at a box upside down, its landmarks where they are."""
-    target = _UPSIDE_DOWN.target(target)
+    """Return the look at a box whose landmarks are elsewhere than described, with them where they are."""
+    target = why.gluing.target(target)
     drives = [_placed(drive, target) for drive in drives]
     steps = []
     for drive in drives:
         found = _steps(drive, target, mode)
-        if isinstance(found, Explained):
+        if isinstance(found, _Relaid):
             raise CalibError(
-                "the box stands upside down in some of the drives and upright in others",
+                f"{why.finding.text.partition(':')[0]} in some of the drives and not in others",
                 remedy="calibrate them apart",
             )
         steps.append(found)
-    finding = Finding(
-        cause=why.key,
-        text=f"{why.text}: {why.figures}, as described they fit no wheels that roll forward; the landmarks were taken "
-        "where they are",
-        advice=why.advice,
-        adopted=True,
-    )
-    return FirstLook(drives=tuple(drives), target=target, steps=tuple(steps), findings=(*findings, finding))
+    return FirstLook(drives=tuple(drives), target=target, steps=tuple(steps), findings=(*findings, why.finding))
 
 
 def _placed(drive: Correspondences, target: Target) -> Correspondences:
@@ -101,8 +108,8 @@ def _placed(drive: Correspondences, target: Target) -> Correspondences:
     return replace(drive, stops=tuple(stops))
 
 
-def _steps(drive: Correspondences, target: Target, mode: CameraMode) -> FourSteps | Explained:
-    """Return the four steps of a drive, or that its box stands upside down."""
+def _steps(drive: Correspondences, target: Target, mode: CameraMode) -> FourSteps | _Relaid:
+    """Return the four steps of a drive, or where its landmarks are instead of where they should be."""
     if len(drive.stops) < MIN_STOPS:
         raise CalibError(
             f"{len(drive.stops)} usable stops", needed=f"at least {MIN_STOPS} are needed", remedy="add stops"
@@ -115,11 +122,13 @@ def _steps(drive: Correspondences, target: Target, mode: CameraMode) -> FourStep
         )
     if how_it_stands(camera.T_cam_box) is Standing.ON_SIDE:
         raise _error(side_finding(camera.T_cam_box, target))
+    legs = legs_between(drive, camera.kept)
     try:
-        return solve_motion(camera, legs_between(drive, camera.kept))
+        steps = solve_motion(camera, legs)
+        return steps if agree(steps) else _sheets_elsewhere(drive, target, mode) or steps
     except CalibError as error:
-        cause = _cause(error, drive, camera, target)
-        if isinstance(cause, Explained):
+        cause = _cause(error, drive, camera, target, mode)
+        if isinstance(cause, _Relaid):
             return cause
         if cause is not None:
             raise cause from error
@@ -127,32 +136,65 @@ def _steps(drive: Correspondences, target: Target, mode: CameraMode) -> FourStep
 
 
 def _cause(
-    error: CalibError, drive: Correspondences, camera: CameraStep, target: Target
-) -> Explained | CalibError | None:
-    """Return why the steps fail, as an error; or that the box stands upside down."""
+    error: CalibError, drive: Correspondences, camera: CameraStep, target: Target, mode: CameraMode
+) -> _Relaid | CalibError | None:
+    """Return why the steps fail, as an error; or where the landmarks are instead."""
     explained = explain_signs(camera, legs_between(drive, camera.kept), target)
     if explained is not None and explained.key == "box-upside-down":
-        return explained
+        return _Relaid(gluing=_UPSIDE_DOWN, finding=_turned_over(explained))
     if explained is not None:
         return CalibError(
             f"{explained.text}: {explained.figures}, as recorded they fit no wheels that roll forward",
             remedy=explained.advice,
         )
-    if camera.rms_px > LAYOUT_RMS_PX:
-        layout = other_layout(drive.stops, target)
-        if layout is not None:
-            return _error(layout)
-    clock = clock_finding(find_offset(drive, camera), moving_pictures(drive), len(drive.stops))
-    if clock is not None:
-        return _error(clock)
-    if len(camera.kept) >= LEAST_STOPS and ("swapped" in str(error) or "reversed" in str(error)):
+    elsewhere = _sheets_elsewhere(drive, target, mode)
+    if elsewhere is not None:
+        return elsewhere
+    causes = (
+        other_layout(drive.stops, target) if camera.rms_px > LAYOUT_RMS_PX else None,
+        counter_finding(drive.wheels),
+        clock_finding(find_offset(drive, camera), moving_pictures(drive), len(drive.stops)),
+    )
+    named = next((cause for cause in causes if cause is not None), None)
+    if named is not None:
+        return _error(named)
+    return _no_wheels(camera) if "swapped" in str(error) or "reversed" in str(error) else None
+
+
+def _no_wheels(camera: CameraStep) -> CalibError:
+    """Return that no wheels fit, where nothing explains that."""
+    text = "turns seen and turns rolled fit no wheels that roll forward"
+    if len(camera.kept) < LEAST_STOPS:
         return CalibError(
-            "turns seen and turns rolled fit no wheels that roll forward: neither exchanged nor reversed wheels, nor a "
-            "box upside down, nor another stamp of the pictures explains it (strong slip, a robot lifted, or a box "
-            "moved)",
-            remedy="drive slower, on a dry floor, and fasten the box",
+            f"{text}, and {len(camera.kept)} stops are too few to tell why "
+            f"({'; '.join(camera.notes) or 'exchanged or reversed wheels, slip, a box moved'})",
+            needed=f"at least {LEAST_STOPS} are needed",
+            remedy="add stops, and check which joint is left and which right",
         )
-    return None
+    return CalibError(
+        f"{text}: neither exchanged nor reversed wheels, nor a box upside down, nor sheets exchanged, nor another "
+        "stamp of the pictures explains it (strong slip, a robot lifted, or a box moved)",
+        remedy="drive slower, on a dry floor, and fasten the box",
+    )
+
+
+def _sheets_elsewhere(drive: Correspondences, target: Target, mode: CameraMode) -> _Relaid | None:
+    """Return sheets exchanged or upside down with which wheels and pictures agree, as described they do not."""
+    elsewhere = gluing_by_wheels(drive, target, mode, _placed)
+    if elsewhere is None:
+        return None
+    gluing, figures = elsewhere
+    return _Relaid(gluing=gluing, finding=gluing.finding(f"{figures}, as described they fit no usual wheels"))
+
+
+def _turned_over(why: Explained) -> Finding:
+    return Finding(
+        cause=why.key,
+        text=f"{why.text}: {why.figures}, as described they fit no wheels that roll forward; the landmarks were taken "
+        "where they are",
+        advice=why.advice,
+        adopted=True,
+    )
 
 
 def _error(finding: Finding) -> CalibError:

@@ -3,6 +3,7 @@
 import numpy as np
 
 from boxcal.calib.diagnosis.clock import clock_finding, moving_pictures
+from boxcal.calib.diagnosis.counters import WRAPS, counter_finding
 from boxcal.calib.diagnosis.first_look import LAYOUT_RMS_PX, FirstLook
 from boxcal.calib.diagnosis.joint_units import judge_units
 from boxcal.calib.diagnosis.layout import other_layout
@@ -24,7 +25,8 @@ def last_look(look: FirstLook, found: Estimate) -> tuple[Finding, ...]:
     """
     out: list[Finding | None] = []
     units = look.drives[0].units
-    if units.unit is not JointUnit.METRES:
+    out += [counter_finding(drive.wheels, WRAPS) for drive in look.drives]
+    if units.unit is not JointUnit.METRES and all(f is None for f in out):
         steps = look.drives[0].wheels.encoder_steps
         raw = (steps[0] / abs(units.factors[0]), steps[1] / abs(units.factors[1]))
         out.append(judge_units(found.rR, found.rL, found.b, raw))

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from boxcal.calib.diagnosis.counters import MANY_TIMES, jump_limit, largest_steps
 from boxcal.calib.diagnosis.leg_likelihoods import LegCause, leg_log_evidences, slip_of
 from boxcal.calib.likelihood.estimate import Estimate, FlaggedLeg
 from boxcal.calib.likelihood.finding import Finding
@@ -16,11 +17,7 @@ from boxcal.calib.likelihood.leg_outliers import box_motion
 from boxcal.detect.correspondences import Correspondences
 from boxcal.target.arrays import Array
 
-_JUMP_RAD = 0.5
-"""Wheel travel within one sample (20 ms, usually) that no motor makes."""
 _SILENT_S = 0.5
-_JUMP_SHARE = 10.0
-"""And so many times as much as the largest but a few of its kind."""
 
 
 def leg_findings(fit: Fit, found: Estimate, drives: Sequence[Correspondences]) -> tuple[Finding, ...]:
@@ -123,11 +120,10 @@ def _unknown(fit: Fit, k: int) -> Finding:
 def _jump(drive: Correspondences, leg: FlaggedLeg) -> tuple[float | None, float | None]:
     """Return the largest travel within one sample of a leg, rad, and the longest time without one, s, if unusual."""
     t_ns = drive.wheels.t_ns
-    every = np.abs(np.diff(np.stack([drive.wheels.phi_R, drive.wheels.phi_L]), axis=1)).max(axis=0)
+    every = largest_steps(drive.wheels)
     first, last = drive.stops[leg.leg].last_sample, drive.stops[leg.next_stop].first_sample
     largest = float(every[first:last].max(initial=0.0))
-    usual = float(np.quantile(every, 0.99)) if every.size else 0.0
     dt = np.diff(t_ns[first : last + 1]) * 1e-9
     longest = float(dt.max(initial=0.0))
-    silent = longest if longest > max(_SILENT_S, _JUMP_SHARE * float(np.median(np.diff(t_ns))) * 1e-9) else None
-    return (largest if largest > max(_JUMP_RAD, _JUMP_SHARE * usual) else None), silent
+    silent = longest if longest > max(_SILENT_S, MANY_TIMES * float(np.median(np.diff(t_ns))) * 1e-9) else None
+    return (largest if largest > jump_limit(every) else None), silent

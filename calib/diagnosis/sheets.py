@@ -50,9 +50,9 @@ class Gluing:
 
     face: tuple[int, ...]
     turned: tuple[bool, ...]
-    misfit_deg: float
-    described_deg: float
-    views: int
+    misfit_deg: float = 0.0
+    described_deg: float = 0.0
+    views: int = 0
 
     @property
     def as_described(self) -> bool:
@@ -69,8 +69,8 @@ class Gluing:
             faces[rows] = self.face[sheet]
         return replace(target, tag_corners=corners, tag_faces=faces)
 
-    def finding(self) -> Finding:
-        """Return it in words."""
+    def finding(self, why: str = "") -> Finding:
+        """Return it in words; why it is believed, where no views of two faces show it."""
         moved = [s for s in range(FACES) if self.face[s] != s]
         words = []
         if len(moved) == 2 and (moved[1] - moved[0]) % 2 == 0:
@@ -92,10 +92,13 @@ class Gluing:
                 else f"sheets {', '.join(upside[:-1])} and {upside[-1]} are glued upside down"
             )
         cause = "sheets-upside-down" if not moved else "sheets-swapped"
+        why = why or (
+            f"{self.views} views of two faces at once fit that to {self.misfit_deg:.1f} deg, the box as described to "
+            f"{self.described_deg:.0f} deg"
+        )
         return Finding(
             cause=cause,
-            text=f"{' and '.join(words)}: {self.views} views of two faces at once fit that to {self.misfit_deg:.1f} "
-            f"deg, the box as described to {self.described_deg:.0f} deg; the landmarks were taken where they are",
+            text=f"{' and '.join(words)}: {why}; the landmarks were taken where they are",
             advice="Glue the sheets as the assembly guide shows, or keep this box for this fleet only.",
             adopted=True,
         )
@@ -194,14 +197,17 @@ def _planar_poses(p: Array, uv_px: Array, K: Array) -> list[Array]:
 def _costs(seen: list[list[Array]], target: Target) -> Array:
     """Return the misfit, deg, summed over views, for each couple of faces and ways up: (FACES, FACES, 2, 2)."""
     out = np.full((FACES, FACES, 2, 2), _CAP_DEG * len(seen))
-    for a, b in permutations(range(FACES), 2):
-        for up in product((0, 1), repeat=2):
-            T = inverse(_pose(target, a, up[0])) @ _pose(target, b, up[1])
-            out[a, b, up[0], up[1]] = sum(min(_difference(T, view) for view in views) for views in seen)
+    poses = np.array([[_pose(target, face, up) for up in (0, 1)] for face in range(FACES)])
+    T = inverse(poses)[:, None, :, None] @ poses[None, :, None, :]  # (FACES, FACES, 2, 2, 4, 4)
+    each = [np.min([_difference(T, view) for view in views], axis=0) for views in seen]
+    apart = ~np.eye(FACES, dtype=bool)
+    out[apart] = np.sum(each, axis=0)[apart]
     return out
 
 
-def _difference(T: Array, seen: Array) -> float:
-    cosine = (np.trace(T[:3, :3].T @ seen[:3, :3]) - 1) / 2
-    angle = float(np.degrees(np.arccos(np.clip(cosine, -1, 1))))
-    return min(angle + _DEG_A_METRE * float(np.linalg.norm(T[:3, 3] - seen[:3, 3])), _CAP_DEG)
+def _difference(T: Array, seen: Array) -> Array:
+    """Return how far poses (..., 4, 4) are from one, deg, distances counted in."""
+    cosine = (np.einsum("...ij,ij->...", T[..., :3, :3], seen[:3, :3]) - 1) / 2
+    angle = np.degrees(np.arccos(np.clip(cosine, -1, 1)))
+    off = np.linalg.norm(T[..., :3, 3] - seen[:3, 3], axis=-1)
+    return np.asarray(np.minimum(angle + _DEG_A_METRE * off, _CAP_DEG))

@@ -50,10 +50,13 @@ class Explained:
     @property
     def figures(self) -> str:
         """Quality of the fit in words."""
-        rms = np.degrees(self.steps.heading.rms)
-        return (
-            f"so turns seen and rolled agree to {rms:.2g} deg and places to {self.steps.mounting.misfit * 1e3:.2g} mm"
-        )
+        return agreement(self.steps)
+
+
+def agreement(steps: FourSteps) -> str:
+    """Return how well wheels and images agree, in words."""
+    rms = np.degrees(steps.heading.rms)
+    return f"so turns seen and rolled agree to {rms:.2g} deg and places to {steps.mounting.misfit * 1e3:.2g} mm"
 
 
 def explain_signs(camera: CameraStep, legs: Legs, target: Target) -> Explained | None:
@@ -66,7 +69,7 @@ def explain_signs(camera: CameraStep, legs: Legs, target: Target) -> Explained |
         return None
     standing = how_it_stands(camera.T_cam_box)
     turned = replace(camera, T_cam_box=camera.T_cam_box @ inverse(upside_down(target)))
-    over = _fitting(turned, legs) if standing in {Standing.UPSIDE_DOWN, Standing.UNCLEAR} else None
+    over = fitting(turned, legs) if standing in {Standing.UPSIDE_DOWN, Standing.UNCLEAR} else None
     if over is not None and (standing is Standing.UPSIDE_DOWN or float(np.median(_heights(camera.T_cam_box))) < 0):
         return Explained(
             key="box-upside-down",
@@ -88,7 +91,7 @@ def explain_signs(camera: CameraStep, legs: Legs, target: Target) -> Explained |
     )
     fits = []
     for key, text, advice, changed in tried:
-        steps = _fitting(camera, changed)
+        steps = fitting(camera, changed)
         if steps is not None:
             fits.append(Explained(key=key, text=text, advice=advice, steps=steps))
     best = min(fits, key=lambda e: e.steps.mounting.misfit, default=None)
@@ -101,17 +104,21 @@ def _heights(T_cam_box: Array) -> Array:
     return np.asarray(inverse(T_cam_box)[:, 2, 3])
 
 
-def _fitting(camera: CameraStep, legs: Legs) -> FourSteps | None:
+def fitting(camera: CameraStep, legs: Legs) -> FourSteps | None:
     """Return the four steps' solution if wheels and images agree on it."""
     try:
         steps = solve_motion(camera, legs)
     except (CalibError, np.linalg.LinAlgError):
         return None
-    u = upright_translations(camera.T_cam_box, steps.axis.a2, steps.axis.a3)
+    return steps if agree(steps) else None
+
+
+def agree(steps: FourSteps) -> bool:
+    """Return whether turns and places that are seen and rolled agree, with wheels that are alike."""
+    u = upright_translations(steps.camera.T_cam_box, steps.axis.a2, steps.axis.a3)
     moved = float(np.sqrt(np.mean(np.sum(u**2, axis=1))))
-    fits = (
+    return bool(
         steps.heading.rms < np.radians(MAX_HEADING_DEG)
         and steps.mounting.misfit < MAX_MISFIT * moved
         and abs(np.log(steps.mounting.rR / steps.mounting.rL)) < MAX_UNLIKE
     )
-    return steps if fits else None

@@ -212,7 +212,8 @@ def _drive(
     seen = wheels.phi.copy()
     for row, lost in wheels.restarts:
         seen[int(row) :] -= lost
-    read = _read(seen[at], options.encoder_step) * faults.wheels.counts
+    step = options.encoder_step if faults.wheels.encoder_step is None else faults.wheels.encoder_step
+    read = _read(seen[at], step) * faults.wheels.counts
     poses = path[ends[:, 0]]
     return Drive(
         t_ns=t_ns[at],

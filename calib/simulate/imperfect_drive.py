@@ -108,6 +108,8 @@ def _look(
     outward /= np.linalg.norm(outward, axis=2, keepdims=True)
     uv = uv + faults.noise * rng.standard_normal(uv.shape) + faults.shift * rng.standard_normal(2)
     uv = uv + faults.spread * rng.standard_normal() * outward.reshape(-1, 2)
+    face = np.repeat(built.tag_faces[np.searchsorted(built.tag_ids, ids)], CORNERS)
+    uv[:, 0] += faults.side_light * np.cos(2 * np.pi * face / FACES)
     cov = np.eye(2) * (faults.noise**2 + motion)[:, None, None]
     return (CORNERS * ids[:, None] + np.arange(CORNERS)).ravel(), uv, cov
 

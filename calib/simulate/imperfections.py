@@ -34,6 +34,8 @@ class WheelFaults:
         Both readings fall by an angle in the middle of a leg.
     counts : (right, left)
         Factors on the readings.
+    encoder_step : rad, optional
+        Of the encoders, instead of the drive's.
     """
 
     eccentric: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
@@ -48,6 +50,7 @@ class WheelFaults:
     carried: tuple[int, float, float, float] | None = None
     restart: tuple[int, float] | None = None
     counts: tuple[float, float] = (1.0, 1.0)
+    encoder_step: float | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -66,8 +69,12 @@ class CameraFaults:
         How late the pictures' stamps are, at the first stop, and how much later each second.
     lens : (k2, p1, p2, k3)
         Further coefficients of the Brown model.
+    fisheye : (k1, k2, k3, k4), optional
+        Equidistant camera of these coefficients (OpenCV's), instead of the robot's.
     noise, shift, spread : px
         Standard deviations: of each coordinate, and common to one stop: of the picture's shift and of the tags' black.
+    side_light : px
+        Shift to the right of all corners of face 0, lit from one side; less on the others, as they face that light.
     """
 
     knocked: tuple[int, tuple[float, float, float, float, float, float]] | None = None
@@ -76,9 +83,11 @@ class CameraFaults:
     late: float = 0.0
     drift: float = 0.0
     lens: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
+    fisheye: tuple[float, float, float, float] | None = None
     noise: float = 0.05
     shift: float = 0.0
     spread: float = 0.0
+    side_light: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

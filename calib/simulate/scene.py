@@ -63,6 +63,11 @@ def make_scene(robot: Robot, faults: Imperfections, stops: int, rng: np.random.G
 def _camera(robot: Robot, faults: CameraFaults, stop: int, focus: float) -> CameraModel:
     """Return the camera at a stop: with the further coefficients, refocused, cropped."""
     camera = robot.camera
+    if faults.fisheye is not None:
+        k1, k2, k3, k4 = faults.fisheye
+        camera = CameraModel(
+            fu=camera.fu, fv=camera.fv, cu=camera.cu, cv=camera.cv, kr=k1, k2=k2, k3=k3, k4=k4, kind=CameraKind.FISHEYE
+        )
     if camera.kind is CameraKind.RADIAL and any(faults.lens):
         k2, p1, p2, k3 = faults.lens
         camera = replace(camera, kind=CameraKind.BROWN, k2=k2, p1=p1, p2=p2, k3=k3)

@@ -316,6 +316,27 @@ HARMLESS: tuple[Violation, ...] = (
         draw=lambda f, s, _r, _g: _camera(f, shift=s, spread=s),
     ),
     Violation(
+        name="fisheye",
+        causes=(),
+        sizes=(0,),
+        unit="",
+        draw=lambda f, _s, _r, g: _camera(f, fisheye=tuple(g.normal(0, (0.02, 0.01, 0.003, 0.001)).tolist())),
+    ),
+    Violation(
+        name="light from one side",
+        causes=(),
+        sizes=(0.03, 0.1),
+        unit="px",
+        draw=lambda f, s, _r, _g: _camera(f, side_light=s),
+    ),
+    Violation(
+        name="coarse encoders",
+        causes=(),
+        sizes=(2.0, 6.0),
+        unit="deg",
+        draw=lambda f, s, _r, _g: _wheels(f, encoder_step=radians(s)),
+    ),
+    Violation(
         name="slip differs by leg",
         causes=(),
         sizes=(0.8,),

@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 
 from boxcal.calib.diagnosis.clock import clock_finding, find_offset
+from boxcal.calib.diagnosis.counters import counter_finding
 from boxcal.calib.diagnosis.first_look import FirstLook, first_look
+from boxcal.calib.diagnosis.frozen import frozen_stops
 from boxcal.calib.diagnosis.joint_units import judge_units
 from boxcal.calib.diagnosis.last_look import last_look
 from boxcal.calib.diagnosis.layout import other_layout
@@ -21,6 +23,7 @@ from boxcal.calib.simulate.imperfect_drive import imperfect_drive
 from boxcal.calib.simulate.imperfections import BoxFaults, Imperfections, WheelFaults
 from boxcal.calib.simulate.robot import Robot, khepera, turtlebot
 from boxcal.detect.correspondences import Correspondences
+from boxcal.detect.log.wheel_samples import WheelSamples
 from boxcal.target.box import Box, make_target
 
 TARGET = make_target()
@@ -54,6 +57,108 @@ def test_sheets_are_found_where_they_are_and_the_result_is_right(box: BoxFaults,
     found = estimate(look.drives, look.steps)
     assert abs(found.b - robot.b) < 4 * found.sigma["b"]
     assert abs(found.camera.fu - robot.camera.fu) < 4 * found.sigma["fu"]
+
+
+def one_sheet_a_stop(seen: Correspondences) -> Correspondences:
+    """Return a drive that sees one sheet at each stop, the one with the most tags."""
+    stops = []
+    for stop in seen.stops:
+        sheet = TARGET.tag_faces[[TARGET.row_of(int(i) // 4) for i in stop.landmark_ids]]
+        on = sheet == np.bincount(sheet).argmax()
+        ids, p, uv, cov = stop.landmark_ids[on], stop.p_box[on], stop.uv_px[on], stop.cov_px2[on]
+        faces = None if stop.faces is None else stop.faces[on]
+        stops.append(replace(stop, landmark_ids=ids, p_box=p, uv_px=uv, cov_px2=cov, faces=faces))
+    return replace(seen, stops=tuple(stops))
+
+
+@pytest.mark.parametrize(
+    ("box", "said"),
+    [
+        (BoxFaults(order=(1, 0, 2, 3)), "sheets 0 and 1 are swapped"),
+        (BoxFaults(order=(0, 3, 2, 1)), "in reverse order"),
+        (BoxFaults(turned=(2,)), "sheet 2 is glued upside down"),
+    ],
+)
+def test_sheets_that_are_never_seen_together_are_found_by_the_wheels(box: BoxFaults, said: str) -> None:
+    robot = turtlebot()
+    seen = one_sheet_a_stop(drive(robot, Imperfections(box=box)))
+    assert find_gluing(seen.stops, seen.image_size, TARGET) is None
+    look = first_look([seen], TARGET)
+    assert said in look.findings[0].text
+    assert "agree to" in look.findings[0].text
+    found = estimate(look.drives, look.steps)
+    assert abs(found.b - robot.b) < 4 * found.sigma["b"]
+
+
+def test_one_sheet_a_stop_where_it_belongs_is_left_alone() -> None:
+    assert first_look([one_sheet_a_stop(drive(turtlebot(), Imperfections()))], TARGET).findings == ()
+
+
+def test_a_frozen_picture_is_left_out_and_said() -> None:
+    seen = drive(turtlebot(), Imperfections())
+    first = seen.stops[4]
+    repeated = tuple(
+        replace(
+            stop, landmark_ids=first.landmark_ids, p_box=first.p_box, uv_px=first.uv_px, cov_px2=first.cov_px2,
+            faces=first.faces,
+        )
+        if j in {5, 6}
+        else stop
+        for j, stop in enumerate(seen.stops)
+    )  # fmt: skip
+    look = first_look([replace(seen, stops=repeated)], TARGET)
+    assert [f.cause for f in look.findings] == ["pictures-frozen"]
+    assert "stops 6, 7 of 12" in look.findings[0].text
+    assert len(look.drives[0].stops) == 10
+    found = estimate(look.drives, look.steps)
+    assert abs(found.b - turtlebot().b) < 4 * found.sigma["b"]
+    assert frozen_stops(seen.stops) == ()
+
+
+@pytest.mark.parametrize("around", [4.5, 20.0])
+def test_counters_that_wrap_around_are_named(around: float) -> None:
+    seen = drive(turtlebot(), Imperfections())
+    wheels = seen.wheels
+    wrapped = replace(wheels, phi_R=np.mod(wheels.phi_R, around), phi_L=np.mod(wheels.phi_L, around))
+    finding = counter_finding(wrapped)
+    assert finding is not None
+    assert "wrap around" in finding.text
+    assert finding.size == pytest.approx(around, rel=0.05)
+    assert counter_finding(wheels) is None
+    if around > 10:
+        with pytest.raises(CalibError, match=r"readings jump \d+ times"):
+            first_look([read_by(seen, wrapped)], TARGET)
+    else:  # some wheels fit, nonsense though they are
+        named = causes(first_look([read_by(seen, wrapped)], TARGET))
+        assert named[-1] == "encoder-restart"
+        assert "unit" not in named
+
+
+def read_by(seen: Correspondences, wheels: WheelSamples) -> Correspondences:
+    """Return a drive with other wheel readings, those at its stops too."""
+    stops = tuple(
+        replace(stop, phi_R=float(wheels.phi_R[stop.first_sample]), phi_L=float(wheels.phi_L[stop.first_sample]))
+        for stop in seen.stops
+    )
+    return replace(seen, wheels=wheels, stops=stops)
+
+
+def test_few_stops_with_impossible_wheels_do_not_say_swapped() -> None:
+    seen = drive(turtlebot(), Imperfections(wheels=WheelFaults(counts=(-1.0, -1.0))))
+    with pytest.raises(CalibError, match="4 stops are too few to tell why"):
+        first_look([replace(seen, stops=seen.stops[:4])], TARGET)
+
+
+def test_clocks_that_drift_apart_are_told_from_an_offset() -> None:
+    late = clock_finding(None, (1, 4, 9), 12)
+    assert late is not None
+    assert not late.blocks
+    drifting = clock_finding(None, (8, 9, 10, 11), 12)
+    assert drifting is not None
+    assert "from stop 9 of 12 on" in drifting.text
+    assert "drift apart" in drifting.text
+    assert drifting.blocks
+    assert clock_finding(None, (3,), 12) is None
 
 
 def test_a_box_as_described_is_left_alone() -> None:

@@ -1,0 +1,49 @@
+"""Encoder counters that jump: they wrap around, or begin anew, within one sample."""
+
+import numpy as np
+
+from boxcal.calib.likelihood.finding import Finding
+from boxcal.detect.log.wheel_samples import WheelSamples
+from boxcal.target.arrays import Array
+
+JUMP_RAD = 0.5
+"""Wheel travel within one sample (20 ms, usually) that no motor makes."""
+MANY_TIMES = 10.0
+"""And so many times as much as the largest but a few of its kind."""
+_ALIKE = 0.2
+_LARGE_SHARE = 0.95
+
+
+def largest_steps(wheels: WheelSamples) -> Array:
+    """Return the larger of both wheels' travel in each sample, (S - 1,) rad."""
+    return np.asarray(np.abs(np.diff(np.stack([wheels.phi_R, wheels.phi_L]), axis=1)).max(axis=0))
+
+
+def jump_limit(steps: Array) -> float:
+    """Return the travel within one sample, rad, beyond which readings jump."""
+    usual = float(np.quantile(steps, _LARGE_SHARE)) if steps.size else 0.0
+    return max(JUMP_RAD, MANY_TIMES * usual)
+
+
+WRAPS = 3
+"""Jumps from which on readings wrap around: no leg can be trusted then; fewer cost the legs that they are on."""
+
+
+def counter_finding(wheels: WheelSamples, least: int = 1) -> Finding | None:
+    """Return what is said of readings that jump, as often as given or more; None if they do not."""
+    steps = largest_steps(wheels)
+    jumps = steps[steps > jump_limit(steps)]
+    if jumps.size < max(least, 1):
+        return None
+    size = float(np.median(jumps))
+    alike = jumps.size > 1 and float(np.ptp(jumps)) < _ALIKE * size
+    often = "once" if jumps.size == 1 else f"{jumps.size} times"
+    why = "counters that wrap around" if alike else "counters that begin anew, or lost messages"
+    return Finding(
+        cause="encoder-restart",
+        text=f"the wheels' readings jump {often}, by {size:.1f} rad within one sample ({why})",
+        advice="Make the driver's counters go on beyond their range, and look for restarts of the driver.",
+        blocks=True,
+        size=size,
+        unit="rad",
+    )

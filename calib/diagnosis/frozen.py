@@ -1,0 +1,45 @@
+"""Pictures that stay the same while the robot drives: a camera driver that repeats its last frame."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from boxcal.calib.likelihood.finding import Finding
+from boxcal.detect.correspondences import Correspondences, StopObservation
+
+SAME_PX = 0.02
+"""Two stops show one picture if no corner differs by more: noise alone makes two pictures differ by that."""
+MOVED_RAD = 0.2
+"""And if a wheel turned by more than this between them."""
+
+
+def frozen_stops(stops: Sequence[StopObservation]) -> tuple[int, ...]:
+    """Return the stops, from 0, whose picture is that of the stop before although the wheels turned."""
+    return tuple(j for j in range(1, len(stops)) if _same(stops[j - 1], stops[j]) and _moved(stops[j - 1], stops[j]))
+
+
+def without_frozen(drive: Correspondences) -> tuple[Correspondences, Finding | None]:
+    """Return a drive without stops whose picture is an older one, and what is said of them; None if there are none."""
+    frozen = frozen_stops(drive.stops)
+    if not frozen:
+        return drive, None
+    stops = tuple(stop for j, stop in enumerate(drive.stops) if j not in frozen)
+    numbers = ", ".join(str(j + 1) for j in frozen)
+    finding = Finding(
+        cause="pictures-frozen",
+        text=f"the camera's picture does not change while the robot drives on (stops {numbers} of {len(drive.stops)} "
+        "show the picture of the stop before): these stops were left out",
+        advice="Look for a camera driver that hangs and repeats its last frame.",
+        adopted=True,
+        stops=frozen,
+    )
+    return replace(drive, stops=stops), finding
+
+
+def _same(a: StopObservation, b: StopObservation) -> bool:
+    return np.array_equal(a.landmark_ids, b.landmark_ids) and bool(np.all(np.abs(a.uv_px - b.uv_px) < SAME_PX))
+
+
+def _moved(a: StopObservation, b: StopObservation) -> bool:
+    return max(abs(b.phi_R - a.phi_R), abs(b.phi_L - a.phi_L)) > MOVED_RAD

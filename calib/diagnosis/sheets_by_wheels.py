@@ -1,0 +1,63 @@
+"""Arrangement of the sheets where no picture shows two of them: the one under which wheels and pictures agree.
+
+With one sheet a picture, sheets exchanged or upside down put the robot elsewhere without any corner being off. Only the
+wheels tell: each arrangement with one thing wrong is tried, and the one that fits is taken.
+"""
+
+from collections.abc import Callable
+
+from boxcal.calib.diagnosis.sheets import Gluing
+from boxcal.calib.diagnosis.wheel_signs import LEAST_STOPS, agreement, fitting
+from boxcal.calib.errors import CalibError
+from boxcal.calib.four_steps.step1_camera import CameraMode, calibrate_camera
+from boxcal.calib.geometry.diff_drive import legs_between
+from boxcal.detect.correspondences import Correspondences
+from boxcal.target.box import FACES, Target
+
+_UPRIGHT = (False,) * FACES
+_ORDERS = ((1, 0, 2, 3), (0, 2, 1, 3), (0, 1, 3, 2), (3, 1, 2, 0), (2, 1, 0, 3))
+"""Faces of the sheets: neighbours exchanged, or in reverse order."""
+GLUINGS = (
+    *(Gluing(face=order, turned=_UPRIGHT) for order in _ORDERS),
+    *(Gluing(face=tuple(range(FACES)), turned=tuple(f == up for f in range(FACES))) for up in range(FACES)),
+)
+"""Arrangements with one thing wrong."""
+CLEARLY = 3.0
+"""Places agree so many times better under the arrangement that is taken than under any other that fits."""
+
+
+def gluing_by_wheels(
+    drive: Correspondences,
+    target: Target,
+    mode: CameraMode,
+    placed: Callable[[Correspondences, Target], Correspondences],
+) -> tuple[Gluing, str] | None:
+    """Return the arrangement under which wheels and pictures agree, with the figures of the fit; None if none does.
+
+    Parameters
+    ----------
+    drive
+        What the robot saw and did.
+    target
+        The box as described.
+    mode
+        For the camera's calibration.
+    placed
+        Gives a drive with its landmarks where another target has them.
+    """
+    if len(drive.stops) < LEAST_STOPS:
+        return None
+    fits = []
+    for gluing in GLUINGS:
+        there = placed(drive, gluing.target(target))
+        try:
+            camera = calibrate_camera(there.stops, there.image_size, mode)
+        except CalibError:
+            continue
+        steps = fitting(camera, legs_between(there, camera.kept)) if len(camera.kept) >= LEAST_STOPS else None
+        if steps is not None:
+            fits.append((steps.mounting.misfit, gluing, steps))
+    fits.sort(key=lambda fit: fit[0])
+    if not fits or (len(fits) > 1 and fits[1][0] < CLEARLY * fits[0][0]):
+        return None
+    return fits[0][1], agreement(fits[0][2])
