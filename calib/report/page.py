@@ -5,12 +5,13 @@ import hashlib
 import json
 from collections.abc import Mapping
 from datetime import datetime
+from functools import cache
 from importlib import resources
 from typing import Any
 
 from boxcal.calib.errors import CalibError
 
-_ESCAPED = {"<": "\\u003c", ">": "\\u003e", "&": "\\u0026", "\u2028": "\\u2028", "\u2029": "\\u2029"}
+_ESCAPED = str.maketrans({"<": "\\u003c", ">": "\\u003e", "&": "\\u0026"})
 
 
 def page(template: str, *, scripts: tuple[str, ...], data: Mapping[str, Any], **content: Any) -> bytes:
@@ -35,26 +36,37 @@ def page(template: str, *, scripts: tuple[str, ...], data: Mapping[str, Any], **
     CalibError
         If the extra ``report`` is not installed.
     """
-    try:
-        import jinja2  # noqa: PLC0415  an extra: only who asks for a report needs it
-    except ImportError as error:
-        raise CalibError("the report needs jinja2", remedy="install it with: pip install 'boxcal[report]'") from error
-    static = resources.files("boxcal.calib.report") / "static"
-    css = (static / "style.css").read_text(encoding="utf-8")
-    js = "\n".join((static / name).read_text(encoding="utf-8") for name in scripts)
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("boxcal.calib.report"),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
+    environment = _environment()
+    css = _static("style.css")
+    js = "\n".join(_static(name) for name in scripts)
     policy = (
         f"default-src 'none'; script-src '{_hash(js)}'; style-src '{_hash(css)}'; img-src data:; base-uri 'none'; "
         "form-action 'none'"
     )
     text = environment.get_template(template).render(css=css, js=js, policy=policy, data=embedded(data), **content)
     return text.encode()
+
+
+@cache
+def _environment() -> Any:
+    """Return jinja2's environment, which keeps compiled templates: those of a fleet's pages are compiled once."""
+    try:
+        import jinja2  # noqa: PLC0415  an extra: only who asks for a report needs it
+    except ImportError as error:
+        raise CalibError("the report needs jinja2", remedy="install it with: pip install 'boxcal[report]'") from error
+    return jinja2.Environment(
+        loader=jinja2.PackageLoader("boxcal.calib.report"),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        auto_reload=False,
+    )
+
+
+@cache
+def _static(name: str) -> str:
+    return (resources.files("boxcal.calib.report") / "static" / name).read_text(encoding="utf-8")
 
 
 def readable_time(created: str) -> str:
@@ -67,9 +79,8 @@ def readable_time(created: str) -> str:
 
 
 def embedded(data: Mapping[str, Any]) -> str:
-    """Return JSON that may stand inside a script element whatever texts it holds."""
-    text = json.dumps(data, separators=(",", ":"), allow_nan=False)
-    return "".join(_ESCAPED.get(c, c) for c in text)
+    """Return JSON, all in ASCII, that may stand inside a script element whatever texts it holds."""
+    return json.dumps(data, separators=(",", ":"), allow_nan=False).translate(_ESCAPED)
 
 
 def _hash(text: str) -> str:

@@ -6,7 +6,8 @@ import tempfile
 import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any, cast
+from functools import cache
+from typing import IO, Any, cast
 
 import cv2
 import numpy as np
@@ -219,20 +220,28 @@ def _decoder_complaints() -> Iterator[list[str]]:
     caller, so that the terminal stays clean and a half decoded picture is not taken for a whole one.
     """
     complaints: list[str] = []
+    catcher = _catcher()
     held = os.dup(2)
     try:
-        with tempfile.TemporaryFile() as catcher:
-            os.dup2(catcher.fileno(), 2)
-            try:
-                yield complaints
-            finally:
-                os.dup2(held, 2)
-            if catcher.seek(0, os.SEEK_END):
-                catcher.seek(0)
-                lines = catcher.read(4096).decode("utf-8", "replace").splitlines()
-                complaints += [line.strip() for line in lines if line.strip() and "extraneous bytes" not in line]
+        os.dup2(catcher.fileno(), 2)
+        try:
+            yield complaints
+        finally:
+            os.dup2(held, 2)
     finally:
         os.close(held)
+    if catcher.seek(0, os.SEEK_END):
+        catcher.seek(0)
+        lines = catcher.read(4096).decode("utf-8", "replace").splitlines()
+        complaints += [line.strip() for line in lines if line.strip() and "extraneous bytes" not in line]
+        catcher.seek(0)
+        catcher.truncate()
+
+
+@cache
+def _catcher() -> IO[bytes]:
+    """Return the file that the standard error of decoders goes to, empty between pictures."""
+    return tempfile.TemporaryFile()  # noqa: SIM115 - as long as this process
 
 
 Picture = NDArray[Any]

@@ -29,6 +29,7 @@ _LEAST_NOISE = 0.5
 """Grey levels of 255: rounding alone has a deviation of 0.3."""
 BANDS, MOST_BANDING = 8, 0.02
 """Lamps flicker in horizontal bands of a rolling shutter: bands compared, and their largest deviation in gain."""
+_SMOOTH = np.array([0.125, 0.25, 0.125], dtype=np.float32)
 _ROUNDS = 2
 _TUKEY = 4.685
 """Tukey's constant: 95 % of the efficiency of least squares under normal noise."""
@@ -89,16 +90,14 @@ def compare_frames(frames: Sequence[DeepGrey], mean: NDArray[np.float32]) -> Sti
     """
     n = len(frames)
     scale = 1.0 if frames[0].dtype == np.uint8 else 257.0
-    at, gradient = _strong_gradients(mean)
-    values = np.stack([frame.ravel()[at] for frame in frames], axis=1).astype(np.float64)
-    reference = np.median(values, axis=1)
-    fits = [_fit(values[:, k], reference, gradient) for k in range(n)]
-    coefficients = np.stack([fit[0] for fit in fits])
-    residuals = np.stack([fit[1] for fit in fits])
+    at, gradient = _strong_gradients(mean, scale)
+    values = np.stack([frame.ravel()[at] for frame in frames]).astype(np.float64)
+    reference = np.median(values, axis=0)
+    coefficients, residuals, motion_sigma = _fits(values, reference, gradient)
     spread = 1.4826 * np.median(np.abs(residuals), axis=1)
     noise = max(float(np.median(spread)), _LEAST_NOISE * scale)
     motion = coefficients[:, 2:] - np.median(coefficients[:, 2:], axis=0)
-    motion_sigma = np.stack([fit[2] for fit in fits]) * noise
+    motion_sigma = motion_sigma * noise
     size = np.linalg.norm(motion, axis=1)
     moved = size > np.maximum(MOST_MOTION_PX, MOTION_SIGMAS * motion_sigma.max(axis=1))
     changed = np.mean(np.abs(residuals) > CHANGED_SIGMAS * noise, axis=1) > MOST_CHANGED
@@ -122,45 +121,57 @@ def compare_frames(frames: Sequence[DeepGrey], mean: NDArray[np.float32]) -> Sti
     )
 
 
-def _strong_gradients(picture: NDArray[np.float32]) -> tuple[NDArray[np.int64], Array]:
-    """Return the flat indices (P,) of the pixels with the strongest gradients, spread out, and the gradients (P, 2)."""
-    across = cv2.Sobel(picture, cv2.CV_32F, 1, 0, ksize=3, scale=1 / 8)
-    down = cv2.Sobel(picture, cv2.CV_32F, 0, 1, ksize=3, scale=1 / 8)
-    strength = np.asarray(
-        across[1:-1:_SPACING_PX, 1:-1:_SPACING_PX] ** 2 + down[1:-1:_SPACING_PX, 1:-1:_SPACING_PX] ** 2
-    )
+def _strong_gradients(picture: NDArray[np.float32], scale: float) -> tuple[NDArray[np.int64], Array]:
+    """Return the flat indices (P,) of the pixels with the strongest gradients, spread out, and the gradients (P, 2).
+
+    ``scale`` brings grey levels to 8 bits.
+    """
+    width, step = picture.shape[1], _SPACING_PX
+    # chosen by Sobel's gradients of whole grey levels, which are fast
+    inner = (slice(1, -1, step), slice(1, -1, step))
+    across, down = (g[inner].astype(np.float32) for g in cv2.spatialGradient(cv2.convertScaleAbs(picture / scale)))
+    strength = across**2 + down**2
     count = min(POINTS, strength.size)
     best = np.argpartition(strength.ravel(), strength.size - count)[strength.size - count :]
     row, column = np.divmod(best, strength.shape[1])
-    at = (1 + _SPACING_PX * row) * picture.shape[1] + 1 + _SPACING_PX * column
-    return at.astype(np.int64), np.stack([across.ravel()[at], down.ravel()[at]], axis=1).astype(np.float64)
+    at = (1 + step * row) * width + 1 + step * column
+    flat = picture.ravel()
+    left, right = (flat[at[:, None] + np.arange(-1, 2) * width + side] @ _SMOOTH for side in (-1, 1))
+    above, below = (flat[at[:, None] + np.arange(-1, 2) + side * width] @ _SMOOTH for side in (-1, 1))
+    return at.astype(np.int64), np.stack([right - left, below - above], axis=1).astype(np.float64)
 
 
-def _fit(values: Array, reference: Array, gradient: Array) -> tuple[Array, Array, Array]:
-    """Return gain less one, offset and motion (4,) of a frame, its residuals (P,), and the motion's sigma by noise."""
+def _fits(values: Array, reference: Array, gradient: Array) -> tuple[Array, Array, Array]:
+    """Return gain less one, offset and motion (N, 4) of frames, residuals (N, P), and the motion's sigma by noise (N, 2).
+
+    Values are (N, P), the reference (P,), its gradients (P, 2). All frames are fitted at once.
+    """
     A = np.column_stack([reference, np.ones(len(reference)), -gradient])
-    y, weight = values - reference, np.ones(len(values))
+    products = (A[:, :, None] * A[:, None, :]).reshape(len(A), -1)
+    least = 1e-9 * np.diag((A**2).sum(axis=0) + 1e-9)
+    y, weight = values - reference, np.ones_like(values)
     for _ in range(_ROUNDS):
-        weighted = A * weight[:, None]
-        normal = A.T @ weighted + 1e-9 * np.diag((A**2).sum(axis=0) + 1e-9)
-        x = np.linalg.solve(normal, weighted.T @ y)
-        r = y - A @ x
-        width = _TUKEY * max(1.4826 * float(np.median(np.abs(r))), 1e-3)
+        normal = (weight @ products).reshape(-1, 4, 4) + least
+        x = np.linalg.solve(normal, ((weight * y) @ A)[:, :, None])[:, :, 0]
+        r = y - x @ A.T
+        width = _TUKEY * np.maximum(1.4826 * np.median(np.abs(r), axis=1, keepdims=True), 1e-3)
         weight = np.maximum(1 - (r / width) ** 2, 0) ** 2
-    return np.asarray(x), np.asarray(r), np.sqrt(np.diag(np.linalg.inv(normal))[2:])
+    return x, r, np.sqrt(np.diagonal(np.linalg.inv(normal), axis1=1, axis2=2)[:, 2:])
 
 
 def _banding(values: Array, reference: Array, rows: NDArray[np.int64], height: int) -> Array:
-    """Return the largest deviation (N,) of a horizontal band's gain from that of the whole frame."""
-    band = rows * BANDS // height
+    """Return the largest deviation (N,) of a horizontal band's gain from that of the whole frame; values are (N, P)."""
     bright = reference > np.median(reference)
-    ratio = np.where(bright[:, None], values, np.nan) / np.maximum(reference, 1e-9)[:, None]
-    whole = np.median(ratio[bright], axis=0) if bright.any() else np.ones(values.shape[1])
-    most = np.zeros(values.shape[1])
+    if not bright.any():
+        return np.zeros(len(values))
+    band = (rows * BANDS // height)[bright]
+    ratio = values[:, bright] / np.maximum(reference[bright], 1e-9)
+    whole = np.median(ratio, axis=1)
+    most = np.zeros(len(values))
     for k in range(BANDS):
-        here = bright & (band == k)
+        here = band == k
         if here.sum() >= 100:
-            most = np.maximum(most, np.abs(np.median(ratio[here], axis=0) / whole - 1))
+            most = np.maximum(most, np.abs(np.median(ratio[:, here], axis=1) / whole - 1))
     return most
 
 

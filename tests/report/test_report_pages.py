@@ -21,7 +21,7 @@ from boxcal.calib.errors import CalibError
 from boxcal.calib.likelihood import EstimateOptions
 from boxcal.calib.report.fleet import fleet_report
 from boxcal.calib.report.fleet_tables import odd_ones, robot_link
-from boxcal.calib.report.page import embedded, page, readable_time
+from boxcal.calib.report.page import _environment, embedded, page, readable_time
 from boxcal.calib.report.robot import robot_report
 from boxcal.calib.results.calibration import Calibration
 from boxcal.calib.results.diagnostics import Covariance
@@ -382,5 +382,6 @@ def test_time_is_said_as_people_read_it() -> None:
 
 def test_missing_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "jinja2", None)
+    _environment.cache_clear()
     with pytest.raises(CalibError, match=r"pip install 'boxcal\[report\]'"):
         page("robot.html", scripts=(), data={})
