@@ -2,13 +2,18 @@
 
 python benchmarks/robot.py                  the path-traced khepera log, and a simulated one of 20 stops, 120 frames
 python benchmarks/robot.py robots/*.mcap
+python benchmarks/robot.py --robots 2 20 200   fleets of one log, copied: cost a robot, how busy the cores are, memory
 
 One thread, processor time of this process after a first robot that is not counted (imports, compiled code); of some
 repeats the least. Floors are what the libraries alone take for the same bytes: chunks decompressed, the frames at stops
-decoded to grey by OpenCV; a detection's is OpenCV's own, without refinement, of one frame a stop.
+decoded to grey by OpenCV; a detection's is OpenCV's own, without refinement, of one frame a stop. Of a fleet the
+processes' start is told from two sizes: the cost of a further robot is the difference over the robots between.
 """
 
 import argparse
+import os
+import resource
+import shutil
 import tempfile
 import time
 from collections import Counter
@@ -28,6 +33,7 @@ from mcap.records import Chunk
 from mcap.stream_reader import StreamReader
 
 from boxcal.calib import calibrate as calibrating
+from boxcal.calib.fleet.batch import calibrate_fleet
 from boxcal.calib.settings import Job, Settings
 from boxcal.calib.simulate.cli import main as simulate_fleet
 from boxcal.detect import extract as extracting
@@ -137,6 +143,39 @@ def floors(log: Path) -> dict[str, float]:
     return told
 
 
+def fleet(log: Path, robots: int, folder: Path) -> tuple[float, float, float]:
+    """Return processor time, time by the clock, s, and the largest memory of a process, MB, of so many robots."""
+    logs = [folder / f"r{k:03d}{log.suffix}" for k in range(robots)]
+    for path in logs:
+        shutil.copyfile(log, path)
+    jobs = [Job(robot=path.stem, logs=(path,), target=TARGET, settings=Settings(), out=folder / "out") for path in logs]
+    clock, before = time.monotonic(), resource.getrusage(resource.RUSAGE_CHILDREN)
+    failed = [outcome.error for outcome in calibrate_fleet(jobs) if outcome.error is not None]
+    clock, after = time.monotonic() - clock, resource.getrusage(resource.RUSAGE_CHILDREN)
+    if failed:
+        raise SystemExit(f"{len(failed)} of {robots} robots failed: {failed[0]}")
+    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime, clock, after.ru_maxrss / 1024
+
+
+def fleets(log: Path, sizes: Sequence[int]) -> None:
+    """Print what a robot costs in fleets of several sizes."""
+    cores = os.cpu_count() or 1
+    print(f"{log.name}, {cores} cores, load before {os.getloadavg()[0]:.1f}")
+    print("| robots | processor s | s a robot | s a further robot | by the clock s | cores busy | worker MB |")
+    print("|---|---|---|---|---|---|---|")
+    less: tuple[int, float] | None = None
+    for robots in sorted(sizes):
+        with tempfile.TemporaryDirectory() as folder:
+            used, clock, memory = fleet(log, robots, Path(folder))
+        further = "" if less is None else f"{(used - less[1]) / (robots - less[0]):.2f}"
+        print(
+            f"| {robots} | {used:.1f} | {used / robots:.2f} | {further} | {clock:.1f} | {used / clock / cores:.0%} "
+            f"| {memory:.0f} |",
+            flush=True,
+        )
+        less = (robots, used)
+
+
 def _decompressed(chunk: Chunk) -> bytes:
     if chunk.compression == "zstd":
         return zstandard.ZstdDecompressor().decompress(chunk.data, max_output_size=chunk.uncompressed_size)
@@ -148,6 +187,7 @@ def _decompressed(chunk: Chunk) -> bytes:
 def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("logs", nargs="*", type=Path, help="logs in MCAP")
+    parser.add_argument("--robots", nargs="+", type=int, default=[], help="sizes of fleets to measure instead")
     parser.add_argument("--repeat", type=int, default=3, help="times that each is measured (3)")
     options = parser.parse_args(argv)
     cv2.setNumThreads(1)
@@ -157,6 +197,9 @@ def main(argv: Sequence[str] | None = None) -> int:
             with redirect_stdout(StringIO()):
                 simulate_fleet([folder, "--robots", "1", "--stops", "20", "--frames", "6", "--moving-frames", "0"])
             logs = [*([KHEPERA] if KHEPERA.is_file() else []), Path(folder) / "r01.mcap"]
+        if options.robots:
+            fleets(logs[0], options.robots)
+            return 0
         robot(logs[0], Path(folder) / "first")
         for log in logs:
             least = floors(log)

@@ -5,7 +5,7 @@ from itertools import pairwise
 
 import cv2
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 from boxcal.calib.check_drive.odometry import detail_of, odometry, wheel_noise
 from boxcal.calib.errors import CalibError
@@ -95,7 +95,7 @@ def check_drive(calibration: Calibration, drive: Correspondences) -> tuple[Check
                 error=error,
                 sigma=np.sqrt(np.diag(cov)),
                 chi_square=square,
-                p_value=float(chi2.sf(square, 3)),
+                p_value=float(chdtrc(3, square)),
                 corner_rms=max(a.corner_rms, b.corner_rms),
             )
         )

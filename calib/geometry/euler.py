@@ -1,7 +1,6 @@
 """Rotations as others write them: quaternions, roll, pitch and yaw, and a camera's viewing direction."""
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from boxcal.calib.geometry.so3_se3 import exp_so3, inverse, nearest_rotation, rigid
 from boxcal.target.arrays import Array
@@ -15,8 +14,18 @@ _DIFFERENCE = 1e-6
 
 
 def quaternion(R: Array) -> tuple[float, float, float, float]:
-    """Return (x, y, z, w), w >= 0, of a rotation."""
-    x, y, z, w = Rotation.from_matrix(nearest_rotation(R)).as_quat(canonical=True)
+    """Return (x, y, z, w), w >= 0, of a rotation.
+
+    It is the eigenvector of the largest eigenvalue of a matrix that is linear in R (Bar-Itzhack 2000, DOI
+    10.2514/2.4654), which is as exact near half turns as elsewhere. scipy's takes .2 s to import.
+    """
+    M = nearest_rotation(R)
+    K = np.zeros((4, 4))
+    K[:3, :3] = M + M.T - np.trace(M) * np.eye(3)
+    K[3, :3] = K[:3, 3] = M[2, 1] - M[1, 2], M[0, 2] - M[2, 0], M[1, 0] - M[0, 1]
+    K[3, 3] = np.trace(M)
+    q = np.linalg.eigh(K)[1][:, -1]
+    x, y, z, w = q * (-1.0 if q[3] < 0 else 1.0)
     return float(x), float(y), float(z), float(w)
 
 

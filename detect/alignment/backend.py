@@ -25,10 +25,8 @@ class Backend:
         Gauss-Newton steps, :func:`boxcal.detect.alignment.registration.gauss_newton.iterate`.
     finish
         Corners and covariances, :func:`boxcal.detect.alignment.registration.finish.finish`.
-    cluster_sums
-        For the variance inflation, :func:`boxcal.detect.alignment.registration.cluster_sums.cluster_sums`.
-    block_motion
-        For deformations, :func:`boxcal.detect.alignment.registration.block_motion.block_motion`.
+    misfit_sums
+        For what the model leaves out, :func:`boxcal.detect.alignment.registration.misfit_sums.misfit_sums`.
     levenberg_marquardt, predict
         The rigid box, :mod:`boxcal.detect.alignment.box_refinement`.
     """
@@ -37,8 +35,7 @@ class Backend:
     accumulate: Callable[..., Any]
     iterate: Callable[..., None]
     finish: Callable[..., Any]
-    cluster_sums: Callable[..., Any]
-    block_motion: Callable[..., Any]
+    misfit_sums: Callable[..., Any]
     levenberg_marquardt: Callable[..., Any]
     predict: Callable[..., Any]
 
@@ -54,11 +51,10 @@ def numpy_backend() -> Backend:
     """Return the reference in numpy."""
     from boxcal.detect.alignment import box_refinement  # noqa: PLC0415 - these modules import this one
     from boxcal.detect.alignment.registration import (  # noqa: PLC0415
-        block_motion,
-        cluster_sums,
         finish,
         gauss_newton,
         image_model,
+        misfit_sums,
     )
 
     return Backend(
@@ -66,8 +62,7 @@ def numpy_backend() -> Backend:
         accumulate=image_model.accumulate,
         iterate=gauss_newton.iterate,
         finish=finish.finish,
-        cluster_sums=cluster_sums.cluster_sums,
-        block_motion=block_motion.block_motion,
+        misfit_sums=misfit_sums.misfit_sums,
         levenberg_marquardt=box_refinement.levenberg_marquardt,
         predict=box_refinement.predict,
     )
@@ -77,21 +72,18 @@ def numpy_backend() -> Backend:
 def numba_backend() -> Backend:
     """Return compiled code; each function is compiled, or read from the cache, when it is first called."""
     from boxcal.detect.alignment.numba import (  # noqa: PLC0415 - slow to import
-        block_motion,
         box_refinement,
-        cluster_sums,
         finish,
         gauss_newton,
-        image_model,
+        misfit_sums,
     )
 
     return Backend(
         name="numba",
-        accumulate=image_model.accumulate,
+        accumulate=gauss_newton.accumulate,
         iterate=gauss_newton.iterate,
         finish=finish.finish,
-        cluster_sums=cluster_sums.cluster_sums,
-        block_motion=block_motion.block_motion,
+        misfit_sums=misfit_sums.misfit_sums,
         levenberg_marquardt=box_refinement.levenberg_marquardt,
         predict=box_refinement.predict,
     )

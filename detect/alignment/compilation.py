@@ -1,24 +1,27 @@
-"""The detector's code compiled before it is needed: once on a computer, whatever number of processes ask for it.
+"""The compiled code made before it is needed: once on a computer, whatever number of processes ask for it.
 
     python -m boxcal.detect.alignment.compilation
 
 compiles what is missing. The first process takes a lock, says what it does, and compiles with the help of a second one;
-the others wait for it, and then read compiled code from the cache.
+the others wait for it, and then read compiled code from the cache. The two share the work so that nothing large is
+compiled in both: what sums over pixels in one, the rest in the other.
 """
 
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
 
-from boxcal.detect.alignment.backend import Backend, backend
+from boxcal.detect.alignment.backend import Backend, backend, numpy_backend
 from boxcal.detect.alignment.box_refinement import CAMERA
 from boxcal.detect.alignment.radial_camera import no_distortion
 from boxcal.detect.alignment.registration.align import align
+from boxcal.detect.alignment.registration.image_model import no_sums
 from boxcal.detect.alignment.registration.tag_batch import Batch, Frame
 from boxcal.detect.alignment.tag_patterns import family_patterns
 
@@ -31,48 +34,60 @@ _MODULE = "boxcal.detect.alignment.compilation"
 Tell = Callable[[str], None]
 
 
-def prepare(tell: Tell | None = None) -> None:
-    """Have the detector's code compiled, unless it is already or cannot be kept; ``tell`` is told what takes long."""
+def prepare(tell: Tell | None = None, further: Sequence[str] = ()) -> None:
+    """Have compiled code made, unless it is already or cannot be kept.
+
+    Parameters
+    ----------
+    tell
+        Told what takes long.
+    further
+        Modules with code of their own beside the detector's: each has ``compile_all()`` and ``cache_folder()``.
+    """
     if backend().name == "numpy":
         return
     from boxcal.detect.alignment.numba.kernel import cache_folder  # noqa: PLC0415 - slow to import
 
     tell = tell or _silent
-    folder = cache_folder()
-    if folder is None:
-        tell("compiling the detector in memory, as no folder for compiled code can be written (some 20 s each time)")
+    folders = [cache_folder(), *(import_module(name).cache_folder() for name in further)]
+    kept = [folder for folder in folders if folder is not None]
+    if len(kept) < len(folders):
+        tell("compiling in memory, as no folder for compiled code can be written (some 10 s each time)")
         return
-    complete = folder / "complete"
-    if complete.exists():
+    if all(_complete(folder).exists() for folder in kept):
         return
-    with _locked(folder / "lock", tell):
-        if complete.exists():
+    with _locked(kept[0] / "lock", tell):
+        if all(_complete(folder).exists() for folder in kept):
             return
-        tell("compiling the detector, once on this computer (some 10 s) ...")
+        tell("compiling, once on this computer (some 10 s) ...")
         start = time.monotonic()
-        helper = subprocess.Popen([sys.executable, "-P", "-m", _MODULE, _HALVES[1]])  # noqa: S603 - this module
+        helper = subprocess.Popen([sys.executable, "-P", "-m", _MODULE, _HALVES[1], *further])  # noqa: S603 - this module
         compile_half(_HALVES[0])
         try:
             helper.wait(PATIENCE_S)
         except subprocess.TimeoutExpired:
             helper.kill()
         for half in _HALVES:
-            compile_half(half)
-        complete.touch()
+            compile_half(half, further)
+        for folder in kept:
+            _complete(folder).touch()
         tell(f"compiled in {time.monotonic() - start:.0f} s")
 
 
-def compile_half(which: str) -> None:
+def _complete(folder: Path) -> Path:
+    return folder / "complete"
+
+
+def compile_half(which: str, further: Sequence[str] = ()) -> None:
     """Compile one half of the functions by calling them, or both if it is ``all``; the halves take equally long."""
     compute = backend()
     if which != _HALVES[1]:
+        _pixels(compute)
+    if which != _HALVES[0]:
         _box(compute)
-    if which != _HALVES[0]:
-        _pixels()
-    if which != _HALVES[1]:
-        _alignment()
-    if which != _HALVES[0]:
-        _variance(compute)
+        _corners(compute)
+        for name in further:
+            import_module(name).compile_all()
 
 
 def _box(compute: Backend) -> None:
@@ -99,29 +114,25 @@ def _batch() -> Batch:
     )
 
 
-def _pixels() -> None:
-    from boxcal.detect.alignment.numba import image_model, pixels  # noqa: PLC0415 - slow to import
-
-    arrays = _batch().arrays()
-    room = pixels.room(arrays.bounding_boxes[0])
-    image_model.differentiate(arrays, 0, room, 0, np.zeros(6))
-    pixels.collect(arrays, 0, room)
-
-
-def _alignment() -> None:
-    patterns = family_patterns("DICT_APRILTAG_36h11", np.arange(1))
-    corners = np.array([[[4.0, 4], [20, 4], [20, 20], [4, 20]]])
-    align(_batch().frame, patterns, np.zeros(1, dtype=np.int64), corners)
-
-
-def _variance(compute: Backend) -> None:
-    patterns = family_patterns("DICT_APRILTAG_36h11", np.arange(1))
-    corners = np.array([[[4.0, 4], [20, 4], [20, 20], [4, 20]]])
+def _pixels(compute: Backend) -> None:
     batch = _batch()
-    tags = align(batch.frame, patterns, batch.rows, corners, iterations=0)
-    compute.cluster_sums(batch, tags, np.full(1, 8))
-    compute.block_motion(batch, np.ones(1))
     compute.accumulate(batch)
+    patterns = family_patterns("DICT_APRILTAG_36h11", np.arange(1))
+    corners = np.array([[[4.0, 4], [20, 4], [20, 20], [4, 20]]])
+    tags = align(batch.frame, patterns, batch.rows, corners, iterations=0, compute=numpy_backend())
+    compute.misfit_sums(batch, tags, np.full(1, 8))
+
+
+def _corners(compute: Backend) -> None:
+    batch = _batch()
+    compute.finish(
+        batch.frame,
+        family_patterns("DICT_APRILTAG_36h11", np.arange(1)),
+        theta=batch.theta,
+        normalisation=batch.normalisation,
+        sums=no_sums(1, batch.cells),
+        covariance=True,
+    )
 
 
 @contextmanager
@@ -136,7 +147,7 @@ def _locked(path: Path, tell: Tell) -> Iterator[None]:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
-            tell("waiting for another process that compiles the detector ...")
+            tell("waiting for another process that compiles ...")
             fcntl.flock(file, fcntl.LOCK_EX)
         yield
 
@@ -147,6 +158,6 @@ def _silent(_: str) -> None:
 
 if __name__ == "__main__":
     if len(sys.argv) > 1:
-        compile_half(sys.argv[1])
+        compile_half(sys.argv[1], sys.argv[2:])
     else:
         prepare(print)

@@ -22,6 +22,7 @@ from boxcal.detect.alignment.registration.parameters import LOG_PSF
 from boxcal.detect.alignment.registration.tag_alignments import TagAlignments
 from boxcal.detect.alignment.registration.tag_batch import Batch, Frame
 from boxcal.detect.alignment.tag_patterns import Patterns
+from boxcal.target.arrays import Array
 
 MOST_TAGS = 6
 DEFORMED = 8.0
@@ -84,25 +85,27 @@ def misfit(frame: Frame, patterns: Patterns, tags: TagAlignments, side_px: float
         margin=margin,
         stride=stride,
     )
-    return Misfit(inflation=variance_inflation(batch, some), deformation_px2=deformation(batch, some))
+    widest = np.maximum(bounding_boxes[:, 1] - bounding_boxes[:, 0], bounding_boxes[:, 3] - bounding_boxes[:, 2])
+    sums = backend().misfit_sums(batch, some, np.maximum(widest // (CLUSTERS - 1) + 1, CLUSTER_PX))
+    return Misfit(inflation=variance_inflation(sums.observed, sums.expected), deformation_px2=deformation(sums.motion))
 
 
-def variance_inflation(batch: Batch, tags: TagAlignments) -> float:
-    """Return by what factor the variances of the corners differ from what the residuals' size says."""
-    boxes = batch.bounding_boxes
-    widest = np.maximum(boxes[:, 1] - boxes[:, 0], boxes[:, 3] - boxes[:, 2])
-    cluster_px = np.maximum(widest // (CLUSTERS - 1) + 1, CLUSTER_PX)
-    observed, expected = backend().cluster_sums(batch, tags, cluster_px)
+def variance_inflation(observed: Array, expected: Array) -> float:
+    """Return by what factor the variances of the corners differ from what the residuals' size says.
+
+    For the sums (N,) of tags see :func:`boxcal.detect.alignment.registration.cluster_sums.cluster_sums`.
+    """
     prior = PRIOR_TAGS * float(np.mean(expected)) + 1e-12
     return TOGETHER * float(np.clip((observed.sum() + prior) / (expected.sum() + prior), *RANGE))
 
 
-def deformation(batch: Batch, tags: TagAlignments) -> float:
+def deformation(motion: Array) -> float:
     """Return the variance of a corner, px^2 per axis, of tags whose blocks lie beside where a homography has them.
 
-    Zero where noise explains that: the homography has eight of the eighteen freedoms of nine blocks.
+    Zero where noise explains that: the homography has eight of the eighteen freedoms of nine blocks. For the sums
+    (N, 3) of tags see :func:`boxcal.detect.alignment.registration.block_motion.block_motion`.
     """
-    moved, noise, information = backend().block_motion(batch, tags.noise**2).sum(axis=0)
+    moved, noise, information = motion.sum(axis=0)
     left = (2 * BLOCKS**2 - 8) / (2 * BLOCKS**2)
     if information <= 0 or moved < DEFORMED * left * noise:
         return 0.0

@@ -241,7 +241,7 @@ def _decoder_complaints() -> Iterator[list[str]]:
 @cache
 def _catcher() -> IO[bytes]:
     """Return the file that the standard error of decoders goes to, empty between pictures."""
-    return tempfile.TemporaryFile()  # noqa: SIM115 - as long as this process
+    return tempfile.TemporaryFile()
 
 
 Picture = NDArray[Any]

@@ -6,7 +6,6 @@ from xml.etree import ElementTree as ET
 from xml.parsers import expat
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from boxcal.detect.errors import DetectError
 from boxcal.detect.log.safe_text import listed, printable
@@ -151,6 +150,8 @@ def _origin(joint: ET.Element, name: str) -> Array:
     xyz = _triple(_attribute(joint, "origin", "xyz"), zero, name)
     rpy = _triple(_attribute(joint, "origin", "rpy"), zero, name)
     T = np.eye(4)
+    from scipy.spatial.transform import Rotation  # noqa: PLC0415 - .2 s to import, and few logs hold a URDF
+
     T[:3, :3], T[:3, 3] = Rotation.from_euler("xyz", rpy).as_matrix(), xyz
     return T
 

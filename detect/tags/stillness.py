@@ -142,7 +142,7 @@ def _strong_gradients(picture: NDArray[np.float32], scale: float) -> tuple[NDArr
 
 
 def _fits(values: Array, reference: Array, gradient: Array) -> tuple[Array, Array, Array]:
-    """Return gain less one, offset and motion (N, 4) of frames, residuals (N, P), and the motion's sigma by noise (N, 2).
+    """Return gain less one, offset and motion (N, 4) of frames, residuals (N, P), and the motion's sigma (N, 2).
 
     Values are (N, P), the reference (P,), its gradients (P, 2). All frames are fitted at once.
     """

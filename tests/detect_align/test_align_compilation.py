@@ -12,7 +12,7 @@ from boxcal.detect.alignment import compilation
 from boxcal.detect.alignment.backend import backend, numba_backend
 from boxcal.detect.alignment.compilation import prepare
 from boxcal.detect.alignment.detector import detect_tags
-from boxcal.detect.alignment.numba import box_refinement, cluster_sums, finish, gauss_newton, kernel
+from boxcal.detect.alignment.numba import box_refinement, finish, gauss_newton, kernel, misfit_sums
 
 
 def test_plain_install_runs_compiled_code():
@@ -24,7 +24,7 @@ def test_nothing_is_compiled_for_a_picture_beyond_what_is_prepared():
     kernels = (
         gauss_newton._iterate,
         finish._finish,
-        cluster_sums._cluster_sums,
+        misfit_sums._misfit_sums,
         box_refinement._refine,
         box_refinement._predict,
     )
@@ -82,7 +82,7 @@ def test_a_second_process_waits_for_the_first(tmp_path):
         order.append("second")
     thread.join()
     assert order == ["first", "second"]
-    assert told == ["waiting for another process that compiles the detector ..."]
+    assert told == ["waiting for another process that compiles ..."]
 
 
 def test_commands_hold_their_process_to_one_thread():

@@ -48,7 +48,7 @@ def test_gradient_is_the_derivative_of_the_residuals(azimuth_deg, response, tole
 @pytest.mark.parametrize("response", ["linear", "srgb"])
 @pytest.mark.parametrize("lens", [LENS, BENT], ids=["plain", "fisheye"])
 def test_compiled_sums_are_those_of_the_reference(response, side, lens):
-    kernels = pytest.importorskip("boxcal.detect.alignment.numba.image_model", reason="numba is not installed")
+    kernels = pytest.importorskip("boxcal.detect.alignment.numba.gauss_newton", reason="numba is not installed")
     batch = some_tags(33.0, response, side, lens)
     plain, fast = model.accumulate(batch), kernels.accumulate(batch)
     np.testing.assert_array_equal(fast.stats[:, 0], plain.stats[:, 0])

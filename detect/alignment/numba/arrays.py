@@ -7,35 +7,35 @@ import numpy as np
 from boxcal.detect.alignment.numba.kernel import kernel
 
 
-@kernel()
+@kernel(inner=True)
 def clear(a: Any) -> None:
     """Set all entries of an array (n,) to zero."""
     for k in range(len(a)):
         a[k] = 0.0
 
 
-@kernel()
+@kernel(inner=True)
 def clear_rows(a: Any) -> None:
     """Set all entries of an array (n, m) to zero."""
     for k in range(len(a)):
         clear(a[k])
 
 
-@kernel()
+@kernel(inner=True)
 def put(a: Any, b: Any) -> None:
     """Copy b into a, (n,) each."""
     for k in range(len(a)):
         a[k] = b[k]
 
 
-@kernel()
+@kernel(inner=True)
 def put_rows(a: Any, b: Any) -> None:
     """Copy b into a, (n, m) each."""
     for k in range(len(a)):
         put(a[k], b[k])
 
 
-@kernel()
+@kernel(inner=True)
 def finite(a: Any) -> bool:
     """Return whether all entries of an array (n,) are finite."""
     good = True
@@ -44,7 +44,7 @@ def finite(a: Any) -> bool:
     return good
 
 
-@kernel()
+@kernel(inner=True)
 def median(a: Any, room: Any) -> Any:
     """Return the median of a (n,), sorted in room (n,) by Shell's method."""
     n = len(a)

@@ -107,7 +107,7 @@ def _refine(  # noqa: PLR0912, PLR0917 - arrays in, arrays out
     return focal
 
 
-@kernel()
+@kernel(inner=True)
 def _moved(focal: Any, lens: Any, T: Any, step: Any) -> Any:
     """Return the state after a step: the pose turned and moved from the left."""
     lens, new = lens.copy(), T.copy()
@@ -132,7 +132,7 @@ def _moved(focal: Any, lens: Any, T: Any, step: Any) -> Any:
     return focal * np.exp(step[0]), lens, new
 
 
-@kernel()
+@kernel(inner=True)
 def _tangent(focal: Any, lens: Any, dx: Any, dy: Any) -> Any:
     """Return q, D and the row (3,) that gives a point's depth on the chart about the pixel at (dx, dy)."""
     a1, a2, a3, per_px2 = lens[A1], lens[A2], lens[A3], lens[PER_RADIUS] * lens[PER_RADIUS]
@@ -142,7 +142,7 @@ def _tangent(focal: Any, lens: Any, dx: Any, dy: Any) -> Any:
     return q, D, -slope / D * dx, -slope / D * dy, 1 / (focal * D)
 
 
-@kernel()
+@kernel(inner=True)
 def _ideal(lens: Any, dx: Any, dy: Any) -> Any:
     """Return a pixel from the centre with square pixels and without tangential terms, and with square pixels alone."""
     x, y = square(lens, dx, dy)
@@ -151,7 +151,7 @@ def _ideal(lens: Any, dx: Any, dy: Any) -> Any:
     return x + p1 * both + p2 * (3 * x * x + y * y), y + p1 * (x * x + 3 * y * y) + p2 * both, x, y
 
 
-@kernel()
+@kernel(inner=True)
 def _distorted(lens: Any, u: Any, v: Any) -> Any:
     """Return a pixel with the tangential terms added, as ``radial_camera.distorted`` does."""
     x, y = square(lens, u - lens[CENTRE_X], v - lens[CENTRE_Y])
@@ -164,7 +164,7 @@ def _distorted(lens: Any, u: Any, v: Any) -> Any:
     return lens[CENTRE_X] + at_x + lens[SKEW] * at_y, lens[CENTRE_Y] + at_y
 
 
-@kernel()
+@kernel(inner=True)
 def _point(T: Any, p: Any) -> Any:
     """Return the point p (3,) in the camera's frame."""
     return (
@@ -174,7 +174,7 @@ def _point(T: Any, p: Any) -> Any:
     )
 
 
-@kernel()
+@kernel(inner=True)
 def _deviations(p_box: Any, uv: Any, focal: Any, lens: Any, T: Any, off: Any) -> bool:  # noqa: PLR0917
     """Fill how far corners are off, px; return whether all points lie before the camera."""
     before = True
@@ -190,7 +190,7 @@ def _deviations(p_box: Any, uv: Any, focal: Any, lens: Any, T: Any, off: Any) ->
     return before
 
 
-@kernel()
+@kernel(inner=True)
 def _differentiate(focal: Any, lens: Any, dx: Any, dy: Any, x: Any, y: Any, z: Any, J: Any) -> Any:  # noqa: PLR0917
     """Return how far a point (x, y, z) lies from the pixel (dx, dy) on the chart there; fill how it moves (2, 16)."""
     raw_y = dy
@@ -247,7 +247,7 @@ def _predict(  # noqa: PLR0917
         spread[k] = np.sqrt(total)
 
 
-@kernel()
+@kernel(inner=True)
 def _equations(  # noqa: PLR0917
     p_box: Any, uv: Any, focal: Any, lens: Any, T: Any, off: Any, scale: Any, normal: Any, gradient: Any
 ) -> None:

@@ -6,65 +6,50 @@ The reference is :func:`boxcal.detect.alignment.registration.cluster_sums.cluste
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from boxcal.detect.alignment.numba.arrays import put_rows
 from boxcal.detect.alignment.numba.cholesky import factor, solve_lower, solve_positive
 from boxcal.detect.alignment.numba.finish import moves_of
-from boxcal.detect.alignment.numba.image_model import ROWS, differentiate
+from boxcal.detect.alignment.numba.image_model import ROWS
 from boxcal.detect.alignment.numba.kernel import kernel
-from boxcal.detect.alignment.numba.pixels import BLOCK, collect, room
-from boxcal.detect.alignment.registration.finish import KURTOSIS_PRIOR
+from boxcal.detect.alignment.numba.pixels import BLOCK
 from boxcal.detect.alignment.registration.image_model import CLUSTERS
 from boxcal.detect.alignment.registration.parameters import BLACK, KURTOSIS, PARAMETERS
-from boxcal.detect.alignment.registration.tag_batch import Batch
-from boxcal.target.arrays import Array
 
 
-def cluster_sums(batch: Batch, tags: Any, cluster_px: NDArray[np.int64]) -> tuple[Array, Array]:
-    """Return the mean square of the clusters' sums and its expectation under white noise, (N,) each."""
-    observed, expected = np.empty(len(tags)), np.empty(len(tags))
-    corners, noise2 = np.ascontiguousarray(tags.corners_px), tags.noise**2
-    _cluster_sums(batch.arrays(), cluster_px, corners, noise2, KURTOSIS_PRIOR, observed, expected)
-    return observed, expected
+@kernel(inner=True)
+def clusters_of_tag(  # noqa: PLR0917 - arrays in, arrays out
+    batch: Any, k: Any, pixels: Any, n: Any, jac: Any, side: Any, corners: Any, noise2: Any, prior: Any
+) -> tuple[float, float]:
+    """Return the clusters' mean square and its expectation, in units of the corners' variance under white noise.
 
-
-@kernel()
-def _cluster_sums(  # noqa: PLR0917 - arrays in, arrays out
-    batch: Any, cluster_px: Any, corners: Any, noise2: Any, prior: Any, observed: Any, expected: Any
-) -> None:
-    """Fill the clusters' mean square (N,) and its expectation, in units of the corners' variance under white noise.
-
-    ``noise2`` (N,) is the residuals' variance, ``prior`` the kurtosis's deviation, ``corners`` (N, 4, 2) in px.
+    ``side`` is the clusters', px; ``noise2`` the residuals' variance, ``prior`` the kurtosis's deviation, ``corners``
+    (4, 2) in px.
     """
-    stats, moves = np.zeros(6), np.zeros((2, PARAMETERS))
+    moves = np.zeros((2, PARAMETERS))
     A, B = np.empty((PARAMETERS, PARAMETERS)), np.empty((8, PARAMETERS))
     normal, inverse = np.empty((PARAMETERS, PARAMETERS)), np.empty((PARAMETERS, PARAMETERS))
-    for k in range(len(batch.rows)):
-        products = np.zeros((CLUSTERS * CLUSTERS, PARAMETERS, ROWS), np.float32)
-        pixels = room(batch.bounding_boxes[k])
-        n = collect(batch, k, pixels)
-        jac = differentiate(batch, k, pixels, n, stats)
-        _add(pixels, n, jac, cluster_px[k], batch.bounding_boxes[k], products)
-        for i in range(PARAMETERS):
-            for j in range(PARAMETERS):
-                normal[i, j] = 0.0
-                for square in range(CLUSTERS * CLUSTERS):
-                    normal[i, j] += products[square, i, j]
-        put_rows(A, normal)
-        for i in range(PARAMETERS):
-            A[i, i] += 1e-12 + 1e-9 * normal[i, i]
-        A[KURTOSIS, KURTOSIS] += max(noise2[k], 1e-9) / prior**2
-        for c in range(4):
-            moves_of(batch.lens, batch.theta[k], batch.normalisation[k], corners[k, c], moves)
-            for row in range(2):
-                put_rows(inverse, A)
-                solve_positive(inverse, moves[row], B[2 * c + row])
-        factor(A)
-        observed[k], expected[k] = _mean_squares(products, normal, A, B, max(noise2[k], 1e-12))
+    products = np.zeros((CLUSTERS * CLUSTERS, PARAMETERS, ROWS), np.float32)
+    _add(pixels, n, jac, side, batch.bounding_boxes[k], products)
+    for i in range(PARAMETERS):
+        for j in range(PARAMETERS):
+            normal[i, j] = 0.0
+            for square in range(CLUSTERS * CLUSTERS):
+                normal[i, j] += products[square, i, j]
+    put_rows(A, normal)
+    for i in range(PARAMETERS):
+        A[i, i] += 1e-12 + 1e-9 * normal[i, i]
+    A[KURTOSIS, KURTOSIS] += max(noise2, 1e-9) / prior**2
+    for c in range(4):
+        moves_of(batch.lens, batch.theta[k], batch.normalisation[k], corners[c], moves)
+        for row in range(2):
+            put_rows(inverse, A)
+            solve_positive(inverse, moves[row], B[2 * c + row])
+    factor(A)
+    return _mean_squares(products, normal, A, B, max(noise2, 1e-12))
 
 
-@kernel(fastmath=True)
+@kernel(inner=True, fastmath=True)
 def _add(pixels: Any, n: Any, jac: Any, side: Any, box: Any, products: Any) -> None:  # noqa: PLR0917
     """Add the products of the Jacobian's rows, of which one is the residual, to the squares where the pixels lie."""
     row = np.empty(ROWS, np.float32)
@@ -80,7 +65,7 @@ def _add(pixels: Any, n: Any, jac: Any, side: Any, box: Any, products: Any) -> N
                 square[a, b] += row[a] * row[b]
 
 
-@kernel()
+@kernel(inner=True)
 def _mean_squares(products: Any, normal: Any, L: Any, B: Any, noise2: Any) -> tuple[float, float]:
     """Return the mean over the corners' eight coordinates, observed and expected; ``L`` is the factor of the normal."""
     seen, expected = 0.0, 0.0

@@ -22,11 +22,14 @@ from boxcal.detect.alignment.registration.gauss_newton import (
     MUCH,
     StepRules,
 )
-from boxcal.detect.alignment.registration.image_model import Sums
+from boxcal.detect.alignment.registration.image_model import Sums, no_sums
 from boxcal.detect.alignment.registration.parameters import KURTOSIS, LOG_PSF, PARAMETERS
 from boxcal.detect.alignment.registration.tag_batch import Batch
 from boxcal.target.arrays import Array
 
+_NO_STEP = StepRules(
+    free=np.ones((1, PARAMETERS), dtype=np.bool_), damping=0.0, stop_px=0.0, iterations=1, guess=False, sums_only=True
+)
 _FAR_MODULES = 0.1
 """A tag that has moved less still covers the same pixels."""
 
@@ -37,6 +40,13 @@ def iterate(batch: Batch, sums: Sums, *, normalised: Array, module_px: Array, ru
     For the arguments see :func:`boxcal.detect.alignment.registration.gauss_newton.iterate`.
     """
     _iterate(batch.arrays(), sums, normalised, module_px, rules)
+
+
+def accumulate(batch: Batch) -> Sums:
+    """Return the normal equations of tags; see :func:`boxcal.detect.alignment.registration.image_model.accumulate`."""
+    sums = no_sums(len(batch), batch.cells)
+    _iterate(batch.arrays(), sums, np.zeros((len(batch), 4, 2)), np.ones(len(batch)), _NO_STEP)
+    return sums
 
 
 @kernel()
@@ -61,6 +71,8 @@ def _iterate(batch: Any, sums: Any, normalised: Any, module_px: Any, rules: Any)
                 replace_pixels(theta[k], pixels, n)
             jac = differentiate(batch, k, pixels, n, stats[k])
             add_products(jac, normal[k], gradient[k])
+            if rules.sums_only:
+                break
             information = max(stats[k, 1], 1e-9) / max(stats[k, 0] - PARAMETERS, 1.0) / KURTOSIS_PRIOR**2
             free = rules.free[min(number, len(rules.free) - 1)]
             _solve(normal[k], gradient[k], free, theta[k], information, rules.damping, step)
@@ -81,7 +93,7 @@ def _iterate(batch: Any, sums: Any, normalised: Any, module_px: Any, rules: Any)
         add_blocks(pixels, n, jac, sums.blocks[k])
 
 
-@kernel()
+@kernel(inner=True)
 def _solve(  # noqa: PLR0917
     normal: Any, gradient: Any, free: Any, theta: Any, information: Any, damping: Any, step: Any
 ) -> None:
@@ -100,7 +112,7 @@ def _solve(  # noqa: PLR0917
     solve_positive(A, b, step)
 
 
-@kernel()
+@kernel(inner=True)
 def _hold(theta: Any, step: Any) -> None:
     """Hold a step back where it would leave what the model can follow."""
     for i in range(PARAMETERS):
@@ -115,7 +127,7 @@ def _hold(theta: Any, step: Any) -> None:
     step[KURTOSIS] = min(max(kurtosis, KURTOSIS_RANGE[0]), KURTOSIS_RANGE[1]) - theta[KURTOSIS]
 
 
-@kernel()
+@kernel(inner=True)
 def _step_on(theta: Any, step: Any, normalised: Any) -> float:
     """Take the step; return how far that moves a corner at most, in modules."""
     most = 0.0

@@ -10,13 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from boxcal.detect.alignment.numba.arrays import clear, clear_rows, finite
+from boxcal.detect.alignment.numba.arrays import clear, clear_rows
 from boxcal.detect.alignment.numba.edges import OF_EDGE, across, blur_geometry, down, edge, jacobian, module_differences
 from boxcal.detect.alignment.numba.kernel import kernel
-from boxcal.detect.alignment.numba.pixels import BLOCK, add_blocks, collect, room, widths
-from boxcal.detect.alignment.registration.image_model import Sums, no_sums
+from boxcal.detect.alignment.numba.pixels import BLOCK, widths
 from boxcal.detect.alignment.registration.parameters import PARAMETERS
-from boxcal.detect.alignment.registration.tag_batch import Batch
 
 ROWS = 16
 """Rows of the Jacobian: the parameters, the residual, and one that stays zero."""
@@ -26,26 +24,7 @@ _MOST = 16
 _F0, _F1 = np.float32(0), np.float32(1)
 
 
-def accumulate(batch: Batch) -> Sums:
-    """Return the normal equations of tags; see :func:`boxcal.detect.alignment.registration.image_model.accumulate`."""
-    sums = no_sums(len(batch), batch.cells)
-    _accumulate(batch.arrays(), sums)
-    return sums
-
-
-@kernel()
-def _accumulate(batch: Any, sums: Any) -> None:
-    for k in range(len(batch.rows)):
-        if not finite(batch.theta[k]):
-            continue
-        pixels = room(batch.bounding_boxes[k])
-        n = collect(batch, k, pixels)
-        jac = differentiate(batch, k, pixels, n, sums.stats[k])
-        add_blocks(pixels, n, jac, sums.blocks[k])
-        add_products(jac, sums.normal[k], sums.gradient[k])
-
-
-@kernel(fastmath=True)
+@kernel(inner=True, fastmath=True)
 def _residuals(  # noqa: PLR0917
     at: Any, light: Any, batch: Any, total: Any, used: Any, response_slope: Any, out: Any, stats: Any
 ) -> None:
@@ -97,7 +76,7 @@ def _residuals(  # noqa: PLR0917
     stats[5] += p2
 
 
-@kernel(fastmath=True)
+@kernel(inner=True, fastmath=True)
 def differentiate(batch: Any, tag: Any, pixels: Any, n: Any, stats: Any) -> Any:  # noqa: PLR0915
     """Return the Jacobian of collected pixels, (B, 16, 64), residuals in row 14; add to the sums of residuals."""
     cells, theta, normalisation = batch.cells[batch.rows[tag]], batch.theta[tag], batch.normalisation[tag]
@@ -169,7 +148,7 @@ def differentiate(batch: Any, tag: Any, pixels: Any, n: Any, stats: Any) -> Any:
     return jac
 
 
-@kernel(fastmath=True)
+@kernel(inner=True, fastmath=True)
 def add_products(jac: Any, normal: Any, gradient: Any) -> None:
     """Fill the normal matrix and the gradient, four products of rows at a time."""
     for i in range(0, PARAMETERS, 2):

@@ -52,21 +52,35 @@ def folder_for(sources: Iterable[Path]) -> Path | None:
 Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
 
 
-def kernel(**options: Any) -> Decorator:
-    """Compile a function of arrays and numbers at its first call; ``options`` are numba's beyond the usual ones."""
-    return compiled_in(cache_folder(), **options)
+def kernel(*, inner: bool = False, **options: Any) -> Decorator:
+    """Compile a function of arrays and numbers at its first call.
+
+    Parameters
+    ----------
+    inner
+        Only compiled code calls it: it needs no way in from Python, and is kept within what calls it. Both take time.
+    options
+        numba's beyond the usual ones.
+    """
+    return compiled_in(cache_folder(), inner=inner, **options)
 
 
-def compiled_in(folder: Path | None, **options: Any) -> Decorator:
-    """Return a decorator that compiles a function at its first call and keeps the code in a folder, if there is one."""
+def compiled_in(folder: Path | None, *, inner: bool = False, **options: Any) -> Decorator:
+    """Return a decorator as :func:`kernel` does, of code that is kept in a folder, if there is one."""
+    kept = folder is not None and not inner
 
     def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
         before = _CONFIG.CACHE_DIR
         _CONFIG.CACHE_DIR = str(folder or before)
         try:
-            made: Callable[..., Any] = njit(cache=folder is not None, nogil=True, error_model="numpy", **options)(
-                function
-            )
+            made: Callable[..., Any] = njit(
+                cache=kept,
+                nogil=True,
+                error_model="numpy",
+                no_cpython_wrapper=inner,
+                no_cfunc_wrapper=True,
+                **options,
+            )(function)
         finally:
             _CONFIG.CACHE_DIR = before
         return made

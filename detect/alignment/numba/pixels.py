@@ -16,13 +16,13 @@ OF_PIXEL = 7
 """x, y, u, v, grey level, column and row of a collected pixel."""
 
 
-@kernel()
+@kernel(inner=True)
 def room(box: Any) -> Any:
     """Return an array to collect the pixels of a box in."""
     return np.empty((OF_PIXEL, max(box[1] - box[0], 0) * max(box[3] - box[2], 0)), np.float32)
 
 
-@kernel(fastmath=ORDER)
+@kernel(inner=True, fastmath=ORDER)
 def widths(theta: Any, normalisation: Any) -> Any:
     """Return the blur's deviations along u and v at the tag's centre, modules."""
     sigma = np.exp(theta[12]) * normalisation[2]
@@ -31,7 +31,7 @@ def widths(theta: Any, normalisation: Any) -> Any:
     return sigma * np.sqrt(u0 * u0 + u1 * u1), sigma * np.sqrt(v0 * v0 + v1 * v1)
 
 
-@kernel(fastmath=ORDER)
+@kernel(inner=True, fastmath=ORDER)
 def _line(lens: Any, theta: Any, normalisation: Any, first: Any, row: Any, out: Any) -> None:  # noqa: PLR0917
     """Fill x, y, u and v of the pixels of a row, from the first column on."""
     h0, h1, h2, h3, h4, h5, h6, h7 = theta[0], theta[1], theta[2], theta[3], theta[4], theta[5], theta[6], theta[7]
@@ -60,7 +60,7 @@ def _line(lens: Any, theta: Any, normalisation: Any, first: Any, row: Any, out: 
         out[3, i] = (h3 * x + h4 * y + h5) * w
 
 
-@kernel(fastmath=ORDER)
+@kernel(inner=True, fastmath=ORDER)
 def collect(batch: Any, k: Any, into: Any) -> int:
     """Write x, y, u, v, grey level, column and row of the pixels of tag k that count; return how many."""
     grey, cells, box, margin = batch.grey, batch.cells[batch.rows[k]], batch.bounding_boxes[k], batch.margin[k]
@@ -115,7 +115,7 @@ def collect(batch: Any, k: Any, into: Any) -> int:
     return n
 
 
-@kernel(fastmath=ORDER)
+@kernel(inner=True, fastmath=ORDER)
 def replace_pixels(theta: Any, pixels: Any, n: Any) -> None:
     """Fill u and v of collected pixels anew."""
     h0, h1, h2, h3, h4, h5, h6, h7 = theta[0], theta[1], theta[2], theta[3], theta[4], theta[5], theta[6], theta[7]
@@ -126,7 +126,7 @@ def replace_pixels(theta: Any, pixels: Any, n: Any) -> None:
         pixels[3, p] = (h3 * x + h4 * y + h5) * w
 
 
-@kernel()
+@kernel(inner=True)
 def initial_intensity(batch: Any, k: Any, pixels: Any, n: Any) -> None:
     """Set offset and gain of a tag from its collected pixels.
 
@@ -146,7 +146,7 @@ def initial_intensity(batch: Any, k: Any, pixels: Any, n: Any) -> None:
         theta[8], theta[9] = black, max(white - black, LEAST_CONTRAST)
 
 
-@kernel()
+@kernel(inner=True)
 def _light_of(response: Any, grey: Any) -> Any:
     """Return the light that a response curve makes a grey level of."""
     last = len(response) - 1
@@ -164,7 +164,7 @@ def _light_of(response: Any, grey: Any) -> Any:
     return (low + (grey - response[low]) / (response[high] - response[low])) / last
 
 
-@kernel(fastmath=ORDER)
+@kernel(inner=True, fastmath=ORDER)
 def add_blocks(pixels: Any, n: Any, jac: Any, blocks: Any) -> None:
     """Add the residuals of collected pixels to the sums over modules."""
     side = blocks.shape[0]

@@ -39,6 +39,8 @@ class StepRules(NamedTuple):
         At most so many steps.
     guess
         Set black and white from the middle of the modules first.
+    sums_only
+        Fill the sums and take no step; of compiled code, where that saves a second copy of what fills them.
     """
 
     free: NDArray[np.bool_]
@@ -46,6 +48,7 @@ class StepRules(NamedTuple):
     stop_px: float
     iterations: int
     guess: bool
+    sums_only: bool = False
 
 
 def iterate(
