@@ -21,6 +21,7 @@ from boxcal.calib.exports.scene import make_scene
 from boxcal.calib.exports.stop_images import draw_stops, stop_jpegs
 from boxcal.calib.four_steps.procedure import FourSteps
 from boxcal.calib.likelihood import Estimate, EstimateOptions
+from boxcal.calib.likelihood.compiled.compilation import prepare_all
 from boxcal.calib.report.robot import FLEET_PAGE, robot_report
 from boxcal.calib.results.build import closed_form, refined
 from boxcal.calib.results.calibration import Calibration
@@ -139,6 +140,8 @@ def calibrate_robot(job: Job, progress: Progress | None = None) -> Calibration:
         if progress is not None:
             progress(Stage(robot=job.robot, name=name, text=text, share=share))
 
+    if any(log.suffix != CORRESPONDENCES for log in job.logs):
+        prepare_all(lambda text: tell("compile", text, 0.0))
     drives = []
     for k, log in enumerate(job.logs):
         tell("read", f"reading {log.name}", _READ * k / len(job.logs))

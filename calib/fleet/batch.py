@@ -17,9 +17,9 @@ from multiprocessing.queues import Queue
 
 from boxcal.calib.calibrate import calibrate_robot
 from boxcal.calib.errors import CalibError
+from boxcal.calib.likelihood.compiled.compilation import prepare_all
 from boxcal.calib.results.calibration import Calibration
 from boxcal.calib.settings import CORRESPONDENCES, Job, Outcome, Progress, Stage, listed
-from boxcal.detect.alignment.compilation import prepare
 from boxcal.target.errors import BoxcalError
 
 _PATIENCE_S = 5.0
@@ -45,7 +45,7 @@ def calibrate_fleet(
         yield from (attempt(job, progress) for job in jobs)
         return
     if any(log.suffix != CORRESPONDENCES for job in jobs for log in job.logs):
-        prepare(None if progress is None else partial(_tell_compiling, progress))
+        prepare_all(partial(_tell_compiling, progress))
     lost: list[Job] = []
     with _listening(progress) as stages:
         for job, outcome in _in_processes(jobs, workers, stages):
@@ -59,8 +59,9 @@ def calibrate_fleet(
                 yield outcome or Outcome(job=job, calibration=None, error=_died(job))
 
 
-def _tell_compiling(progress: Progress, text: str) -> None:
-    progress(Stage(robot="all robots", name="compile", text=text, share=0.0))
+def _tell_compiling(progress: Progress | None, text: str) -> None:
+    if progress is not None:
+        progress(Stage(robot="all robots", name="compile", text=text, share=0.0))
 
 
 def attempt(job: Job, progress: Progress | None = None) -> Outcome:

@@ -10,7 +10,7 @@ import numpy as np
 from boxcal.calib.likelihood.compiled.kernel import kernel
 
 
-@kernel()
+@kernel(inner=True)
 def _sweep(A: Any) -> bool:
     """Replace A (k, k) by its inverse, by Gauss-Jordan elimination; A is positive definite, so no pivot is sought."""
     k = A.shape[0]

@@ -1,10 +1,25 @@
 """The likelihood's loops called once each, so that they are compiled before they are needed."""
 
+from pathlib import Path
+
 import numpy as np
 
 from boxcal.calib.geometry.diff_drive import Legs
 from boxcal.calib.likelihood.backend import numba_backend
 from boxcal.calib.likelihood.wheel_path import wheel_path
+from boxcal.detect.alignment.compilation import Tell, prepare
+
+
+def prepare_all(tell: Tell) -> None:
+    """Have the detector's and the likelihood's code compiled, unless it is; ``tell`` is told what takes long."""
+    prepare(tell, (__name__,))
+
+
+def cache_folder() -> Path | None:
+    """Return the folder for the likelihood's compiled code; None if no place can be written."""
+    from boxcal.calib.likelihood.compiled import kernel  # noqa: PLC0415 - slow to import
+
+    return kernel.cache_folder()
 
 
 def compile_all() -> None:

@@ -13,6 +13,6 @@ def cache_folder() -> Path | None:
     return folder_for(sorted(Path(__file__).resolve().parent.glob("*.py")))
 
 
-def kernel(**options: Any) -> Decorator:
-    """Compile a function of arrays and numbers at its first call; ``options`` are numba's beyond the usual ones."""
-    return compiled_in(cache_folder(), **options)
+def kernel(*, inner: bool = False, **options: Any) -> Decorator:
+    """Compile a function of arrays and numbers at its first call; see :func:`boxcal.detect.alignment.numba.kernel`."""
+    return compiled_in(cache_folder(), inner=inner, **options)
