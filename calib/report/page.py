@@ -43,7 +43,7 @@ def page(template: str, *, scripts: tuple[str, ...], data: Mapping[str, Any], **
         f"default-src 'none'; script-src '{_hash(js)}'; style-src '{_hash(css)}'; img-src data:; base-uri 'none'; "
         "form-action 'none'"
     )
-    text = environment.get_template(template).render(css=css, js=js, policy=policy, data=embedded(data), **content)
+    text: str = environment.get_template(template).render(css=css, js=js, policy=policy, data=embedded(data), **content)
     return text.encode()
 
 

@@ -20,7 +20,7 @@ from boxcal.detect.alignment.registration.parameters import BLACK, KURTOSIS, PAR
 @kernel(inner=True)
 def clusters_of_tag(  # noqa: PLR0917 - arrays in, arrays out
     batch: Any, k: Any, pixels: Any, n: Any, jac: Any, side: Any, corners: Any, noise2: Any, prior: Any
-) -> tuple[float, float]:
+) -> Any:
     """Return the clusters' mean square and its expectation, in units of the corners' variance under white noise.
 
     ``side`` is the clusters', px; ``noise2`` the residuals' variance, ``prior`` the kurtosis's deviation, ``corners``

@@ -68,19 +68,15 @@ def kernel(*, inner: bool = False, **options: Any) -> Decorator:
 def compiled_in(folder: Path | None, *, inner: bool = False, **options: Any) -> Decorator:
     """Return a decorator as :func:`kernel` does, of code that is kept in a folder, if there is one."""
     kept = folder is not None and not inner
+    wrappers: dict[str, Any] = {"no_cpython_wrapper": inner, "no_cfunc_wrapper": True}
 
     def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
         before = _CONFIG.CACHE_DIR
         _CONFIG.CACHE_DIR = str(folder or before)
         try:
-            made: Callable[..., Any] = njit(
-                cache=kept,
-                nogil=True,
-                error_model="numpy",
-                no_cpython_wrapper=inner,
-                no_cfunc_wrapper=True,
-                **options,
-            )(function)
+            made: Callable[..., Any] = njit(cache=kept, nogil=True, error_model="numpy", **wrappers, **options)(
+                function
+            )
         finally:
             _CONFIG.CACHE_DIR = before
         return made
