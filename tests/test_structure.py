@@ -27,9 +27,7 @@ WIDE: dict[str, str] = {
 
 
 SAME_LINES = 6
-TWICE: dict[str, str] = {
-    "detect/alignment/backend.py": "two backends of the same functions, which the type checker holds to one signature",
-}
+TWICE: dict[str, str] = {}
 """Files that share code, and why."""
 
 
