@@ -38,6 +38,7 @@ def _run(args: argparse.Namespace, command: str) -> int:
         _tell(f"fleet-calibrate: {len(args.logs)} log{'s' if len(args.logs) > 1 else ''}, starting ...")
     from boxcal.calib.console.progress import make_progress
     from boxcal.calib.fleet.batch import calibrate_fleet
+    from boxcal.calib.fleet.interrupts import interrupts_held
     from boxcal.calib.fleet.plan import finished_before
     from boxcal.target.errors import BoxcalError
 
@@ -61,7 +62,8 @@ def _run(args: argparse.Namespace, command: str) -> int:
                 progress.done(outcome)
     except KeyboardInterrupt:
         interrupted = True
-    status = _conclude(args, jobs, outcomes, command)
+    with interrupts_held():  # what is finished is put down, however often Ctrl-C is pressed
+        status = _conclude(args, jobs, outcomes, command)
     if interrupted:
         return _interrupted(jobs, start)
     return status

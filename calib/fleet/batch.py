@@ -7,7 +7,7 @@ import threading
 import time
 import traceback
 from collections.abc import Generator, Iterator, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from functools import partial
@@ -17,13 +17,17 @@ from multiprocessing.queues import Queue
 
 from boxcal.calib.calibrate import calibrate_robot
 from boxcal.calib.errors import CalibError
+from boxcal.calib.fleet.interrupts import children_without_interrupts, interrupts_held
 from boxcal.calib.likelihood.compiled.compilation import prepare_all
 from boxcal.calib.results.calibration import Calibration
 from boxcal.calib.settings import CORRESPONDENCES, Job, Outcome, Progress, Stage, listed
 from boxcal.target.errors import BoxcalError
+from boxcal.target.files.atomic_write import clear_parts
 
 _PATIENCE_S = 5.0
 """Seconds that a process is given to put away what it was writing."""
+_LISTEN_S = 0.2
+"""Seconds until Ctrl-C is noticed."""
 
 
 def calibrate_fleet(
@@ -92,24 +96,42 @@ def _died(job: Job) -> CalibError:
 def _in_processes(
     jobs: Sequence[Job], workers: int, stages: "Queue[Stage | None] | None"
 ) -> Iterator[tuple[Job, Outcome | None]]:
-    """Yield each job with its outcome, None where the process died; ended early, the processes are ended too."""
+    """Yield each job with its outcome, None where the process died; ended early, the processes are ended too.
+
+    Raises
+    ------
+    KeyboardInterrupt
+        If Ctrl-C was pressed, between two outcomes.
+    """
     before = set(active_children())
     pool = ProcessPoolExecutor(workers, mp_context=get_context("spawn"), initializer=_begin_worker, initargs=(stages,))
     try:
-        with _interrupts_ignored():  # inherited, so that Ctrl-C reaches this process alone
-            futures: dict[Future[Outcome], Job] = {pool.submit(_attempt_there, job): job for job in jobs}
-        for future in as_completed(futures):
-            try:
-                outcome = future.result()
-            except BrokenProcessPool:
-                yield futures[future], None
-            else:
-                yield futures[future], outcome
-        pool.shutdown()
+        with interrupts_held() as pressed:
+            with children_without_interrupts():
+                futures: dict[Future[Outcome], Job] = {pool.submit(_attempt_there, job): job for job in jobs}
+            waiting = set(futures)
+            while waiting:
+                done, waiting = wait(waiting, timeout=_LISTEN_S, return_when=FIRST_COMPLETED)
+                for future in done:
+                    died = isinstance(future.exception(), BrokenProcessPool)
+                    if died:
+                        _clear([futures[future]])
+                    yield futures[future], None if died else future.result()
+                if pressed():
+                    raise KeyboardInterrupt
+            pool.shutdown()
     except BaseException:
         pool.shutdown(wait=False, cancel_futures=True)
         _end(list(set(active_children()) - before))
+        _clear(jobs)
         raise
+
+
+def _clear(jobs: Sequence[Job]) -> None:
+    """Remove what processes that were ended left half written."""
+    for job in jobs:
+        if job.out is not None:
+            clear_parts(job.out / job.robot)
 
 
 def _end(processes: Sequence[BaseProcess]) -> None:
@@ -120,18 +142,7 @@ def _end(processes: Sequence[BaseProcess]) -> None:
         process.join(max(0.0, deadline - time.monotonic()))
         if process.is_alive():
             process.kill()
-
-
-@contextmanager
-def _interrupts_ignored() -> Iterator[None]:
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before)
+            process.join()
 
 
 @contextmanager

@@ -21,7 +21,8 @@ SIGMA_TOLERANCE = 0.05
 VALUE_TOLERANCE = 0.2
 """How far an estimate may be from the one shown, in its standard deviations."""
 COUNT_TOLERANCE = 0.005
-"""How far a count may be, relative: stops are equal, of some thousand landmarks a dozen may differ."""
+"""How far a count may be, relative to itself or to the whole it is a part of ("8 of 2964"): stops are equal, of some
+thousand landmarks a dozen may differ."""
 OTHER_TOLERANCE = 0.03
 """How far any other number may be, relative."""
 ERROR_DIGITS = 3
@@ -97,10 +98,16 @@ def _agree(line: str, printed: str, *, errors: bool) -> bool:
             elif errors:
                 room = ERROR_DIGITS * last_digit
             elif "." not in x:
-                room = COUNT_TOLERANCE * abs(value)
+                room = COUNT_TOLERANCE * max(abs(value), _of_how_many(words, place))
             if abs(value - float(y)) > room + 1e-9:
                 return False
     return True
+
+
+def _of_how_many(words: Sequence[str], place: int) -> float:
+    """Return the whole that a count is a part of, as in "8 of 2964 corners"; 0 if none is told."""
+    whole = words[place + 2] if words[place + 1 : place + 2] == ["of"] and len(words) > place + 2 else ""
+    return float(whole) if whole.isdecimal() else 0.0
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -1,11 +1,15 @@
 """Writing results so that a crash or a full disk never leaves half a file."""
 
 import os
+import shutil
 import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 
 from boxcal.target.errors import TargetError
+
+PART = ".part"
+"""End of the names of what is being written."""
 
 
 def write_atomically(path: Path, content: bytes) -> None:
@@ -14,7 +18,7 @@ def write_atomically(path: Path, content: bytes) -> None:
     The folder is made if it is missing. Raises OSError as the file system does.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
-    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name[:40]}.")
+    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name[:40]}.", suffix=PART)
     try:
         with os.fdopen(handle, "wb") as file:
             file.write(content)
@@ -52,10 +56,19 @@ def write_together(folder: Path, files: Mapping[str, bytes]) -> None:
             raise TargetError(
                 "is a folder, a file is to be written there", source=folder / name, remedy="name another FOLDER"
             )
-    with tempfile.TemporaryDirectory(dir=folder, prefix=".make-target.") as staging:
+    with tempfile.TemporaryDirectory(dir=folder, prefix=".written-together.", suffix=PART) as staging:
         for name, content in files.items():
             write_atomically(Path(staging) / name, content)
         for name in files:
             (folder / name).parent.mkdir(parents=True, exist_ok=True)
         for name in files:
             (Path(staging) / name).replace(folder / name)
+
+
+def clear_parts(folder: Path) -> None:
+    """Remove what a process that was ended by force left half written in a folder; nobody may be writing there."""
+    for path in folder.glob(f".*{PART}"):
+        if path.is_dir():
+            shutil.rmtree(path)
+        else:
+            path.unlink(missing_ok=True)

@@ -1,0 +1,42 @@
+"""Ctrl-C held back until the work is at a place where it can stop."""
+
+import signal
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from types import FrameType
+
+
+@contextmanager
+def interrupts_held() -> Iterator[Callable[[], bool]]:
+    """Hold Ctrl-C back; gives a function that tells whether it was pressed meanwhile.
+
+    Without this, Python raises KeyboardInterrupt between any two instructions, those of other people's clean-up
+    included. Outside the main thread nothing is held back, for signals do not arrive there.
+    """
+    pressed = threading.Event()
+    if threading.current_thread() is not threading.main_thread():
+        yield pressed.is_set
+        return
+
+    def note(_number: int, _frame: FrameType | None) -> None:
+        pressed.set()
+
+    before = signal.signal(signal.SIGINT, note)
+    try:
+        yield pressed.is_set
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+@contextmanager
+def children_without_interrupts() -> Iterator[None]:
+    """Start processes that Ctrl-C does not reach: it is blocked while they start, and they inherit that."""
+    if not hasattr(signal, "pthread_sigmask"):  # Windows
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
