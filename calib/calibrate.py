@@ -146,6 +146,17 @@ def calibrate_robot(job: Job, progress: Progress | None = None) -> Calibration:
     for k, log in enumerate(job.logs):
         tell("read", f"reading {log.name}", _READ * k / len(job.logs))
         drives.append(read(log, job, partial(_reading, tell, k, len(job.logs))))
+    return calibrate_drives(job, drives, tell)
+
+
+def calibrate_drives(
+    job: Job, drives: Sequence[Correspondences], tell: Callable[[str, str, float], None] | None = None
+) -> Calibration:
+    """Return the calibration of one robot from drives that were read already, and write it where the job says.
+
+    Errors as for :func:`calibrate_robot`.
+    """
+    tell = tell or _silent
     tell("solve", f"solving {sum(len(drive.stops) for drive in drives)} stops", _READ)
     try:
         look = first_look(drives, job.target, job.settings.camera_mode)
@@ -157,6 +168,10 @@ def calibrate_robot(job: Job, progress: Progress | None = None) -> Calibration:
     tell("write", "writing the results", _SOLVED)
     write(job, result, drives)
     return result
+
+
+def _silent(_: str, __: str, ___: float) -> None:
+    return
 
 
 def _reading(tell: Callable[[str, str, float], None], log: int, logs: int, text: str, share: float) -> None:

@@ -143,7 +143,7 @@ def extract(
         robot=robot_name_of(path),
         image_size=look.image_size,
         wheels=recording.wheels,
-        stops=tuple(_view(stop, detections, cov, target) for (stop, detections), cov in zip(seen, covs, strict=True)),
+        stops=tuple(observation(stop, detections, cov, target) for (stop, detections), cov in zip(seen, covs, strict=True)),
         source=source_of(recording, target_sha256(target), look.notes()),
         units=recording.units,
     )
@@ -233,7 +233,8 @@ def _some_frames(recording: Recording, stops: tuple[Stop, ...], settings: Extrac
     return np.concatenate(first)[:: -(-len(first) // _SOME_FRAMES)]
 
 
-def _view(stop: Stop, detections: AveragedCorners, cov_px2: Array, target: Target) -> StopObservation:
+def observation(stop: Stop, detections: AveragedCorners, cov_px2: Array, target: Target) -> StopObservation:
+    """Return a stop of the wheels with what its pictures show, and the covariance (L, 2, 2), px^2, of each landmark."""
     return StopObservation(
         t_start_ns=stop.t_start_ns,
         t_end_ns=stop.t_end_ns,

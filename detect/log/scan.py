@@ -75,19 +75,23 @@ class Scan:
     def take_all(self, container: Container) -> None:
         """Read a recording from front to end (DetectError if it holds unreasonably much)."""
         for piece in container.batches():
-            late: list[tuple[_Handler, Batch]] = []
-            for batch in piece:
-                handler = self._handler(batch.channel)
-                if handler is None:
-                    continue
-                if handler == self._image:
-                    late.append((handler, batch))
-                else:
-                    handler(batch)
-            for handler, batch in late:  # whether the robot stands must be known before its images are looked at
-                handler(batch)
+            self.take(piece)
         for channel in getattr(container, "channels", []):
             self._handler(channel)
+
+    def take(self, piece: list[Batch]) -> None:
+        """Take some messages (DetectError if there are unreasonably many)."""
+        late: list[tuple[_Handler, Batch]] = []
+        for batch in piece:
+            handler = self._handler(batch.channel)
+            if handler is None:
+                continue
+            if handler == self._image:
+                late.append((handler, batch))
+            else:
+                handler(batch)
+        for handler, batch in late:  # whether the robot stands must be known before its images are looked at
+            handler(batch)
 
     def image_counts(self) -> dict[str, int]:
         """Return every image topic's number of messages."""
