@@ -6,18 +6,24 @@ VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 ALL_INSTALLED := $(VENV)/.installed-all
+LIVE_INSTALLED := $(VENV)/.installed-live
 # The package as it is installed, as links: what the type checker and the import linter read.
 TREE := build/tree
-EXTRAS ?= dev,docs,cad,models-test
+EXTRAS ?= dev,docs,cad,models-test,live
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable
 
-.PHONY: demo test clients mutants lint format docs outputs walk schemas pictures printables dist docker clean
+.PHONY: demo guide-demo test clients mutants lint format docs outputs walk schemas pictures printables dist docker clean
 
 # The main job without hardware: print files, three simulated robots and their logs, three calibrations.
 demo: $(INSTALLED)
 	$(BIN)/make-target demo/box
 	$(BIN)/simulate-fleet demo/robots --robots 3 --stops 12 --seed 1
 	$(BIN)/fleet-calibrate demo/robots/*.mcap --target demo/box/target.json --out demo/calibration --truth
+
+# A simulated robot to drive in a browser, and the guide beside it; Ctrl-C ends both.
+guide-demo: $(LIVE_INSTALLED)
+	$(BIN)/simulate-robot --serve --guide http://127.0.0.1:8787/ & robot=$$!; trap "kill $$robot" EXIT; \
+	$(BIN)/guide ws://127.0.0.1:8765 --record demo/recordings --out demo/guided
 
 # Without the CAD kernel and the readers of models (some 500 MB) their tests skip: `make test EXTRAS=dev`.
 test: lint
@@ -85,6 +91,10 @@ $(INSTALLED): pyproject.toml constraints.txt
 $(ALL_INSTALLED): $(INSTALLED)
 	$(INSTALL) '.[$(EXTRAS)]'
 	touch $(ALL_INSTALLED)
+
+$(LIVE_INSTALLED): $(INSTALLED)
+	$(INSTALL) '.[report,live]'
+	touch $(LIVE_INSTALLED)
 
 $(TREE): Makefile
 	mkdir -p $(TREE)/boxcal

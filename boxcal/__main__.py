@@ -15,6 +15,8 @@ COMMANDS = {
     "fleet-calibrate": ("boxcal.calib.cli", "calibrate robots from their logs"),
     "check-drive": ("boxcal.calib.check_drive.cli", "tell whether a calibrated robot drives as predicted"),
     "compare-calibrations": ("boxcal.calib.compare.cli", "tell whether two calibrations of a robot differ"),
+    "guide": ("boxcal.calib.guide.cli", "guide a robot's drive, stop by stop, until its calibration is good"),
+    "simulate-robot": ("boxcal.calib.simulate.serve.cli", "drive a simulated robot by hand, heard like a real one"),
     "simulate-fleet": ("boxcal.calib.simulate.cli", "drive simulated robots around the box and write their logs"),
 }
 """Module and summary of each command, by the name under which it is installed."""

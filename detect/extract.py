@@ -143,7 +143,9 @@ def extract(
         robot=robot_name_of(path),
         image_size=look.image_size,
         wheels=recording.wheels,
-        stops=tuple(observation(stop, detections, cov, target) for (stop, detections), cov in zip(seen, covs, strict=True)),
+        stops=tuple(
+            observation(stop, detections, cov, target) for (stop, detections), cov in zip(seen, covs, strict=True)
+        ),
         source=source_of(recording, target_sha256(target), look.notes()),
         units=recording.units,
     )

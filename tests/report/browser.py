@@ -99,8 +99,8 @@ class Browser:
         *whole, self._rest = self._rest.split(b"\0")
         return [json.loads(message) for message in whole]
 
-    def open(self, path: Path, *, width: int = 1280, height: int = 800, dark: bool = False) -> None:
-        """Open a file in a new page, of the size and colour scheme asked for."""
+    def open(self, path: Path | str, *, width: int = 1280, height: int = 800, dark: bool = False) -> None:
+        """Open a file or an address in a new page, of the size and colour scheme asked for."""
         self._session = None
         target = self.send("Target.createTarget", url="about:blank")["targetId"]
         self._session = self.send("Target.attachToTarget", targetId=target, flatten=True)["sessionId"]
@@ -117,10 +117,10 @@ class Browser:
         scheme = {"name": "prefers-color-scheme", "value": "dark" if dark else "light"}
         self.send("Emulation.setEmulatedMedia", features=[scheme])
         begun = time.monotonic()
-        self.send("Page.navigate", url=path.as_uri())
+        self.send("Page.navigate", url=path if isinstance(path, str) else path.as_uri())
         while not any(e.get("method") == "Page.loadEventFired" for e in self._events):
             if time.monotonic() > begun + _WAIT_S:
-                raise TimeoutError(f"{path.name} did not load")
+                raise TimeoutError(f"{path} did not load")
             self._events += self._read()
         self.evaluate("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(() => done(1))))")
 

@@ -1,0 +1,72 @@
+"""The full calibration with its verdict, in a process of its own: it may take long, and may be given up."""
+
+import multiprocessing
+from concurrent.futures import Future, ProcessPoolExecutor
+from pathlib import Path
+
+from boxcal.calib.settings import Job, Settings
+from boxcal.detect.correspondences import Correspondences
+from boxcal.target.box import Target
+
+LONGEST_S = 90.0
+"""A solver that has not answered by then is ended: drives of nonsense can keep it busy for minutes."""
+
+
+class Solver:
+    """Solves drives one at a time, in another process."""
+
+    def __init__(self, robot: str, target: Target) -> None:
+        self._robot, self._target = robot, target
+        self._pool: ProcessPoolExecutor | None = None
+        self._others: set[multiprocessing.process.BaseProcess] = set()
+
+    def judge(self, drive: Correspondences) -> "Future[dict[str, object]]":
+        """Begin to solve a drive; the result holds its verdict."""
+        return self._submit(self._job(None, Path(drive.source.log or "drive"), ""), drive)
+
+    def write(self, drive: Correspondences, out: Path, log: Path, command: str) -> "Future[dict[str, object]]":
+        """Begin to solve a drive and write its results and report; the result holds its verdict."""
+        return self._submit(self._job(out, log, command), drive)
+
+    def give_up(self) -> None:
+        """End the process, whatever it does."""
+        if self._pool is not None:
+            for process in set(multiprocessing.active_children()) - self._others:
+                process.kill()
+            self._pool.shutdown(wait=False, cancel_futures=True)
+        self._pool = None
+
+    def _job(self, out: Path | None, log: Path, command: str) -> Job:
+        settings = Settings(report=out is not None)
+        return Job(robot=self._robot, logs=(log,), target=self._target, settings=settings, out=out, command=command)
+
+    def _submit(self, job: Job, drive: Correspondences) -> "Future[dict[str, object]]":
+        if self._pool is None:
+            self._others = set(multiprocessing.active_children())
+            self._pool = ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn"))
+        return self._pool.submit(solved, job, drive)
+
+
+def solved(job: Job, drive: Correspondences) -> dict[str, object]:
+    """Return what a page shows of a solved drive: level, headline and sentences of the verdict, and the figures.
+
+    Raises
+    ------
+    BoxcalError
+        If the drive does not determine the calibration.
+    """
+    from boxcal.calib.calibrate import calibrate_drives  # noqa: PLC0415  heavy, and for this process only
+    from boxcal.one_thread import hold_process_to_one_thread  # noqa: PLC0415
+
+    hold_process_to_one_thread()
+    found = calibrate_drives(job, [drive])
+    verdict = found.verdict
+    if verdict is None:
+        raise AssertionError("a calibration is judged before it is returned")
+    return {
+        "level": str(verdict.level),
+        "headline": verdict.headline,
+        "lines": [list(line) for line in verdict.lines()],
+        "stops": len(found.stops),
+        "checks": verdict.count,
+    }

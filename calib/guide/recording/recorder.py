@@ -1,0 +1,112 @@
+"""A thread that keeps messages in a file: at most half a second is lost whatever happens, and a full disk is no end."""
+
+import contextlib
+import queue
+import threading
+import time
+from pathlib import Path
+
+from boxcal.calib.guide.recording.chunked_file import ChunkedFile
+from boxcal.calib.guide.sources.inbox import LiveMessage
+
+EVERY_S = 0.4
+"""Time from chunk to chunk."""
+MOST_PENDING_BYTES = 8 << 20
+"""A chunk is written early when it holds so much."""
+MOST_QUEUED_BYTES = 96 << 20
+"""Messages that wait for a slow disk; beyond it pictures are not kept."""
+TRY_AGAIN_S = 5.0
+
+
+class Recorder:
+    """Keeps messages in an MCAP file of its own.
+
+    Attributes
+    ----------
+    path
+        The file.
+    problem
+        Sentence about why it cannot be written now, empty if it can.
+    lost
+        Messages that were not kept because of that.
+    unkept_pictures
+        Pictures that were not kept because the disk is slow.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._file = ChunkedFile(path)
+        self.path, self.problem = path, ""
+        self.lost = self.unkept_pictures = 0
+        self._queue: queue.SimpleQueue[LiveMessage | None] = queue.SimpleQueue()
+        self._queued_bytes, self._lock = 0, threading.Lock()
+        self._blocked_until = 0.0
+        self._thread = threading.Thread(target=self._run, name="recorder", daemon=True)
+        self._thread.start()
+
+    @property
+    def size(self) -> int:
+        """Bytes that were written."""
+        return self._file.size
+
+    @property
+    def messages(self) -> int:
+        """Messages that were written."""
+        return self._file.messages
+
+    def keep(self, message: LiveMessage) -> bool:
+        """Keep a message; return False if it is a picture and the disk cannot follow."""
+        size = len(message.data)
+        with self._lock:
+            if message.picture and self._queued_bytes and self._queued_bytes + size > MOST_QUEUED_BYTES:
+                self.unkept_pictures += 1
+                return False
+            self._queued_bytes += size
+        self._queue.put(message)
+        return True
+
+    def close(self) -> None:
+        """Write all that is kept and finish the file."""
+        self._queue.put(None)
+        self._thread.join()
+        try:
+            self._file.close()
+        except OSError as error:
+            self._failed(error)
+
+    def _run(self) -> None:
+        next_flush = time.monotonic() + EVERY_S
+        while True:
+            with contextlib.suppress(queue.Empty):
+                message = self._queue.get(timeout=max(next_flush - time.monotonic(), 0.01))
+                if message is None:
+                    return
+                with self._lock:
+                    self._queued_bytes -= len(message.data)
+                self._take(message)
+            if time.monotonic() >= next_flush or self._file.pending_bytes > MOST_PENDING_BYTES:
+                self._flush()
+                next_flush = time.monotonic() + EVERY_S
+
+    def _take(self, message: LiveMessage) -> None:
+        if self.problem and time.monotonic() < self._blocked_until:
+            self.lost += 1
+            return
+        self._file.add(message.channel, message.log_ns, message.data)
+
+    def _flush(self) -> None:
+        before = self._file.pending
+        if not before:
+            return
+        try:
+            self._file.flush()
+            self.problem = ""
+        except OSError as error:
+            self.lost += before
+            self._failed(error)
+
+    def _failed(self, error: OSError) -> None:
+        self._blocked_until = time.monotonic() + TRY_AGAIN_S
+        self.problem = (
+            f"{self.path.name} cannot be written ({error.strerror or error}); what was recorded so far is kept, make "
+            "room on the disk"
+        )

@@ -1,0 +1,431 @@
+"""The guide's session: messages in, state out; what takes long is done beside it, one thing at a time."""
+
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from concurrent.futures import CancelledError, Future
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from boxcal.calib.errors import CalibError
+from boxcal.calib.guide.drive.glance import Glance, glance
+from boxcal.calib.guide.drive.live_drive import LiveDrive
+from boxcal.calib.guide.estimate.advice import Place, bars, first_places, next_places, reached
+from boxcal.calib.guide.estimate.running import RunningEstimate
+from boxcal.calib.guide.estimate.solver import LONGEST_S, Solver
+from boxcal.calib.guide.recording.recorder import Recorder
+from boxcal.calib.guide.sources.inbox import LiveMessage
+from boxcal.calib.guide.sources.link import Link
+from boxcal.calib.guide.worker import Worker
+from boxcal.calib.planning.goal import Bar, Goal
+from boxcal.calib.settings import Settings
+from boxcal.detect.alignment.compilation import prepare
+from boxcal.detect.correspondences import Correspondences
+from boxcal.detect.errors import DetectError
+from boxcal.detect.image.bit_depth import DeepGrey, full_scale
+from boxcal.detect.log.images import VideoPacket, decode_frame
+from boxcal.target.box import Target
+from boxcal.target.camera.camera_model import CameraModel
+from boxcal.target.errors import BoxcalError
+
+_WAIT_S, _TICK_S, _PUBLISH_S, _GLANCE_S = 0.04, 0.1, 0.1, 0.15
+_TICK_SHARE = 5.0
+"""A tick that takes long comes as many times its length later."""
+_IDLE_S, _IDLE_EVERY_NS = 20.0, 2_000_000_000
+"""A robot that has stood so long at a stop that was taken is left standing: its pictures are kept rarely."""
+_JUDGED_FROM = 4
+"""Stops from which on the full calibration is worth its time."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GuideOptions:
+    """Options of a session.
+
+    Attributes
+    ----------
+    robot
+        Name of the robot, of its recording and of its results.
+    target
+        The box.
+    settings
+        Topics, units and nominal wheels.
+    recordings, out
+        Folders of the recording and of the results.
+    goal
+        Standard deviations that are enough.
+    command
+        The command line, for the provenance of the results.
+    """
+
+    robot: str
+    target: Target
+    settings: Settings
+    recordings: Path
+    out: Path
+    goal: Goal = field(default_factory=Goal)
+    command: str = ""
+
+
+@dataclass(slots=True, kw_only=True, eq=False)
+class Outlook:
+    """The state of the drive as the driver needs it: what is known and what comes next.
+
+    Attributes
+    ----------
+    seen
+        The last look at a picture.
+    bars
+        How far the goals are.
+    places
+        Where to stop next.
+    verdict
+        Of the last full calibration, and of how many stops; empty before.
+    finished
+        Of the calibration that was written; empty before.
+    failed
+        Sentence about why a full calibration failed; empty if none did.
+    taken_at
+        Steady time, s, at which the last stop was taken, and how many stops then were.
+    latency
+        Time from a stop's being due to its bars' being known, s.
+    """
+
+    seen: Glance | None = None
+    bars: tuple[Bar, ...] = ()
+    places: tuple[Place, ...] = ()
+    verdict: dict[str, Any] = field(default_factory=dict)
+    finished: dict[str, Any] = field(default_factory=dict)
+    failed: str = ""
+    taken_at: tuple[float, int] = (0.0, 0)
+    latency: float = 0.0
+
+
+class Session:
+    """One drive with a guide.
+
+    Attributes
+    ----------
+    options, link
+        What was asked for, and where messages come from.
+    drive, running, outlook
+        What was heard, what is estimated, what to tell.
+    recorder
+        Keeps the messages; None before the first.
+    said
+        Lines for the terminal that were not printed yet.
+    compiling
+        Sentence about what must be compiled first; empty once that is done.
+    """
+
+    def __init__(self, options: GuideOptions, link: Link) -> None:
+        self.options, self.link = options, link
+        self.said: deque[str] = deque(maxlen=200)
+        self.compiling = "getting ready"
+        self.stopped = threading.Event()
+        self._requests: deque[str] = deque(maxlen=8)
+        self._worker = Worker()
+        self._solver = Solver(options.robot, options.target)
+        self._told: dict[str, str] = {}
+        self._begin()
+        threading.Thread(target=self._prepare, name="compile", daemon=True).start()
+
+    def _begin(self) -> None:
+        self.drive = LiveDrive(self.options.robot, self.options.target, self.options.settings)
+        self.running = RunningEstimate(self.options.target)
+        self.outlook = Outlook()
+        self.recorder: Recorder | None = None
+        self.problem = ""
+        self._full: Future[dict[str, Any]] | None = None
+        self._full_since, self._full_stops, self._full_written = 0.0, 0, False
+        self._wants = {"advise": True, "solve": False, "judge": False, "calibrate": False}
+        self._measure_due = 0.0
+        self._glanced = 0
+        self._idle_picture_ns = 0
+        self._next_glance = 0.0
+
+    def request(self, what: str) -> None:
+        """Ask for something from the page: ``calibrate`` or ``again``."""
+        self._requests.append(what)
+
+    def run(self, publish: Callable[["Session"], None]) -> None:
+        """Work until stopped; ``publish`` is called some ten times a second."""
+        try:
+            self._work(publish)
+        finally:
+            self._worker.close()
+            self._solver.give_up()
+            if self.recorder is not None:
+                self.recorder.close()
+
+    def _work(self, publish: Callable[["Session"], None]) -> None:
+        next_tick = next_publish = 0.0
+        while not self.stopped.is_set():
+            self.take(self.link.inbox.take(_WAIT_S))
+            now = time.monotonic()
+            if now >= next_tick:
+                self.drive.update()
+                spent = time.monotonic() - now
+                next_tick = now + max(_TICK_S, _TICK_SHARE * spent)
+            self._collect()
+            self._answer_requests()
+            self._next_task()
+            if now >= next_publish:
+                next_publish = now + _PUBLISH_S
+                self._tell_changes()
+                publish(self)
+
+    def take(self, messages: list[LiveMessage]) -> None:
+        """Keep messages, and take them into the drive as far as they were kept."""
+        if messages and self.recorder is None:
+            self.recorder = self._new_recorder()
+        recorder = self.recorder
+        wanted = [m for m in messages if not (m.picture and self._is_idle(m.log_ns))]
+        kept = [m for m in wanted if recorder is None or recorder.keep(m)]
+        try:
+            self.drive.take(kept)
+        except DetectError as error:
+            self.problem = str(error)
+
+    def _is_idle(self, log_ns: int) -> bool:
+        """Tell whether a picture shows nothing new: the robot has stood for long at a stop that was taken."""
+        stands = self.drive.stands
+        if stands is None or stands.seconds < _IDLE_S or not self.drive.taken.holds(stands.stops[-1]):
+            return False
+        if abs(log_ns - self._idle_picture_ns) < _IDLE_EVERY_NS:
+            return True
+        self._idle_picture_ns = log_ns
+        return False
+
+    def _new_recorder(self) -> Recorder | None:
+        stamp = time.strftime("%Y%m%d-%H%M%S")
+        for k in range(100):
+            name = f"{self.options.robot}-{stamp}{f'-{k}' if k else ''}.mcap"
+            try:
+                return Recorder(self.options.recordings / name)
+            except FileExistsError:
+                continue
+            except OSError as error:
+                self.problem = (
+                    f"{self.options.recordings}: nothing can be recorded there ({error.strerror or error}); name "
+                    "another folder with --record"
+                )
+                return None
+        return None
+
+    def _prepare(self) -> None:
+        """Have the detector compiled, which takes long once on a computer."""
+
+        def tell(line: str) -> None:
+            self.compiling = line
+            self.said.append(line)
+
+        prepare(tell)
+        self.compiling = ""
+
+    def _next_task(self) -> None:
+        """Give the worker what is most pressing."""
+        if not self._worker.idle:
+            return
+        due = None if self.compiling else self.drive.to_measure()
+        now = time.monotonic()
+        if due is not None:
+            self._measure_due = now
+            log = self._log_name
+            self._worker.begin("measure", lambda: self._measured(due, log))
+        elif self._wants["calibrate"]:
+            self._wants["calibrate"] = False
+            last, name = self.drive.to_measure(at_end=True), self._log_name
+            self._worker.begin("finish", lambda: self._all_seen(last, name))
+        elif self._wants["advise"]:
+            self._wants["advise"] = False
+            self._worker.begin("advise", self._advice)
+        elif self._wants["solve"] and self.running.drive is not None:
+            self._wants["solve"] = False
+            drive = self.running.drive
+            self._worker.begin("solve", lambda: self.running.solve(drive))
+        elif self.drive.newest is not None and self.drive.newest.number != self._glanced and now >= self._next_glance:
+            self._glanced = self.drive.newest.number
+            self._next_glance = now + _GLANCE_S
+            frame, camera = self.drive.newest, self.camera
+            self._worker.begin("glance", lambda: self._looked_at(frame, camera))
+        if self._wants["judge"] and self._full is None and self.running.drive is not None:
+            self._wants["judge"] = False
+            self._begin_full(self.running.drive, written=False)
+
+    @property
+    def _log_name(self) -> str:
+        return self.recorder.path.name if self.recorder is not None else "drive"
+
+    @property
+    def camera(self) -> CameraModel | None:
+        """The camera as known so far: solved for, or with the focal length that the detector found."""
+        if self.running.estimate is not None:
+            return self.running.estimate.camera
+        known, size = self.drive.taken.camera, self.drive.taken.image_size
+        if known is None or size is None:
+            return None
+        f = known.prior.focal_px
+        return CameraModel(fu=f, fv=f, cu=(size[0] - 1) / 2, cv=(size[1] - 1) / 2, kr=0.0)
+
+    def _looked_at(self, frame: Any, camera: CameraModel | None) -> Glance | None:
+        try:
+            image = decode_frame(frame.channel, frame.data)
+        except DetectError as error:
+            self.drive.damaged = f"{frame.channel.topic}: {error}"
+            return None
+        if isinstance(image, VideoPacket):
+            return None
+        shown: DeepGrey = full_scale(image, 8)
+        return glance(shown, frame.t_ns, self.options.target, camera)
+
+    def _measured(self, due: Any, log: str) -> tuple[bool, bool]:
+        """Measure a stop and bring the estimate up to date; return whether it was taken, and whether it is new."""
+        before = len(self.drive.taken.stops)
+        taken = self.drive.taken.take(*due)
+        if taken is None:
+            return False, False
+        drive = self.drive.correspondences(log)
+        if drive is not None and self.running.grow(drive) and self.running.estimate is not None:
+            self.outlook.bars = bars(self.running.estimate, self.options.goal, drive.image_size)
+        elif drive is not None:
+            self.outlook.bars = ()
+        return True, len(self.drive.taken.stops) > before
+
+    def _all_seen(self, last: Any, log: str) -> Correspondences | None:
+        """Return all that was seen, the stand that still goes on with its newest pictures."""
+        if last is not None:
+            self.drive.taken.take(*last)
+        return self.drive.correspondences(log)
+
+    def _advice(self) -> tuple[Place, ...]:
+        found, drive = self.running.estimate, self.running.drive
+        try:
+            if found is not None and drive is not None:
+                return next_places(found, drive, self.options.target, self.options.goal)
+        except CalibError as error:
+            self.problem = str(error)
+            return ()
+        return first_places(self.options.target, len(self.drive.taken.stops), self.drive.taken.image_size)
+
+    def _collect(self) -> None:
+        """Take what the worker and the solver have finished."""
+        done = self._worker.finished()
+        if done is not None:
+            name, result = done
+            if name == "glance" and result is not None:
+                self.outlook.seen = result
+            elif name == "advise":
+                self.outlook.places = result
+            elif name == "solve" and self.running.estimate is not None and self.running.drive is not None:
+                drive = self.running.drive
+                self.outlook.bars = bars(self.running.estimate, self.options.goal, drive.image_size)
+                self._wants["advise"] = True
+            elif name == "measure":
+                self._took(*result)
+            elif name == "finish":
+                self._finish(result)
+        if self._full is not None:
+            self._collect_full(self._full)
+
+    def _took(self, usable: bool, new: bool) -> None:
+        if not usable:
+            return
+        now, count = time.monotonic(), len(self.drive.taken.stops)
+        self.outlook.latency = now - self._measure_due
+        if new:
+            self.outlook.taken_at = (now, count)
+            self.outlook.places = ()
+            corners = self.drive.taken.stops[-1].corners
+            self.said.append(f"stop {count} taken: {corners.tags} tags in {corners.frames} pictures")
+        self._wants.update(advise=True, solve=True, judge=count >= _JUDGED_FROM)
+
+    def _finish(self, drive: Correspondences | None) -> None:
+        """Begin the calibration that is written."""
+        if drive is None:
+            self.outlook.failed = "nothing to calibrate from yet: let the robot drive, and stand still before the box"
+            return
+        if self._full is not None:
+            self._solver.give_up()
+        self._begin_full(drive, written=True)
+
+    def _begin_full(self, drive: Correspondences, *, written: bool) -> None:
+        log = self.recorder.path if self.recorder is not None else Path("drive")
+        self._full = (
+            self._solver.write(drive, self.options.out, log, self.options.command)
+            if written
+            else self._solver.judge(drive)
+        )
+        self._full_since, self._full_stops, self._full_written = time.monotonic(), len(drive.stops), written
+
+    def _collect_full(self, full: "Future[dict[str, Any]]") -> None:
+        if not full.done():
+            if time.monotonic() - self._full_since > LONGEST_S:
+                self._solver.give_up()
+                self._full = None
+                self.outlook.failed = f"{self._full_stops} stops were not solved within {LONGEST_S:.0f} s; drive on"
+            return
+        self._full = None
+        try:
+            result = {**full.result(), "stops": self._full_stops}
+        except (BoxcalError, OSError) as error:
+            self.outlook.failed = str(error)
+            return
+        except (BrokenProcessPool, CancelledError):
+            self._solver.give_up()
+            self.outlook.failed = "the solver ended unexpectedly; it is started again with the next stop"
+            return
+        self.outlook.failed = ""
+        self.outlook.verdict = result
+        if self._full_written:
+            self.outlook.finished = result
+            self.said.append(f"{self.options.robot}: {str(result['level']).upper()} - {result['headline']}")
+            self.said.append(f"written: {self.options.out / self.options.robot}")
+
+    @property
+    def busy_calibrating(self) -> bool:
+        """Whether the calibration that was asked for is under way."""
+        asked = self._wants["calibrate"] or (not self._worker.idle and self._worker.name == "finish")
+        return asked or (self._full is not None and self._full_written)
+
+    @property
+    def enough(self) -> bool:
+        """Whether all goals are reached and the last full calibration of these stops is good."""
+        verdict = self.outlook.verdict
+        return (
+            reached(self.outlook.bars)
+            and verdict.get("level") == "good"
+            and verdict.get("stops") == len(self.drive.taken.stops)
+        )
+
+    def _answer_requests(self) -> None:
+        while self._requests:
+            what = self._requests.popleft()
+            if what == "calibrate" and not self.busy_calibrating:
+                self.outlook.finished = {}
+                self._wants["calibrate"] = True
+            elif what == "again" and not self._worker.idle:
+                self._requests.append(what)
+                return
+            elif what == "again":
+                if self.recorder is not None:
+                    self.recorder.close()
+                self._solver.give_up()
+                self._begin()
+
+    def _tell_changes(self) -> None:
+        """Say on the terminal what has changed in the link, the recorder and the drive."""
+        state = {
+            "link": self.link.said or (f"connected to {self.link.name}" if self.link.connected else ""),
+            "recorder": self.recorder.problem if self.recorder is not None else "",
+            "wheels": self.drive.wheels.problem if self.drive.stands is None and self.drive.wheels.heard else "",
+            "pictures": self.drive.damaged or self.drive.taken.undecoded,
+            "session": self.problem,
+            "full": self.outlook.failed,
+        }
+        for what, text in state.items():
+            if text and self._told.get(what) != text:
+                self.said.append(text)
+            self._told[what] = text

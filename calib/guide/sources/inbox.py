@@ -1,0 +1,108 @@
+"""Messages on their way from the network to the session: few are held, and pictures are dropped rather than queued."""
+
+import threading
+from collections import deque
+from typing import NamedTuple
+
+from boxcal.detect.log.containers.base import Channel
+
+MOST_PICTURE_BYTES = 64 << 20
+"""Pictures that wait are at most these, beyond the newest one."""
+MOST_OTHER_BYTES = 64 << 20
+PICTURES_A_SECOND = 10.0
+"""Rate at which pictures are taken in; more say nothing new of a robot that stands."""
+_LATEST_NS = (1 << 63) - 1
+
+
+class LiveMessage(NamedTuple):
+    """One message as it came.
+
+    Attributes
+    ----------
+    channel
+        What it is.
+    log_ns : ns
+        When the server says that it was received.
+    data
+        Its bytes.
+    picture
+        Whether it is one of the camera's.
+    """
+
+    channel: Channel
+    log_ns: int
+    data: bytes
+    picture: bool
+
+
+class Inbox:
+    """Messages that wait for the session, from any thread to one.
+
+    Attributes
+    ----------
+    dropped_pictures
+        Pictures that came faster than they could be worked on or kept.
+    dropped_others
+        Other messages that did.
+    """
+
+    def __init__(self, pictures_a_second: float = PICTURES_A_SECOND) -> None:
+        self.dropped_pictures = self.dropped_others = 0
+        self._interval = 1 / pictures_a_second
+        self._next_picture = 0.0
+        self._waiting: deque[LiveMessage] = deque()
+        self._picture_bytes = self._other_bytes = 0
+        self._changed = threading.Condition()
+
+    def put(self, message: LiveMessage, now: float) -> None:
+        """Take a message, or drop it where too much waits.
+
+        Parameters
+        ----------
+        message
+            The message; its time is clipped to what a log can hold.
+        now : s
+            Of a steady clock; pictures beyond the rate are dropped by it.
+        """
+        message = message._replace(log_ns=min(max(message.log_ns, 0), _LATEST_NS))
+        size = len(message.data)
+        with self._changed:
+            if message.picture:
+                if now < self._next_picture:
+                    self.dropped_pictures += 1
+                    return
+                self._next_picture = max(self._next_picture + self._interval, now)
+                while self._picture_bytes and self._picture_bytes + size > MOST_PICTURE_BYTES:
+                    self._drop_oldest_picture()
+                self._picture_bytes += size
+            elif self._other_bytes and self._other_bytes + size > MOST_OTHER_BYTES:
+                self.dropped_others += 1
+                return
+            else:
+                self._other_bytes += size
+            self._waiting.append(message)
+            self._changed.notify()
+
+    @property
+    def is_full(self) -> bool:
+        """Whether a source that can wait should."""
+        return self._picture_bytes + self._other_bytes > MOST_OTHER_BYTES // 4
+
+    def take(self, timeout: float) -> list[LiveMessage]:
+        """Return all that waits, in order of arrival; wait for a first message as long as given, s."""
+        with self._changed:
+            if not self._waiting:
+                self._changed.wait(timeout)
+            taken = list(self._waiting)
+            self._waiting.clear()
+            self._picture_bytes = self._other_bytes = 0
+            return taken
+
+    def _drop_oldest_picture(self) -> None:
+        for k, message in enumerate(self._waiting):
+            if message.picture:
+                del self._waiting[k]
+                self._picture_bytes -= len(message.data)
+                self.dropped_pictures += 1
+                return
+        self._picture_bytes = 0

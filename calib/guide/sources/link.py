@@ -1,0 +1,78 @@
+"""The state of a source, and how it hands its messages on: shared by all kinds of source."""
+
+import threading
+import time
+from dataclasses import dataclass, field
+
+from boxcal.calib.guide.sources.inbox import Inbox, LiveMessage
+from boxcal.calib.guide.sources.selection import Selection, select
+from boxcal.detect.errors import DetectError
+from boxcal.detect.log.containers.base import Channel
+from boxcal.detect.log.topics import Topics
+
+_MOST_KNOWN = 40_000
+"""Descriptions of topics that are remembered: twice what one server may offer."""
+
+
+@dataclass(slots=True, kw_only=True, eq=False)
+class Link:
+    """One source of messages, as the session sees it.
+
+    Attributes
+    ----------
+    name
+        Its address or file.
+    topics
+        Names that the user gave.
+    inbox
+        Where its messages go.
+    connected
+        Whether it is there.
+    said
+        Sentence about why not, or what is missing.
+    selection
+        Topics that are listened to.
+    losses
+        How often it was lost again.
+    stopped
+        Set to end it.
+    """
+
+    name: str
+    topics: Topics
+    inbox: Inbox
+    connected: bool = False
+    said: str = ""
+    selection: Selection = field(default_factory=Selection)
+    losses: int = 0
+    stopped: threading.Event = field(default_factory=threading.Event)
+    _known: dict[tuple[str, str, str, bytes], Channel] = field(default_factory=dict)
+
+    def found(self) -> None:
+        """Note that the source is there."""
+        self.connected, self.said = True, ""
+
+    def lost(self, why: str) -> None:
+        """Note that it is not, with the reason in a sentence."""
+        self.losses += self.connected
+        self.connected, self.said = False, why
+
+    def known(self, channel: Channel) -> Channel:
+        """Return the channel that was known by the same description, so that a reconnected one is no new one."""
+        if len(self._known) > _MOST_KNOWN:
+            raise DetectError(
+                f"describes its topics anew all the time, {_MOST_KNOWN} descriptions came", source=self.name
+            )
+        return self._known.setdefault((channel.topic, channel.type, channel.encoding, channel.schema), channel)
+
+    def offer(self, channels: list[Channel]) -> Selection:
+        """Choose among the topics that are offered, and return the choice."""
+        self.selection = select(channels, self.topics)
+        if self.connected:
+            self.said = self.selection.problem
+        return self.selection
+
+    def hand_on(self, channel: Channel, log_ns: int, data: bytes, now: float | None = None) -> None:
+        """Hand a message to the session; pictures beyond a rate are dropped by this time, s, or by the clock."""
+        picture = channel.topic == self.selection.camera
+        self.inbox.put(LiveMessage(channel, log_ns, data, picture), time.monotonic() if now is None else now)

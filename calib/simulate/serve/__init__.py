@@ -1,0 +1,1 @@
+"""A simulated robot that is driven by hand and heard over the network like a real one."""

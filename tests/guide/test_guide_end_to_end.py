@@ -1,0 +1,183 @@
+"""The guide from start to "good" in a browser, following nothing but its page; then its recording calibrated again."""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from http.client import HTTPConnection
+from pathlib import Path
+from typing import Any
+
+import pytest
+from browser import Browser
+from live_messages import until
+
+SPEED = 4.0
+"""Seconds of the robot's time in a second."""
+_PAGE = """(() => ({
+  ...document.body.dataset, ...document.getElementById("place").dataset, state,
+  title: document.getElementById("title").textContent, detail: document.getElementById("detail").textContent,
+}))()"""
+
+
+@dataclass
+class Command:
+    """A command that runs until it is ended, and what it has printed."""
+
+    process: "subprocess.Popen[str]"
+    log: Path
+
+    def printed(self, text: str) -> str:
+        """The rest of the line that holds a text, once it is there."""
+        found: list[str] = []
+
+        def there() -> bool:
+            assert self.process.poll() is None, self.log.read_text()
+            found[:] = [line.partition(text)[2] for line in self.log.read_text().splitlines() if text in line]
+            return bool(found)
+
+        until(there, 60)
+        return found[0].strip()
+
+    def end(self) -> None:
+        self.process.terminate()
+        self.process.wait(30)
+
+
+def _run(log: Path, module: str, *words: str) -> Command:
+    environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+    with log.open("w") as out:
+        process = subprocess.Popen(
+            [sys.executable, "-m", module, *words], stdout=out, stderr=out, text=True, env=environment, cwd=log.parent
+        )
+    return Command(process, log)
+
+
+@pytest.fixture(scope="module")
+def robot(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[str, int]]:
+    """A simulated robot: the address of its topics, and the port of the page that drives it."""
+    folder = tmp_path_factory.mktemp("robot")
+    command = _run(
+        folder / "robot.log",
+        "boxcal.calib.simulate.serve.cli",
+        *("--serve", "--port", "0", "--bridge-port", "0", "--speed", f"{SPEED:g}"),
+    )
+    yield command.printed("topics at"), int(command.printed("drive it at").strip("/").rpartition(":")[2])
+    command.end()
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
+    chromium = next((p for name in ("chromium", "google-chrome") if (p := shutil.which(name))), None)
+    if chromium is None:
+        pytest.skip("no chromium on this machine: the guide's page is not looked at")
+    with Browser(chromium, tmp_path_factory.mktemp("chromium")) as opened:
+        yield opened
+
+
+def _send(port: int, **place: float) -> None:
+    connection = HTTPConnection("127.0.0.1", port, timeout=20)
+    connection.request("POST", "/go", json.dumps(place), {"X-Boxcal": "page"})
+    assert connection.getresponse().read() == b'{"said":""}'
+    connection.close()
+
+
+def _drive_as_the_page_says(browser: Browser, port: int, shots: Path) -> list[dict[str, Any]]:
+    """Drive to each next stop of the page until it says that it is enough; return the page after each stop."""
+    after: list[dict[str, Any]] = []
+    sent = ""
+    for _ in range(3000):
+        page: dict[str, Any] = browser.evaluate(_PAGE)
+        stops = int(page.get("stops", 0))
+        if stops > len(after):
+            after.append(page)
+            browser.screenshot(shots / f"stop{stops}.png")
+            sent = ""
+        if page.get("enough") == "true":
+            return after
+        next_stop = page["state"]["plan"]["next"] if page["state"] else []
+        if stops and next_stop and not sent and page["state"]["banner"]["kind"] in {"go", "taken"}:
+            sent = page["x"]
+            _send(
+                port,
+                x=float(page["x"]),
+                y=float(page["y"]),
+                heading=float(page["heading"]),
+                whole_turns=int(page["turns"]),
+            )
+        assert stops < 20, "it is never enough"
+        time.sleep(0.1)
+    raise AssertionError(page)
+
+
+def _figures(calibration: Path) -> dict[str, Any]:
+    found: dict[str, Any] = json.loads(calibration.read_text())
+    return {k: found[k] for k in ("camera", "wheels", "T_body_cam", "sigma", "noise")} | {"stops": len(found["stops"])}
+
+
+@pytest.mark.slow
+def test_following_the_page_alone_leads_to_a_good_calibration(
+    robot: tuple[str, int], browser: Browser, tmp_path: Path
+) -> None:
+    url, port = robot
+    command = _run(tmp_path / "guide.log", "boxcal.calib.guide.cli", url, "--port", "0", "--robot", "r01")
+    try:
+        address = command.printed("the page is at")
+        browser.open(address, width=1280, height=900)
+        after = _drive_as_the_page_says(browser, port, tmp_path)
+        assert 5 <= len(after) <= 14
+        latencies = [page["state"]["latency_ms"] for page in after]
+        assert sorted(latencies)[len(latencies) // 2] < 1000, latencies
+        assert after[0]["state"]["picture"]["tags"]
+        bars = after[-1]["state"]["bars"]
+        assert all(bar["reached"] for bar in bars)
+        browser.evaluate('document.getElementById("calibrate").click()')
+        until(lambda: browser.evaluate("document.body.dataset.finished") == "good", 60)
+        assert not browser.complaints()
+        for name, width, dark in (("phone", 390, False), ("phone-dark", 390, True), ("desktop-dark", 1280, True)):
+            browser.open(address, width=width, height=844, dark=dark)
+            until(lambda: browser.evaluate('document.getElementById("picture").naturalWidth > 0'), 20)
+            browser.screenshot(tmp_path / f"{name}.png")
+            assert browser.evaluate("document.documentElement.scrollWidth <= innerWidth")
+            assert not browser.complaints()
+        report = browser.evaluate('fetch("report/").then((r) => r.text())')
+        assert "GOOD" in report.upper()
+    finally:
+        command.end()
+    (recording,) = (tmp_path / "recordings").glob("r01-*.mcap")
+    again = _run(tmp_path / "again.log", "boxcal.calib.cli", str(recording), "--out", str(tmp_path / "again"))
+    assert again.process.wait(120) == 0, again.log.read_text()
+    live, later = (
+        _figures(tmp_path / "calibration/r01/calibration.json"),
+        _figures(tmp_path / "again" / recording.stem / "calibration.json"),
+    )
+    assert live["stops"] == later["stops"] >= len(after)
+    for name, value in later["wheels"].items():
+        assert live["wheels"][name] == pytest.approx(value, abs=0.2 * later["sigma"].get(name, value * 1e-4))
+
+
+@pytest.mark.slow
+def test_a_page_left_open_goes_on_when_the_guide_or_the_robot_come_back(
+    robot: tuple[str, int], browser: Browser, tmp_path: Path
+) -> None:
+    words = (robot[0], "--robot", "r02")
+    command = _run(tmp_path / "guide.log", "boxcal.calib.guide.cli", *words, "--port", "0")
+    address = command.printed("the page is at")
+    browser.open(address)
+    until(lambda: int(browser.evaluate("document.body.dataset.stops || 0")) >= 1, 60)
+    command.end()
+    until(
+        lambda: "does not answer" in browser.evaluate("document.title + document.getElementById('title').textContent")
+    )
+    port = address.strip("/").rpartition(":")[2]
+    command = _run(tmp_path / "again.log", "boxcal.calib.guide.cli", *words, "--port", port)
+    try:
+        until(lambda: browser.evaluate("!document.body.classList.contains('gone') && state.connected"), 60)
+    finally:
+        command.end()
+    assert "recorded" in command.log.read_text()
+    assert len(list((tmp_path / "recordings").glob("r02-*.mcap"))) == 2

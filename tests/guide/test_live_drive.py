@@ -1,0 +1,125 @@
+"""A drive heard live is the drive that a reader of its recording finds."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from drives import TARGET, in_steps, logged, messages
+from live_messages import CAMERA, T0, WHEELS, heard, picture, wheels
+
+from boxcal.calib.guide.drive.frames_at_rest import MOST_BYTES, MOST_FRAMES, FramesAtRest, HeldFrame
+from boxcal.calib.guide.drive.live_drive import LiveDrive
+from boxcal.calib.guide.sources.inbox import LiveMessage
+from boxcal.calib.settings import Settings
+from boxcal.detect.correspondences import Correspondences
+from boxcal.detect.extract import extract
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return logged(tmp_path_factory.mktemp("drive") / "r01.mcap")
+
+
+@pytest.fixture(scope="module")
+def read(log: Path) -> Correspondences:
+    return extract(log, TARGET)
+
+
+def _followed(of: list[LiveMessage]) -> LiveDrive:
+    drive = LiveDrive("r01", TARGET, Settings())
+    for piece in in_steps(of):
+        drive.take(piece)
+        drive.update()
+        while (due := drive.to_measure()) is not None:
+            drive.taken.take(*due)
+    while (due := drive.to_measure(at_end=True)) is not None:
+        drive.taken.take(*due)
+    return drive
+
+
+@pytest.mark.slow
+def test_stops_measured_while_driving_are_those_of_the_recording_to_the_last_bit(
+    log: Path, read: Correspondences
+) -> None:
+    live = _followed(messages(log)).correspondences("r01.mcap")
+    assert live is not None
+    assert len(live.stops) == len(read.stops) >= 4
+    assert np.array_equal(live.wheels.phi_R, read.wheels.phi_R)
+    for now, later in zip(live.stops, read.stops, strict=True):
+        assert (now.t_start_ns, now.frames) == (later.t_start_ns, later.frames)
+        assert np.array_equal(now.landmark_ids, later.landmark_ids)
+        assert np.array_equal(now.uv_px, later.uv_px)
+        assert np.allclose(now.cov_px2, later.cov_px2, rtol=1e-12)
+    assert live.image_size == read.image_size
+    assert live.source.camera_topic == read.source.camera_topic
+    assert live.source.camera_frame == read.source.camera_frame
+
+
+@pytest.mark.slow
+def test_messages_late_doubled_and_out_of_order_change_nothing(log: Path, read: Correspondences) -> None:
+    rng = np.random.default_rng(5)
+    came = messages(log)
+    late = [m._replace(log_ns=m.log_ns + int(rng.uniform(0, 2.5e8))) for m in came]
+    doubled = [m for k, m in enumerate(late) for _ in range(1 + (k % 7 == 0))]
+    live = _followed(sorted(doubled, key=lambda m: m.log_ns)).correspondences("r01.mcap")
+    assert live is not None
+    assert [s.t_start_ns for s in live.stops] == [s.t_start_ns for s in read.stops]
+    for now, later in zip(live.stops, read.stops, strict=True):
+        both = np.isin(now.landmark_ids, later.landmark_ids)
+        assert np.mean(both) > 0.95
+        again = np.isin(later.landmark_ids, now.landmark_ids)
+        sigma = np.sqrt(np.trace(later.cov_px2[again], axis1=1, axis2=2))
+        assert np.median(np.linalg.norm(now.uv_px[both] - later.uv_px[again], axis=1) / sigma) < 1.5
+
+
+def test_a_robot_that_has_not_moved_yet_stands() -> None:
+    drive = LiveDrive("r", TARGET, Settings())
+    for k in range(150):
+        drive.take([heard(WHEELS, T0 + k * 20_000_000, wheels(T0 + k * 20_000_000, 1.0, 2.0))])
+    drive.update()
+    assert drive.samples is None
+    assert drive.stands is not None
+    assert drive.stands.standing
+    assert drive.stands.seconds == pytest.approx(2.98)
+    assert drive.correspondences("r") is None
+
+
+def test_pictures_that_do_not_decode_are_said_and_passed_over() -> None:
+    drive = LiveDrive("r", TARGET, Settings())
+    drive.take([heard(CAMERA, T0, b"\x00"), heard(CAMERA, T0, picture(T0, b"no jpeg"))])
+    assert "CDR" in drive.damaged
+    assert drive.newest is not None
+    stop = drive.taken.take(_stop(T0, T0 + 10**9), [drive.newest])
+    assert stop is None
+    assert drive.taken.undecoded
+
+
+def _stop(first: int, last: int) -> object:
+    from boxcal.detect.stops import Stop  # noqa: PLC0415
+
+    return Stop(t_start_ns=first, t_end_ns=last, first_sample=0, last_sample=1, phi_R=0.0, phi_L=0.0)
+
+
+def test_a_long_stand_holds_few_pictures_and_little_memory() -> None:
+    frames = FramesAtRest()
+    data = bytes(9 << 20)
+    for k in range(3000):  # five minutes of 10 Hz
+        frames.add(HeldFrame(T0 + k * 10**8, k, CAMERA, data))
+        assert len(frames._frames) <= MOST_FRAMES
+        assert frames.size <= MOST_BYTES
+    chosen = frames.of_stop(T0, T0 + 3000 * 10**8, 0.1, 20)
+    numbers = [f.number for f in chosen]
+    assert 5 <= len(numbers) <= 20
+    assert len(set(np.diff(numbers))) == 1, "evenly spread"
+
+
+def test_a_stop_is_measured_from_the_pictures_that_a_reader_would_choose() -> None:
+    """As :func:`boxcal.detect.extract.frames_at`: away from the ends, every second, fourth ... of the topic's."""
+    frames = FramesAtRest()
+    for k in range(30):
+        frames.add(HeldFrame(T0 + k * 10**8, k, CAMERA, b"x"))
+    assert [f.number for f in frames.of_stop(T0, T0 + 29 * 10**8, 0.1, 20)] == list(range(2, 29, 2))
+    assert [f.number for f in frames.of_stop(T0 + 5 * 10**8, T0 + 5 * 10**8, 0.1, 20)] == [5]
+    assert not frames.of_stop(T0 + 10**12, T0 + 2 * 10**12, 0.1, 20)
+    frames.forget_before(T0 + 25 * 10**8)
+    assert [f.number for f in frames.of_stop(T0, T0 + 10**12, 0.0, 20)] == [25, 26, 27, 28, 29]
