@@ -47,6 +47,8 @@ class StopObservation:
         Covariance of ``uv_px``.
     frames
         How many frames were combined.
+    rejected_tags
+        How many tags of the target were read that do not lie where the box has them, and were left out.
     """
 
     t_start_ns: int
@@ -61,6 +63,7 @@ class StopObservation:
     cov_px2: Array
     frames: int
     faces: Ids = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    rejected_tags: int = 0
 
     def __post_init__(self) -> None:
         n = self.landmark_ids.shape[0]
@@ -232,6 +235,7 @@ class Correspondences:
                         "phi_R",
                         "phi_L",
                         "frames",
+                        "rejected_tags",
                     )
                 }
                 for s in self.stops

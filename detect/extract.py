@@ -21,6 +21,7 @@ from boxcal.detect.stops import Stop, StopSettings, find_stops
 from boxcal.detect.tags.averaging import FLOOR_PX, AveragedCorners, covariances
 from boxcal.detect.tags.box_at_stops import MIN_STOPS, BoxAtStops
 from boxcal.detect.tags.detections import TagSettings
+from boxcal.detect.tags.print_size import scaled_prints
 from boxcal.one_thread import one_thread
 from boxcal.target.arrays import Array, Ids
 from boxcal.target.box import Target
@@ -133,34 +134,39 @@ def extract(
         recording = recording.with_clock_offset(offset)
         found = _seen(recording, stops, target, settings, tell)
     recording.refuse_times_apart()
+    scale = found[0].print_scale()
+    if scale != 1.0:
+        tell(f"tags of two faces fit prints of {scale:.0%} only: looking again", 0.0)
+        found = _seen(recording, stops, scaled_prints(target, scale), settings, tell)
     look, seen = found
     if len(seen) < MIN_STOPS:
         raise DetectError(
             look.why_not(len(stops), len(seen), settings.stops, settings.min_tags), source=recording.path.name
         )
-    covs = covariances([detections for _, detections in seen], settings.floor_px)
+    covs = covariances([detections for _, detections, _ in seen], settings.floor_px)
     return Correspondences(
         robot=robot_name_of(path),
         image_size=look.image_size,
         wheels=recording.wheels,
         stops=tuple(
-            observation(stop, detections, cov, target) for (stop, detections), cov in zip(seen, covs, strict=True)
+            observation(stop, detections, cov, target, rejected)
+            for (stop, detections, rejected), cov in zip(seen, covs, strict=True)
         ),
         source=source_of(recording, target_sha256(target), look.notes()),
         units=recording.units,
     )
 
 
-_Seen = tuple[BoxAtStops, list[tuple[Stop, AveragedCorners]]]
+_Seen = tuple[BoxAtStops, list[tuple[Stop, AveragedCorners, int]]]
 
 
 def _seen(
     recording: Recording, stops: tuple[Stop, ...], target: Target, settings: ExtractSettings, tell: Progress
 ) -> _Seen:
-    """Return who looked at the stops, and what was seen at each that is usable."""
+    """Return who looked at the stops, and what was seen, and how many tags rejected, at each that is usable."""
     bits, size = _bits_and_size(recording, stops, settings)
     look = BoxAtStops(recording, target, _tag_settings(settings), bits, size)
-    seen: list[tuple[Stop, AveragedCorners]] = []
+    seen: list[tuple[Stop, AveragedCorners, int]] = []
     for number, stop in enumerate(stops, 1):
         detections, left_out = look.at(frames_at(recording, stop, settings.settle, settings.max_frames))
         usable = detections.tags >= settings.min_tags
@@ -170,7 +176,7 @@ def _seen(
             number / len(stops),
         )
         if usable:
-            seen.append((stop, detections))
+            seen.append((stop, detections, look.rejected[-1]))
     return look, seen
 
 
@@ -235,7 +241,9 @@ def _some_frames(recording: Recording, stops: tuple[Stop, ...], settings: Extrac
     return np.concatenate(first)[:: -(-len(first) // _SOME_FRAMES)]
 
 
-def observation(stop: Stop, detections: AveragedCorners, cov_px2: Array, target: Target) -> StopObservation:
+def observation(
+    stop: Stop, detections: AveragedCorners, cov_px2: Array, target: Target, rejected_tags: int = 0
+) -> StopObservation:
     """Return a stop of the wheels with what its pictures show, and the covariance (L, 2, 2), px^2, of each landmark."""
     return StopObservation(
         t_start_ns=stop.t_start_ns,
@@ -250,6 +258,7 @@ def observation(stop: Stop, detections: AveragedCorners, cov_px2: Array, target:
         uv_px=detections.uv_px,
         cov_px2=cov_px2,
         frames=detections.frames,
+        rejected_tags=rejected_tags,
     )
 
 

@@ -7,6 +7,7 @@ from boxcal.calib.diagnosis.counters import WRAPS, counter_finding
 from boxcal.calib.diagnosis.first_look import LAYOUT_RMS_PX, FirstLook
 from boxcal.calib.diagnosis.joint_units import judge_units
 from boxcal.calib.diagnosis.layout import other_layout
+from boxcal.calib.diagnosis.rejected_tags import rejected_finding
 from boxcal.calib.diagnosis.standing import below_axle, below_floor
 from boxcal.calib.likelihood.estimate import Estimate
 from boxcal.calib.likelihood.finding import Finding
@@ -38,5 +39,6 @@ def last_look(look: FirstLook, found: Estimate) -> tuple[Finding, ...]:
     rms_px = max(step.camera.rms_px for step in look.steps)
     if rms_px > LAYOUT_RMS_PX:
         out.append(other_layout([stop for drive in look.drives for stop in drive.stops], look.target))
+    out.append(rejected_finding([stop for drive in look.drives for stop in drive.stops]))
     out += [clock_finding(None, moving_pictures(drive), len(drive.stops)) for drive in look.drives]
     return tuple(f for f in out if f is not None)

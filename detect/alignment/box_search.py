@@ -1,6 +1,6 @@
 """From a few tags to all of them: predict where the box's other tags must be, align, accept what is really there."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,12 +73,15 @@ class BoxDetection:
         there are none, infinite where the fit is too poor to say which those are.
     contradicting_faces
         See :class:`PredictedRegions`.
+    decoded : (D,)
+        Rows of all tags that were read, wherever they lie, ascending.
     """
 
     tags: TagAlignments
     fit: BoxFit
     lost_module_px: float
     contradicting_faces: tuple[int, ...] = ()
+    decoded: Index = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
 
 
 def consistent_candidates(target: Target, candidates: TagCandidates, image_size: tuple[int, int]) -> TagCandidates:

@@ -113,6 +113,8 @@ class DetectorOutput:
         For the next picture of the same camera; None where too little was seen to tell, and in a preview.
     contradicting_faces
         Faces of which tags are seen where the box that was found cannot have them: on another box, or on a print.
+    rejected_ids : (R,)
+        Tags that were read but do not lie where the box has them, or do not look like their pattern there, ascending.
     """
 
     ids: Index
@@ -124,6 +126,7 @@ class DetectorOutput:
     response: str
     camera: KnownCamera | None = None
     contradicting_faces: tuple[int, ...] = ()
+    rejected_ids: Index = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
 
 
 def nothing(response: str) -> DetectorOutput:
@@ -212,7 +215,11 @@ def detect_in_grey(
     if len(uneven) and len(tags):
         displaced = displacement_px2(target, tags, fit, np.isin(tags.rows, uneven))
         tags = replace(tags, cov_px2=tags.cov_px2 + displaced[:, None, None, None] * np.eye(2))
-    located = replace(_located(frame, patterns, tags, uneven), contradicting_faces=found.contradicting_faces)
+    located = replace(
+        _located(frame, patterns, tags, uneven),
+        contradicting_faces=found.contradicting_faces,
+        rejected_ids=np.sort(patterns.tag_ids[np.setdiff1d(found.decoded, tags.rows)]),
+    )
     located = replace(located, corners_px=under_lens(frame.lens, fit.lens, located.corners_px))
     if len(tags) < FEW_TAGS:
         return located

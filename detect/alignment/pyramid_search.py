@@ -4,6 +4,8 @@ Large tags stand out in few pixels. A shrunken picture is enough where every tag
 found from it, or the whole picture would not show the rest either; else larger ones are searched.
 """
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -61,9 +63,8 @@ def find_box(
     for factor in shrinkings(size):
         if lost_module_px < CANDIDATE_MODULE_PX * factor:
             continue
-        candidates = consistent_candidates(
-            target, find_candidates(grey8, patterns, windows_px[:1], scale=1 / factor), size
-        )
+        read = find_candidates(grey8, patterns, windows_px[:1], scale=1 / factor)
+        candidates = consistent_candidates(target, read, size)
         if len(candidates) < FEW_TAGS:
             continue
         search = predict_regions(
@@ -72,17 +73,16 @@ def find_box(
         found = grow_from_pose(pyramid, target, patterns, search, limits)
         lost_module_px = found.lost_module_px if len(found.tags) >= FEW_TAGS else np.inf
         if factor == 1 or lost_module_px < CANDIDATE_MODULE_PX:
-            return found
-    candidates = consistent_candidates(target, find_candidates(grey8, patterns, windows_px), size)
+            return replace(found, decoded=np.unique(read.rows))
+    read = find_candidates(grey8, patterns, windows_px)
+    candidates = consistent_candidates(target, read, size)
     if len(candidates) < FEW_TAGS and _may_grow(grey8):
-        candidates = consistent_candidates(
-            target, candidates.merged(find_candidates(grey8, patterns, windows_px, scale=2.0)), size
-        )
+        read = find_candidates(grey8, patterns, windows_px, scale=2.0)
+        candidates = consistent_candidates(target, candidates.merged(read), size)
     if len(candidates) == 0:
         return None
-    return grow_from_pose(
-        pyramid, target, patterns, predict_regions(target, patterns, candidates, size, camera=camera), limits
-    )
+    search = predict_regions(target, patterns, candidates, size, camera=camera)
+    return replace(grow_from_pose(pyramid, target, patterns, search, limits), decoded=np.unique(read.rows))
 
 
 def search_copies(grey8: NDArray[np.uint8], patterns: Patterns, windows_px: tuple[int, ...]) -> TagCandidates:

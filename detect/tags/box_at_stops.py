@@ -12,11 +12,14 @@ from boxcal.detect.log.safe_text import listed, printable
 from boxcal.detect.stops import StopSettings
 from boxcal.detect.tags.averaging import AveragedCorners
 from boxcal.detect.tags.detections import TagSettings, find_tags, other_family
+from boxcal.detect.tags.print_size import print_scale
 from boxcal.detect.tags.stop_measurement import measure_stop
 from boxcal.target.arrays import Ids
 from boxcal.target.box import Target
 
 MIN_STOPS = 3
+MANY_REJECTED = 0.1
+"""Tags rejected for each tag of the box from which on the box is not as described, or there are two."""
 MOST_PIXELS = 3_000_000_000
 """Pixels that are looked at in one recording; beyond it one frame a stop must do."""
 
@@ -34,6 +37,10 @@ class BoxAtStops:
         Stops of which frames were left out since the picture moved, or whose frames hardly show one picture.
     odd_sizes
         Frames of another size than the first, which were left out.
+    tags
+        Tags of the box that were found, over all stops.
+    rejected
+        Tags that were read at each stop but do not lie where the box has them; none at most.
     """
 
     def __init__(
@@ -41,6 +48,9 @@ class BoxAtStops:
     ) -> None:
         self._recording, self._target, self._tags, self._bits = recording, target, tags, bits
         self.frames = self.with_frames = self.with_tags = self.moved = self.odd_sizes = 0
+        self.tags = 0
+        self.rejected: list[int] = []
+        self._contradicting: tuple[int, DeepGrey] | None = None
         self._foreign: set[int] = set()
         self._example: DeepGrey | None = None
         self._camera: KnownCamera | None = None
@@ -56,8 +66,22 @@ class BoxAtStops:
         self._foreign.update(found.foreign_ids.tolist())
         self.with_frames += bool(found.corners.frames)
         self.with_tags += found.corners.tags > 0
+        self.tags += found.corners.tags
+        self._take_rejected(len(found.rejected_ids))
         self.moved += "moved" in found.left_out or not found.settled
         return found.corners, found.left_out
+
+    def _take_rejected(self, count: int) -> None:
+        """Remember how many tags of a stop were rejected, and the picture with the most of them."""
+        self.rejected.append(count)
+        if self._example is not None and count > (0 if self._contradicting is None else self._contradicting[0]):
+            self._contradicting = (count, self._example)
+
+    def print_scale(self) -> float:
+        """Return the size of the prints against their description if that explains rejected tags, else 1."""
+        if self._contradicting is None or sum(self.rejected) < MANY_REJECTED * self.tags:
+            return 1.0
+        return print_scale(self._contradicting[1], self._target, self._tags)
 
     def _images(self, frames: Ids) -> Iterator[DeepGrey]:
         for _, image in self._recording.read_deep_frames(frames, self._bits):
@@ -75,6 +99,12 @@ class BoxAtStops:
         out = []
         if missing:
             out.append(f"{missing} image{'s' if missing > 1 else ''} of {self.frames + missing} left out ({why})")
+        rejected, stops = sum(self.rejected), sum(count > 0 for count in self.rejected)
+        if rejected:
+            out.append(
+                f"{rejected} tags at {stops} stops were read but do not lie where the box has them, and were left out "
+                f"(beside {self.tags} that do)"
+            )
         if self.odd_sizes:
             out.append(f"{self.odd_sizes} images of another size than {_size(self.image_size)} px were left out")
         return tuple(out)

@@ -7,7 +7,7 @@ from the camera that this one found: its focal length and distortion, response c
 """
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import cv2
 import numpy as np
@@ -44,6 +44,8 @@ class StopMeasurement:
         For the next stop; None where nothing is known yet.
     settled
         Whether most frames show one picture, as they do at rest.
+    rejected_ids : (R,)
+        Tags of the target that were read but do not lie where the box has them.
     """
 
     corners: AveragedCorners
@@ -51,6 +53,7 @@ class StopMeasurement:
     left_out: str
     camera: KnownCamera | None
     settled: bool
+    rejected_ids: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
 
 
 def measure_stop(
@@ -102,7 +105,8 @@ def measure_stop(
         of_mean=True,
         averages_out=_averages_out(still.noise / full, found.residual, kept),
     )
-    return _measured(corners, still=still, camera=_newer(camera, found.camera))
+    measured = _measured(corners, still=still, camera=_newer(camera, found.camera))
+    return replace(measured, rejected_ids=found.rejected_ids)
 
 
 def average_frames(frames: list[DeepGrey]) -> tuple[NDArray[np.float32], Stillness]:

@@ -6,6 +6,7 @@ from math import pi
 import numpy as np
 import pytest
 
+from boxcal.calib.assessment.findings import finding_reason
 from boxcal.calib.diagnosis.clock import clock_finding, find_offset
 from boxcal.calib.diagnosis.counters import counter_finding
 from boxcal.calib.diagnosis.first_look import FirstLook, first_look
@@ -13,11 +14,13 @@ from boxcal.calib.diagnosis.frozen import frozen_stops
 from boxcal.calib.diagnosis.joint_units import judge_units
 from boxcal.calib.diagnosis.last_look import last_look
 from boxcal.calib.diagnosis.layout import other_layout
+from boxcal.calib.diagnosis.rejected_tags import rejected_finding
 from boxcal.calib.diagnosis.sheets import find_gluing
 from boxcal.calib.errors import CalibError
 from boxcal.calib.four_steps.step1_camera import calibrate_camera
 from boxcal.calib.geometry.so3_se3 import exp_so3, rigid
 from boxcal.calib.likelihood import estimate
+from boxcal.calib.results.verdict import Level
 from boxcal.calib.simulate.drive import DriveOptions
 from boxcal.calib.simulate.imperfect_drive import imperfect_drive
 from boxcal.calib.simulate.imperfections import BoxFaults, Imperfections, WheelFaults
@@ -141,6 +144,19 @@ def read_by(seen: Correspondences, wheels: WheelSamples) -> Correspondences:
         for stop in seen.stops
     )
     return replace(seen, wheels=wheels, stops=stops)
+
+
+def test_many_rejected_tags_are_named_and_never_good() -> None:
+    seen = drive(turtlebot(), Imperfections())
+    stops = tuple(replace(stop, rejected_tags=20 if j in {2, 5, 7} else 0) for j, stop in enumerate(seen.stops))
+    finding = rejected_finding(stops)
+    assert finding is not None
+    assert finding.stops == (2, 5, 7)
+    assert "60 of" in finding.text
+    assert finding_reason(finding).level is Level.USABLE
+    assert "tags-rejected" in causes(first_look([replace(seen, stops=stops)], TARGET))
+    assert rejected_finding(seen.stops) is None
+    assert rejected_finding([replace(seen.stops[0], rejected_tags=30)]) is None
 
 
 def test_few_stops_with_impossible_wheels_do_not_say_swapped() -> None:
