@@ -45,9 +45,12 @@ format: $(ALL_INSTALLED)
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
-# Files opened in the programs that they are for, installed from Debian where this user may; the tests say what is missing.
+# Files opened in the programs that they are for, installed from Debian where this user may, and from PyPI; the tests
+# say what is missing.
+CLIENTS := prusa-slicer libreoffice-calc liburdfdom-tools libxml2-utils blender libsdformat-dev g++ pkg-config
 clients: $(ALL_INSTALLED)
-	-test "$$(id -u)" != 0 || { apt-get update -qq && apt-get install -y -qq prusa-slicer; }
+	-test "$$(id -u)" != 0 || { apt-get update -qq && apt-get install -y -qq --no-install-recommends $(CLIENTS); }
+	-$(INSTALL:--editable=) pandas yourdfpy
 	$(BIN)/python -m pytest tests/clients
 
 # The documentation, strict: a dead link fails. The pages are build/docs/*.html.

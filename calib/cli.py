@@ -171,9 +171,11 @@ def _print_results(args: argparse.Namespace, results: "list[Calibration]", faile
                 print(note)
     print("\n" + results_tables(results))
     print(f"\nwritten: {args.out}/<robot>/calibration.json and files for ROS and Kalibr")
-    print(f"fleet:   {args.out}/fleet.csv, {args.out}/fleet.json")
     if (args.out / "fleet.html").exists():
-        print(f"reports: {args.out}/fleet.html, {args.out}/<robot>/report.html")
+        print(f"fleet:   {args.out}/fleet.html, {args.out}/fleet.xlsx, {args.out}/fleet.csv")
+        print(f"reports: {args.out}/<robot>/report.html")
+    else:
+        print(f"fleet:   {args.out}/fleet.csv, {args.out}/fleet.json")
 
 
 def _print_errors(outcomes: "list[Outcome]") -> bool:
@@ -182,17 +184,25 @@ def _print_errors(outcomes: "list[Outcome]") -> bool:
     from boxcal.calib.compare.text import errors_table
     from boxcal.calib.errors import CalibError
 
-    errors, whole = [], True
+    errors, missing, whole = [], [], True
     for o in outcomes:
-        if o.calibration is not None:
-            try:
-                errors.append((o.calibration.robot, compare(o.calibration, load_truth(truth_path(o.job.logs[0])))))
-            except CalibError as error:
-                whole = False
-                _tell(f"fleet-calibrate: {error}")
+        if o.calibration is None:
+            continue
+        path = truth_path(o.job.logs[0])
+        if not path.exists():
+            missing.append(path)
+            continue
+        try:
+            errors.append((o.calibration.robot, compare(o.calibration, load_truth(path))))
+        except CalibError as error:
+            whole = False
+            _tell(f"fleet-calibrate: {error}")
     if errors:
         print("\n" + errors_table(errors))
-    return whole
+    if missing:
+        more = f" and {len(missing) - 1} more like it" if len(missing) > 1 else ""
+        _tell(f"fleet-calibrate: no truth: {missing[0]}{more} cannot be found; leave out --truth")
+    return whole and not missing
 
 
 if __name__ == "__main__":

@@ -278,3 +278,10 @@ def test_what_an_ended_process_left_half_written_is_removed(tmp_path: Path) -> N
     clear_parts(tmp_path)
     assert [path.name for path in tmp_path.iterdir()] == ["whole.json"]
     clear_parts(tmp_path / "nowhere")
+
+
+def test_all_missing_truths_are_one_line(logs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    status, _, err = _run(capsys, logs / "r2.npz", logs / "r10.npz", "--truth", "--quiet", "--out", tmp_path / "out")
+    assert status == 1
+    (line,) = [line for line in err.splitlines() if "truth" in line]
+    assert line.endswith("r2.truth.json and 1 more like it cannot be found; leave out --truth")
