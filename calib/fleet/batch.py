@@ -20,7 +20,7 @@ from boxcal.calib.errors import CalibError
 from boxcal.calib.fleet.interrupts import children_without_interrupts, interrupts_held
 from boxcal.calib.likelihood.compiled.compilation import prepare_all
 from boxcal.calib.results.calibration import Calibration
-from boxcal.calib.settings import CORRESPONDENCES, Job, Outcome, Progress, Stage, listed
+from boxcal.calib.settings import Job, Outcome, Progress, Stage, listed
 from boxcal.target.errors import BoxcalError
 from boxcal.target.files.atomic_write import clear_parts
 
@@ -44,12 +44,12 @@ def calibrate_fleet(
     progress
         Told how far each robot has come, in a thread of its own.
     """
+    if jobs:
+        prepare_all(partial(_tell_compiling, progress))
     workers = min(len(jobs), workers or os.cpu_count() or 1)
     if workers <= 1:
         yield from (attempt(job, progress) for job in jobs)
         return
-    if any(log.suffix != CORRESPONDENCES for job in jobs for log in job.logs):
-        prepare_all(partial(_tell_compiling, progress))
     lost: list[Job] = []
     with _listening(progress) as stages:
         for job, outcome in _in_processes(jobs, workers, stages):
