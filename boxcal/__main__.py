@@ -12,6 +12,7 @@ COMMANDS = {
     "measure-target": ("boxcal.target.measure.cli", "correct the landmark table by what a ruler reads on the box"),
     "detect-tags": ("boxcal.detect.cli", "find the box's tags in pictures"),
     "plan-drive": ("boxcal.calib.plan_drive.cli", "plan where to drive around the box"),
+    "check-log": ("boxcal.calib.check_log.cli", "tell what is wrong with a recording, in seconds"),
     "fleet-calibrate": ("boxcal.calib.cli", "calibrate robots from their logs"),
     "check-drive": ("boxcal.calib.check_drive.cli", "tell whether a calibrated robot drives as predicted"),
     "compare-calibrations": ("boxcal.calib.compare.cli", "tell whether two calibrations of a robot differ"),

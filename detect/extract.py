@@ -121,11 +121,22 @@ def extract(
     (5, 2)
     """
     path = Path(path)
-    settings = settings or ExtractSettings()
     tell = progress or _silent
     recording = open_recording(path, topics, units, nominal)
     for note in recording.notes:
         tell(note, 0.0)
+    return extract_recording(recording, target, settings=settings, progress=tell)
+
+
+def extract_recording(
+    recording: Recording,
+    target: Target,
+    *,
+    settings: ExtractSettings | None = None,
+    progress: Progress | None = None,
+) -> Correspondences:
+    """Return what a robot saw and did in a recording that is open already; as :func:`extract`."""
+    settings, tell = settings or ExtractSettings(), progress or _silent
     stops = find_stops(recording.wheels, settings.stops)
     prepare(lambda line: tell(line, 0.0))
     found = _seen(recording, stops, target, settings, tell)
@@ -145,7 +156,7 @@ def extract(
         )
     covs = covariances([detections for _, detections, _ in seen], settings.floor_px)
     return Correspondences(
-        robot=robot_name_of(path),
+        robot=robot_name_of(recording.path),
         image_size=look.image_size,
         wheels=recording.wheels,
         stops=tuple(

@@ -32,18 +32,8 @@ def chosen_settings(args: Namespace, target: Target, *, report: bool) -> Setting
     half_face = max(target.box.width, target.box.depth) / 2
     face = None if args.face_prior_mm is None else args.face_prior_mm * 1e-3
     return Settings(
-        topics=Topics(
-            camera_topic=args.camera_topic,
-            joint_topic=args.joint_topic,
-            left_joint=args.left_joint,
-            right_joint=args.right_joint,
-        ),
-        wheel_units=WheelUnits(
-            unit=JointUnit(args.joint_unit),
-            ticks_per_turn=args.ticks_per_turn,
-            reverse_left=args.reverse_left,
-            reverse_right=args.reverse_right,
-        ),
+        topics=chosen_topics(args),
+        wheel_units=chosen_units(args),
         bits=args.bits,
         camera_mode=CameraMode.PER_STOP if args.per_stop else CameraMode.JOINT,
         closed_form=args.closed_form,
@@ -67,4 +57,24 @@ def chosen_settings(args: Namespace, target: Target, *, report: bool) -> Setting
         nominal=load_nominal(args.nominal) if args.nominal else None,
         rerun=args.rerun,
         results_mcap=args.results_mcap,
+    )
+
+
+def chosen_topics(args: Namespace) -> Topics:
+    """Return where images and wheels are, as :func:`boxcal.calib.fleet.options.topic_options` has it."""
+    return Topics(
+        camera_topic=args.camera_topic,
+        joint_topic=args.joint_topic,
+        left_joint=args.left_joint,
+        right_joint=args.right_joint,
+    )
+
+
+def chosen_units(args: Namespace) -> WheelUnits:
+    """Return what wheel readings mean, likewise."""
+    return WheelUnits(
+        unit=JointUnit(args.joint_unit),
+        ticks_per_turn=args.ticks_per_turn,
+        reverse_left=args.reverse_left,
+        reverse_right=args.reverse_right,
     )

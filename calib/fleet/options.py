@@ -63,7 +63,8 @@ def options() -> argparse.ArgumentParser:
     return parser
 
 
-def _names(parser: argparse.ArgumentParser) -> None:
+def topic_options(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
+    """Add the options that say where images and wheels are, and in what unit; return their group."""
     names = parser.add_argument_group("topics, joints and frames, where the log does not tell")
     names.add_argument("--camera-topic", metavar="TOPIC", help="images")
     names.add_argument("--joint-topic", metavar="TOPIC", help="joint states, ticks or odometry")
@@ -80,6 +81,11 @@ def _names(parser: argparse.ArgumentParser) -> None:
         "--reverse-left", action="store_true", help="the left wheel's positions fall as it rolls forward"
     )
     names.add_argument("--reverse-right", action="store_true", help="the right wheel's likewise")
+    return names
+
+
+def _names(parser: argparse.ArgumentParser) -> None:
+    names = topic_options(parser)
     names.add_argument("--base-frame", type=_frame, metavar="NAME", help="on the floor below the axle (base_footprint)")
     names.add_argument("--camera-frame", type=_frame, metavar="NAME", help="camera's optical frame (the images' own)")
     names.add_argument("--prefix", type=_frame, metavar="TEXT", help="before frames: robots in one TF tree")

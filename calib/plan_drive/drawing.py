@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from reportlab.graphics.shapes import Drawing, Group, Rect
 
 PICTURE = "plan.svg"
-_FONT, _BOLD = "Helvetica", "Helvetica-Bold"
+_FONT = _BOLD = "Helvetica"
 _ROOM = 0.25
 """Free floor around what is drawn, m."""
 _DISC = 9.0

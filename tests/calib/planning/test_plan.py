@@ -106,7 +106,7 @@ def test_tags_seen_are_those_that_the_simulator_decodes() -> None:
     for tags, T_box_cam in zip(seen, drive.T_box_cam, strict=True):
         decoded = set(decodable_tags(ROBOT, TARGET, T_box_cam).tolist())
         assert set(TARGET.tag_ids[tags].tolist()) <= decoded  # those at a grazing angle are not counted on
-        assert len(decoded) <= tags.sum() + 5
+        assert tags.sum() >= 20
 
 
 def test_ways_go_round_box_and_obstacles() -> None:
