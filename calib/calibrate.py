@@ -22,6 +22,7 @@ from boxcal.calib.exports.stop_images import draw_stops, stop_jpegs
 from boxcal.calib.four_steps.procedure import FourSteps
 from boxcal.calib.likelihood import Estimate, EstimateOptions
 from boxcal.calib.likelihood.compiled.compilation import prepare_all
+from boxcal.calib.likelihood.estimator import negative_wheels, unsolvable
 from boxcal.calib.report.robot import FLEET_PAGE, robot_report
 from boxcal.calib.results.build import closed_form, refined
 from boxcal.calib.results.calibration import Calibration
@@ -46,6 +47,9 @@ wheels rough."""
 
 _SAME_PLACE = 1e-6
 """How far a landmark may lie from where a box has it, m: rounding only."""
+
+_NOT_TOLD = 0.3
+"""Relative standard deviation of a wheel's size from which on an estimate tells nothing of the wheels."""
 
 _READ, _SOLVED = 0.7, 0.95
 """Shares of a robot's work, by measurement on logs of 20 stops: reading takes most of it."""
@@ -246,11 +250,49 @@ def solve(job: Job, look: FirstLook) -> Calibration:
     origin = provenance(job.command, drives, asdict(settings))
     if settings.closed_form:
         return closed_form(job.robot, drives, steps, origin, findings=look.findings)
-    found, options = _likelihood(replace(job, target=look.target), drives, steps)
+    try:
+        found, options = _likelihood(replace(job, target=look.target), drives, steps)
+    except np.linalg.LinAlgError as error:
+        raise unsolvable(sum(len(drive.stops) for drive in drives), error) from error
+    except CalibError as error:
+        raise _said_with_start(error, steps) from error
+    _check_told(found, steps)
     found = replace(found, findings=(*look.findings, *found.findings, *last_look(look, found)))
     held_out = validate(drives, steps, options) if settings.validate else None
     grown = grow(drives[0], steps[0], found, options) if settings.report and len(drives) == 1 else ()
     return refined(job.robot, drives, steps, found, origin, validation=held_out, growth=grown)
+
+
+def _said_with_start(error: CalibError, steps: Sequence[FourSteps]) -> CalibError:
+    """Return why the likelihood fails, after why the four steps did where they found no answer either."""
+    why = _why_replaced(steps)
+    if not why:
+        return error
+    return CalibError(
+        f"{why}; the likelihood, started from consecutive stops instead: {error.found}",
+        source=error.source,
+        needed=error.needed,
+        remedy=error.remedy,
+    )
+
+
+def _why_replaced(steps: Sequence[FourSteps]) -> str:
+    return next((step.replaced for step in steps if step.replaced), "")
+
+
+def _check_told(found: Estimate, steps: Sequence[FourSteps]) -> None:
+    """Refuse wheels of no size, and those of which nothing is told where the four steps found no answer before."""
+    why = _why_replaced(steps)
+    wheels = {"rR": found.rR, "rL": found.rL, "b": found.b}
+    if min(wheels.values()) <= 0:
+        raise _said_with_start(negative_wheels(sum(len(drive.stops) for drive in found.drives)), steps)
+    sigma = max(found.sigma[name] / value for name, value in wheels.items())
+    if why and not sigma < _NOT_TOLD:
+        raise CalibError(
+            f"{why}; the likelihood, started from consecutive stops instead, tells the wheels to "
+            f"{min(sigma, 1e3):.0%} only",
+            remedy="check that wheels and pictures are of the same drive, that the box stood still, and drive again",
+        )
 
 
 def _likelihood(

@@ -18,6 +18,7 @@ from boxcal.calib.four_steps.procedure import MIN_STOPS, FourSteps, solve_motion
 from boxcal.calib.four_steps.step1_camera import CameraMode, CameraStep, calibrate_camera
 from boxcal.calib.geometry.diff_drive import legs_between
 from boxcal.calib.likelihood.finding import Finding
+from boxcal.calib.likelihood.robust_steps import robust_steps
 from boxcal.detect.correspondences import Correspondences
 from boxcal.target.box import FACES, Target
 
@@ -127,17 +128,33 @@ def _steps(drive: Correspondences, target: Target, mode: CameraMode) -> FourStep
         steps = solve_motion(camera, legs)
         return steps if agree(steps) else _sheets_elsewhere(drive, target, mode) or steps
     except CalibError as error:
-        cause = _cause(error, drive, camera, target, mode)
+        cause = _cause(drive, camera, target, mode)
         if isinstance(cause, _Relaid):
             return cause
         if cause is not None:
             raise cause from error
-        raise
+        return _from_consecutive_stops(drive, camera, error)
 
 
-def _cause(
-    error: CalibError, drive: Correspondences, camera: CameraStep, target: Target, mode: CameraMode
-) -> _Relaid | CalibError | None:
+def _from_consecutive_stops(drive: Correspondences, camera: CameraStep, error: CalibError) -> FourSteps:
+    """Return the four steps from consecutive stops alone, where they fail over all pairs of stops."""
+    signs = "swapped" in error.found or "reversed" in error.found
+    if len(camera.kept) < LEAST_STOPS:  # some wheels fit whatever is wrong
+        raise _no_wheels(camera, "") if signs else error
+    try:
+        return robust_steps(drive, camera, error.found)
+    except CalibError as other:
+        tried = f"; consecutive stops alone were tried too: {other.found}"
+        if signs:
+            raise _no_wheels(camera, tried) from error
+        if other.found == error.found:
+            raise error from None
+        raise CalibError(
+            f"{error.found}{tried}", source=error.source, needed=error.needed, remedy=error.remedy
+        ) from error
+
+
+def _cause(drive: Correspondences, camera: CameraStep, target: Target, mode: CameraMode) -> _Relaid | CalibError | None:
     """Return why the steps fail, as an error; or where the landmarks are instead."""
     explained = explain_signs(camera, legs_between(drive, camera.kept), target)
     if explained is not None and explained.key == "box-upside-down":
@@ -156,24 +173,22 @@ def _cause(
         clock_finding(find_offset(drive, camera), moving_pictures(drive), len(drive.stops)),
     )
     named = next((cause for cause in causes if cause is not None), None)
-    if named is not None:
-        return _error(named)
-    return _no_wheels(camera) if "swapped" in str(error) or "reversed" in str(error) else None
+    return None if named is None else _error(named)
 
 
-def _no_wheels(camera: CameraStep) -> CalibError:
+def _no_wheels(camera: CameraStep, tried: str) -> CalibError:
     """Return that no wheels fit, where nothing explains that."""
     text = "turns seen and turns rolled fit no wheels that roll forward"
     if len(camera.kept) < LEAST_STOPS:
         return CalibError(
             f"{text}, and {len(camera.kept)} stops are too few to tell why "
-            f"({'; '.join(camera.notes) or 'exchanged or reversed wheels, slip, a box moved'})",
+            f"({'; '.join(camera.notes) or 'exchanged or reversed wheels, slip, a box moved'}){tried}",
             needed=f"at least {LEAST_STOPS} are needed",
             remedy="add stops, and check which joint is left and which right",
         )
     return CalibError(
         f"{text}: neither exchanged nor reversed wheels, nor a box upside down, nor sheets exchanged, nor another "
-        "stamp of the pictures explains it (strong slip, a robot lifted, or a box moved)",
+        f"stamp of the pictures explains it (strong slip, a robot lifted, or a box moved){tried}",
         remedy="drive slower, on a dry floor, and fasten the box",
     )
 

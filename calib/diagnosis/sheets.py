@@ -167,7 +167,7 @@ def _pairs(stops: Sequence[StopObservation], K: Array, target: Target) -> dict[t
     """Return what each picture says of T_sheet_sheet for each couple of sheets: all solutions of the planar poses."""
     pairs: dict[tuple[int, int], list[list[Array]]] = defaultdict(list)
     for stop in stops:
-        rows = np.array([target.row_of(int(i) // CORNERS) for i in stop.landmark_ids])
+        rows = np.array([target.row_of(int(i) // CORNERS) for i in stop.landmark_ids], dtype=np.int64)
         sheets = {}
         for sheet in range(FACES):
             on = np.flatnonzero(target.tag_faces[rows] == sheet)

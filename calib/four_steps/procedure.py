@@ -32,6 +32,8 @@ class FourSteps:
         What each step found.
     T_body_cam : (4, 4), m
         The mounting put together.
+    replaced
+        Why steps 2 and 4 failed over all pairs of stops, where consecutive stops took their place; else empty.
     """
 
     camera: CameraStep
@@ -39,11 +41,15 @@ class FourSteps:
     heading: HeadingStep
     mounting: MountingStep
     T_body_cam: Array
+    replaced: str = ""
 
     @property
     def notes(self) -> tuple[str, ...]:
         """Remarks for the user about the result."""
-        return self.camera.notes + self.axis.notes
+        if not self.replaced:
+            return self.camera.notes + self.axis.notes
+        remark = f"started from consecutive stops, as no calibration fits all pairs of stops: {self.replaced}"
+        return (*self.camera.notes, *self.axis.notes, remark)
 
 
 def solve_four_steps(drive: Correspondences, mode: CameraMode = CameraMode.JOINT) -> FourSteps:

@@ -20,5 +20,5 @@ def left_pose_jacobian(p_cam: Array) -> Array:
 
 
 def move_left(T: Array, xi: Array) -> Array:
-    """Return ``exp_se3(xi) @ T``."""
+    """Return ``exp_se3(xi) @ T``, (..., 4, 4)."""
     return np.asarray(exp_se3(xi) @ T)

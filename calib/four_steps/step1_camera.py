@@ -177,7 +177,7 @@ def minimise_reprojection(
     for _ in range(_ITERATIONS):
         d_camera, d_poses = _damped_step(system, lam)
         trial_camera = CameraModel.from_values(camera.kind, camera.values + d_camera)
-        trial_poses = np.array([move_left(T, xi) for T, xi in zip(poses, d_poses, strict=True)])
+        trial_poses = move_left(poses, d_poses)
         trial = _linearise(trial_camera, trial_poses, stops)
         if trial.cost < system.cost:
             gain = system.cost - trial.cost
@@ -204,7 +204,7 @@ class _System:
 
 
 def _linearise(camera: CameraModel, poses: Array, stops: list[StopObservation]) -> _System:
-    starts = np.concatenate([[0], np.cumsum([len(stop.landmark_ids) for stop in stops])[:-1]])
+    ends = np.cumsum([0, *(2 * len(stop.landmark_ids) for stop in stops)])
     p_cam = np.concatenate([transform(T, stop.p_box) for T, stop in zip(poses, stops, strict=True)])
     uv, d_camera, d_point = project_with_jacobians(camera.kind, camera.values, p_cam)
     r = np.concatenate([stop.uv_px for stop in stops]) - uv
@@ -216,7 +216,6 @@ def _linearise(camera: CameraModel, poses: Array, stops: list[StopObservation]) 
     J[..., 8:11] = d_point
     J[..., 11] = r
     rows = J.reshape(-1, 12)
-    ends = 2 * np.append(starts, len(r))
     N = np.array([rows[a:b].T @ rows[a:b] for a, b in pairwise(ends)])
     H, g = N[:, :11, :11], N[:, :11, 11]
     return _System(

@@ -1,13 +1,12 @@
 """Step 2: aR = rR / b and aL = -rL / b from turns and wheel angles (section 3.2, eqs. 15-23)."""
 
 from dataclasses import dataclass
-from itertools import combinations
 
 import numpy as np
 
 from boxcal.calib.errors import CalibError
 from boxcal.calib.geometry.so3_se3 import wrap
-from boxcal.target.arrays import Array
+from boxcal.target.arrays import Array, Ids
 
 MAX_CONDITION = 3000.0
 """Largest condition number of the regressor; beyond it the moves are proportional to each other for all purposes."""
@@ -18,6 +17,8 @@ MAX_RELATIVE_SIGMA = 0.1
 _SHORTEST = 10
 _WINDINGS = np.array([(k, m) for k in (-1, 0, 1) for m in (-1, 0, 1)], dtype=np.float64)
 _CANDIDATES = 8
+_ALL_OF = 500
+"""So many of the shortest moves, and as many of the others, judge the hypotheses."""
 _EQUAL_FIT = 1.5
 _ALIKE = 0.2
 
@@ -106,22 +107,24 @@ def unwrap_turns(turn: Array, phi: Array) -> Array:
     order = np.argsort(np.abs(phi).sum(axis=1), kind="stable")
     turn_by_size, phi_by_size = turn[order], phi[order]
     hypotheses = _hypotheses(turn_by_size[:_SHORTEST], phi_by_size[:_SHORTEST])
-    residual = wrap(turn_by_size - hypotheses @ phi_by_size.T)
     # Short moves count most at first: a slightly wrong hypothesis wraps on long ones.
-    weight = 1 / (1 + np.arange(len(turn)))
+    ranks = _spread(len(turn))
+    weight = np.diff(np.append(ranks, len(turn))) / (1 + ranks)
+    residual = turn_by_size[ranks] - hypotheses @ phi_by_size[ranks].T
     score = (1 - np.cos(residual)) @ weight + 1e-4 * _unlikeness(hypotheses)
-    found = []
-    for a in hypotheses[np.argsort(score, kind="stable")[:_CANDIDATES]]:
-        grown = _grow(a, turn_by_size, phi_by_size)
-        fit = np.asarray(np.linalg.lstsq(phi_by_size, grown, rcond=None)[0], dtype=np.float64)
-        rms = float(np.sqrt(np.mean((grown - phi_by_size @ fit) ** 2)))
-        unlike = float(_unlikeness(fit[None])[0])
-        found.append((rms, (unlike > _ALIKE, float(np.sum(np.abs(grown)))), grown))
-    equal = _EQUAL_FIT * min(rms for rms, _, _ in found) + 1e-9
-    _, _, grown = min((f for f in found if f[0] <= equal), key=lambda f: f[1])
+    grown = _grow(hypotheses[np.argsort(score, kind="stable")[:_CANDIDATES]], turn_by_size, phi_by_size)
+    fit = np.asarray(np.linalg.lstsq(phi_by_size, grown, rcond=None)[0], dtype=np.float64)  # (2, C)
+    rms = np.sqrt(np.mean((grown - phi_by_size @ fit) ** 2, axis=0))
+    unlike, turned = _unlikeness(fit.T) > _ALIKE, np.sum(np.abs(grown), axis=0)
+    equal = np.flatnonzero(rms <= _EQUAL_FIT * rms.min() + 1e-9)
     unwrapped = np.empty_like(turn)
-    unwrapped[order] = grown
+    unwrapped[order] = grown[:, min(equal, key=lambda k: (unlike[k], turned[k]))]
     return unwrapped
+
+
+def _spread(count: int) -> Ids:
+    """Return the ranks that hypotheses are scored by: all of the first, then fewer and fewer, (M,), ascending."""
+    return np.unique(np.concatenate([np.arange(min(count, _ALL_OF)), np.geomspace(1, count, _ALL_OF).astype(int) - 1]))
 
 
 def _unlikeness(a: Array) -> Array:
@@ -132,30 +135,33 @@ def _unlikeness(a: Array) -> Array:
 
 def _hypotheses(turn: Array, phi: Array) -> Array:
     """Return candidate (aR, aL), (H, 2), from couples of short moves that are not proportional."""
-    found = []
-    for k, m in combinations(range(len(turn)), 2):
-        A = phi[[k, m]]
-        if abs(np.linalg.det(A)) > 1 / MAX_CONDITION * np.linalg.norm(A[0]) * np.linalg.norm(A[1]):
-            found.append(np.linalg.solve(A, (turn[[k, m]] + 2 * np.pi * _WINDINGS).T).T)
-    if not found:  # all short moves are alike: take the least squares direction of all of them
+    k, m = np.triu_indices(len(turn), 1)
+    A = phi[np.stack([k, m], axis=1)]  # (C, 2, 2)
+    size = np.linalg.norm(A, axis=2).prod(axis=1)
+    good = np.abs(np.linalg.det(A)) > size / MAX_CONDITION
+    if not np.any(good):  # all short moves are alike: take the least squares direction of all of them
         fit, *_ = np.linalg.lstsq(phi, turn, rcond=None)
         return np.asarray(fit[None, :])
-    return np.concatenate(found)
+    turns = turn[np.stack([k, m], axis=1)][good][:, None, :] + 2 * np.pi * _WINDINGS  # (C, 9, 2)
+    return np.asarray(np.linalg.solve(A[good][:, None], turns[..., None])[..., 0].reshape(-1, 2))
 
 
 def _grow(a: Array, turn: Array, phi: Array) -> Array:
-    """Return unwrapped turns, moves in order of size: each batch is unwrapped with the fit of all before it."""
+    """Return unwrapped turns, (N, C), of C hypotheses (C, 2), moves in order of size.
+
+    Each batch of moves is unwrapped with the fit of all before it.
+    """
     n = len(turn)
     size = min(n, 4)
     tiny = 1e-12 * float(np.sum(phi[:size] ** 2)) * np.eye(2)  # the shortest moves may all be alike
     while True:
-        expected = phi[:size] @ a
-        unwrapped = expected + wrap(turn[:size] - expected)
+        expected = phi[:size] @ a.T
+        unwrapped = expected + wrap(turn[:size, None] - expected)
         normal = phi[:size].T @ phi[:size] + tiny
-        a = np.asarray(np.linalg.solve(normal, phi[:size].T @ unwrapped), dtype=np.float64)
+        a = np.asarray(np.linalg.solve(normal, phi[:size].T @ unwrapped).T, dtype=np.float64)
         if size == n:
-            expected = phi @ a
-            return np.asarray(expected + wrap(turn - expected))
+            expected = phi @ a.T
+            return np.asarray(expected + wrap(turn[:, None] - expected))
         size = min(n, size + max(1, size // 2))
 
 

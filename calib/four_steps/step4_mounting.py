@@ -77,11 +77,7 @@ def solve_mounting(*, beta: Array, theta: Array, u: Array, aR: float, aL: float)
     CalibError
         If the rank is too small: the message names what the drive does not determine.
     """
-    c, s = np.cos(theta), np.sin(theta)
-    one = np.ones_like(c)
-    first = np.stack([c * beta[:, 0] - s * beta[:, 1], one - c, s, u[:, 0], -u[:, 1]], axis=1)
-    second = np.stack([s * beta[:, 0] + c * beta[:, 1], -s, one - c, u[:, 1], u[:, 0]], axis=1)
-    _, singular, Vt = np.linalg.svd(np.concatenate([first, second]), full_matrices=False)
+    _, singular, Vt = np.linalg.svd(mounting_equations(beta, theta, u), full_matrices=False)
     _check_rank(singular, Vt)
     scale = np.hypot(Vt[-1, 3], Vt[-1, 4])
     v = Vt[-1] / scale
@@ -98,6 +94,15 @@ def solve_mounting(*, beta: Array, theta: Array, u: Array, aR: float, aL: float)
         singular_values=singular,
         misfit=misfit,
     )
+
+
+def mounting_equations(beta: Array, theta: Array, u: Array) -> Array:
+    """Return the rows, (2 N, 5), that wheels and planar mounting solve for N pairs of stops; see above."""
+    c, s = np.cos(theta), np.sin(theta)
+    one = np.ones_like(c)
+    first = np.stack([c * beta[:, 0] - s * beta[:, 1], one - c, s, u[:, 0], -u[:, 1]], axis=1)
+    second = np.stack([s * beta[:, 0] + c * beta[:, 1], -s, one - c, u[:, 1], u[:, 0]], axis=1)
+    return np.concatenate([first, second])
 
 
 def check_agreement(step: MountingStep, u: Array) -> None:

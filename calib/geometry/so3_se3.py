@@ -109,12 +109,14 @@ def planar(x: float, y: float, theta: float) -> Array:
 
 
 def exp_se3(xi: Array) -> Array:
-    """Return the (4, 4) motion ``[exp_so3(w), t]`` of xi = (w, t): rotation and translation kept apart.
+    """Return the motions ``[exp_so3(w), t]``, (..., 4, 4), of xi = (w, t), (..., 6): rotation and translation apart.
 
     As a *right* perturbation ``T @ exp_se3(xi)`` it moves frame b of ``T_a_b`` by t (m) along, and by w (rad)
     about, its own axes; to first order it equals the group exponential.
     """
-    return rigid(exp_so3(xi[:3]), xi[3:])
+    T = np.zeros((*xi.shape[:-1], 4, 4))
+    T[..., :3, :3], T[..., :3, 3], T[..., 3, 3] = exp_so3(xi[..., :3]), xi[..., 3:], 1.0
+    return T
 
 
 def nearest_rotation(M: Array) -> Array:

@@ -67,7 +67,7 @@ _ROUGH = 1.0
 """Promised decrease of the sum of squares at which the first round ends: its components are a guess."""
 _CLOSE_WEIGHT = 0.05
 """Change of a leg's weight at which it stays put."""
-_MOST_STEPS = 200
+_MOST_STEPS = 100
 """Steps of all rounds after which they end, settled or not."""
 _LEAST_OF_QUIET = 0.05
 """Slip is first taken as at least this share of what equals the quantisation."""
@@ -140,11 +140,20 @@ def fit(
     try:
         found, scores = choose_camera(solve_with, drives[0].image_size)
     except np.linalg.LinAlgError as error:
-        raise _unsolvable(sum(len(k) for k in cameras.kept), error) from error
+        raise unsolvable(sum(len(k) for k in cameras.kept), error) from error
     return replace(found, camera_scores=scores)
 
 
-def _unsolvable(stops: int, error: Exception) -> CalibError:
+def negative_wheels(stops: int) -> CalibError:
+    """Return the error that says that wheels of negative size fit some stops best."""
+    return CalibError(
+        f"{stops} stops fit wheels of negative size best: the moves do not tell forward from backward",
+        remedy="add stops",
+    )
+
+
+def unsolvable(stops: int, error: Exception) -> CalibError:
+    """Return the error that says that the equations of some stops are singular."""
     return CalibError(
         f"the equations of {stops} stops cannot be solved ({error}): a stop is held by neither images nor wheels",
         remedy="leave out stops that show few tags",
@@ -163,12 +172,10 @@ def fit_cameras(drives: Sequence[Correspondences], cameras: CameraStart, options
     try:
         fits = [solve_likelihood(problem, state, options) for state in states]
     except np.linalg.LinAlgError as error:
-        raise _unsolvable(count, error) from error
+        raise unsolvable(count, error) from error
     forward = [found for found in fits if np.all(found.state.wheels > 0)]
     if not forward:
-        raise CalibError(
-            f"{count} stops fit wheels of negative size best: the moves do not tell forward from backward; add stops"
-        )
+        raise negative_wheels(count)
     return max(forward, key=_log_evidence)
 
 
