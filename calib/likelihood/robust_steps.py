@@ -81,7 +81,7 @@ def _as_steps(drive: Correspondences, camera: CameraStep, state: State) -> FourS
         a1=a1,
         tx=tx,
         ty=ty,
-        singular_values=np.linalg.svd(rows, compute_uv=False),
+        singular_values=np.asarray(np.linalg.svd(rows, compute_uv=False), dtype=np.float64),
         misfit=float(np.sqrt(np.sum(left**2) / len(u))),
     )
     return FourSteps(camera=camera, axis=axis, heading=heading, mounting=mounting, T_body_cam=state.T_body_cam)
