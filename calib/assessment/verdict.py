@@ -50,7 +50,8 @@ def judge(calibration: Calibration, drives: Drives, target: Target) -> Verdict:
     all_drives = (drives,) if isinstance(drives, Correspondences) else tuple(drives)
     seen = stops_seen(calibration, all_drives, target)
     scale = find_print_scale(calibration, seen, target)
-    return verdict(calibration, scale, unchecked=() if scale else _print_unchecked(calibration, seen))
+    told = scale is not None or target.measured is not None
+    return verdict(calibration, scale, unchecked=() if told else (_print_unchecked(seen),))
 
 
 def verdict(
@@ -76,7 +77,8 @@ def verdict(
         found += [reason for rule in DETAIL_RULES for reason in rule(calibration, detail)]
     found += [finding_reason(finding) for finding in calibration.findings]
     found += _ruler(detail)
-    reasons = arrange([*found, *_print(detail, print_scale), *unchecked])
+    found += [reason for reason in _print(detail, print_scale) if reason.kind is not Kind.CHECK or not unchecked]
+    reasons = arrange([*found, *unchecked])
     level = max((r.level for r in reasons), key=lambda level: level.rank)
     steps = dict.fromkeys(r.advice for r in reasons if r.advice and not r.because)
     return Verdict(level=level, headline=_HEADLINES[level], reasons=reasons, next_steps=tuple(steps) or (_KEEP,))
@@ -103,14 +105,12 @@ def _ruler(detail: Detail | None) -> list[Reason]:
     return [Reason(rule="ruler", level=Level.GOOD, text=text, kind=Kind.NOTE)]
 
 
-def _print_unchecked(calibration: Calibration, seen: Sequence[SeenStop]) -> tuple[Reason, ...]:
-    """Return why the print's size cannot be told from the corners; nothing where it was solved for."""
-    if calibration.detail is not None and "scale_x" in calibration.detail.extra:
-        return ()
+def _print_unchecked(seen: Sequence[SeenStop]) -> Reason:
+    """Return why the print's size cannot be told from the corners, even if it was solved for with a prior."""
     alone = not any(len(np.unique(stop.face[stop.used])) > 1 for stop in seen)
     why = "each stop sees one face of the box only" if alone else "the corners leave it open by more than 0.3 %"
     text = f"The print's size could not be checked: {why}; check its 100 mm bars with a ruler."
-    return (Reason(rule="print", level=Level.GOOD, text=text, kind=Kind.UNCHECKED),)
+    return Reason(rule="print", level=Level.GOOD, text=text, kind=Kind.UNCHECKED)
 
 
 def _print(detail: Detail | None, found: PrintScale | None) -> list[Reason]:

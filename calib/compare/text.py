@@ -43,7 +43,7 @@ def comparison(a: Calibration, b: Calibration, found: Difference) -> str:
         f"image, {g.projection_worst_px:.2f} px at worst",
     ]
     for which, c in (("A", a), ("B", b)):
-        if c.verdict is not None and c.verdict.causes:
+        if c.verdict is not None and (c.verdict.causes or c.findings):
             lines += ["", judgement(which, c.verdict)]
     return "\n".join(lines)
 

@@ -174,7 +174,7 @@ def robot_row(c: Calibration, v: Verdict, values: Array, odd: Mask, stale: str, 
         link=robot_link(c.robot) if linked else "",
         level=v.level.value,
         rank=v.level.rank,
-        why=" ".join(cause.text for cause in v.causes),
+        why=" ".join((*(cause.text for cause in v.causes), *_taken_into_account(c, v))),
         stale=stale,
         straight=ground.straight_position if ground and isfinite(ground.straight_position) else None,
         straight_text=length(ground.straight_position) if ground else "",
@@ -187,6 +187,12 @@ def robot_row(c: Calibration, v: Verdict, values: Array, odd: Mask, stale: str, 
             for p, value, o in zip(PARAMETERS, values, odd, strict=True)
         ),
     )
+
+
+def _taken_into_account(c: Calibration, v: Verdict) -> list[str]:
+    """Return the causes of a robot's catalogue that its result allows for: an owner of many robots looks for those."""
+    named = {finding.cause for finding in c.findings}
+    return [f"Note: {note.text}" for note in v.notes if note.rule in named]
 
 
 def spread_rows(values: Array, sigmas: Array) -> list[SpreadRow]:

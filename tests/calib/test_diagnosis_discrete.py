@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from boxcal.calib.assessment.findings import finding_reason
+from boxcal.calib.calibrate import calibrate
 from boxcal.calib.diagnosis.clock import clock_finding, find_offset
 from boxcal.calib.diagnosis.counters import counter_finding
 from boxcal.calib.diagnosis.first_look import FirstLook, first_look
@@ -95,6 +96,18 @@ def test_sheets_that_are_never_seen_together_are_found_by_the_wheels(box: BoxFau
 
 def test_one_sheet_a_stop_where_it_belongs_is_left_alone() -> None:
     assert first_look([one_sheet_a_stop(drive(turtlebot(), Imperfections()))], TARGET).findings == ()
+
+
+def test_a_print_whose_size_no_picture_tells_is_said_to_be_unchecked() -> None:
+    seen = drive(turtlebot(), Imperfections())
+    told, alone = calibrate(seen).verdict, calibrate(one_sheet_a_stop(seen)).verdict
+    assert told is not None
+    assert alone is not None
+    assert told.unchecked == ()
+    assert "print" in {reason.rule for reason in told.passed}
+    assert [reason.rule for reason in alone.unchecked] == ["print"]
+    assert "one face of the box only" in alone.unchecked[0].text
+    assert "print" not in {reason.rule for reason in alone.passed}
 
 
 def test_a_frozen_picture_is_left_out_and_said() -> None:

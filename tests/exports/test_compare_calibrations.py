@@ -15,9 +15,11 @@ from boxcal.calib.compare.difference import difference, projection_shift
 from boxcal.calib.compare.text import comparison
 from boxcal.calib.geometry.parameters import ORDER
 from boxcal.calib.geometry.so3_se3 import exp_so3, rigid
+from boxcal.calib.likelihood.finding import Finding
+from boxcal.calib.report.fleet_tables import PARAMETERS, robot_row
 from boxcal.calib.results.calibration import Calibration, Wheels
 from boxcal.calib.results.json_format import save_calibration
-from boxcal.calib.results.verdict import Level, Reason, Verdict
+from boxcal.calib.results.verdict import Kind, Level, Reason, Verdict
 from boxcal.target.arrays import Array
 from boxcal.target.camera.camera_model import CameraModel
 
@@ -34,6 +36,18 @@ def _moved(d: Array, **changes: Any) -> Calibration:
         T_body_cam=rigid(T[:3, :3] @ exp_so3(d[8:11]), T[:3, 3] + d[11:]),
         **{"detail": PLAIN, **changes},
     )
+
+
+def test_causes_that_were_taken_into_account_are_compared_too() -> None:
+    scrub = Finding(cause="scrub", text="the wheels scrub in turns", adopted=True)
+    note = Reason(rule="scrub", level=Level.GOOD, text="The wheels scrub in turns; taken into account.", kind=Kind.NOTE)
+    good = Verdict(level=Level.GOOD, headline="Put it on the robot.", reasons=(note,), next_steps=("drive",))
+    a, b = _moved(np.zeros(14)), _moved(np.zeros(14), findings=(scrub,), verdict=good)
+    text = comparison(a, b, difference(a, b))
+    assert "note: The wheels scrub in turns; taken into account." in text
+    assert text.count("GOOD") == 1
+    row = robot_row(b, good, np.zeros(len(PARAMETERS)), np.zeros(len(PARAMETERS), dtype=bool), "")
+    assert row.why == "Note: The wheels scrub in turns; taken into account."
 
 
 def test_the_test_keeps_its_level_and_its_covariance_its_side() -> None:
