@@ -44,7 +44,7 @@ def open_container(path: Path, *, hashed: bool = True) -> Container:
             raise DetectError("neither a file nor a folder", source=path.name, needed=_NEEDED)
         return _open_file(path, None if hashed else "", packed=False)
     except FileNotFoundError as error:
-        raise DetectError("no such file", source=path.name, needed=_NEEDED, remedy="check the path") from error
+        raise DetectError("no such file", source=str(path), needed=_NEEDED, remedy="check the path") from error
     except OSError as error:
         raise DetectError(
             f"cannot be read ({error.strerror or error})", source=path.name, remedy="check the file"

@@ -54,7 +54,9 @@ def test_libsdformat_loads_the_model_without_a_complaint(target: Target, tmp_pat
     (tmp_path / "loader.cc").write_text(LOADER)
     build = ["g++", "-std=c++17", "loader.cc", "-o", "loader", *flags.stdout.split()]
     subprocess.run(build, cwd=tmp_path, check=True, timeout=240)
-    done = subprocess.run(["./loader", "model.sdf"], cwd=tmp_path, capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        ["./loader", tmp_path / "model.sdf"], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
     assert done.stderr == ""
     assert done.stdout.split() == [SDF_NAME, "1", "1"]
 

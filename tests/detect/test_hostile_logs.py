@@ -73,7 +73,7 @@ def test_what_is_no_whole_mcap_is_named(tmp_path: Path, content: bytes, message:
 
 
 def test_a_missing_file_and_a_folder_are_named(tmp_path: Path) -> None:
-    with pytest.raises(DetectError, match=r"none.mcap: no such file, a recording .* is needed .*; check the path"):
+    with pytest.raises(DetectError, match=r"/none.mcap: no such file, a recording .* is needed .*; check the path"):
         open_recording(tmp_path / "none.mcap")
     (tmp_path / "bag").mkdir()
     with pytest.raises(

@@ -53,7 +53,7 @@ def file_sha256(path: Path) -> str:
             return hashlib.file_digest(file, "sha256").hexdigest()
     except OSError as error:
         raise DetectError(
-            f"cannot be read ({error.strerror or error})", source=path.name, remedy="check the path"
+            f"cannot be read ({error.strerror or error})", source=str(path), remedy="check the path"
         ) from error
 
 
