@@ -7,6 +7,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from robot_picture import robot_svg  # beside this file
 
 import boxcal
 from boxcal.calib.geometry.so3_se3 import inverse, planar
@@ -35,6 +36,7 @@ def main() -> int:
     name, picture = next(iter(box_pictures(boxcal.make_target()).items()))
     (OUT / f"tutorial-box{Path(name).suffix}").write_bytes(picture)
     (OUT / "tutorial-plan.svg").write_text(_plan(boxcal.simulate(stops=12, seed=1)))
+    (OUT / "tutorial-robot.svg").write_text(robot_svg(turtlebot()))
     frames = [_frame(caption, distance, sensor) for caption, distance, sensor in FRAMES]
     sheet = np.vstack([np.hstack(frames[:2]), np.hstack(frames[2:])])
     cv2.imwrite(str(OUT / "tutorial-frames.png"), sheet, [cv2.IMWRITE_PNG_COMPRESSION, 9])
