@@ -31,6 +31,8 @@ from boxcal.target.box import Target
 from boxcal.target.camera.camera_model import CameraModel
 from boxcal.target.errors import BoxcalError
 
+_SPAN_NS = 500_000_000
+"""Time of recording that is taken at once, so that no stop passes unnoticed where messages come faster than time."""
 _WAIT_S, _TICK_S, _PUBLISH_S, _GLANCE_S = 0.04, 0.1, 0.1, 0.15
 _TICK_SHARE = 5.0
 """A tick that takes long comes as many times its length later."""
@@ -142,7 +144,7 @@ class Session:
         self._full_since, self._full_stops, self._full_written = 0.0, 0, False
         self._wants = {"advise": True, "solve": False, "judge": False, "calibrate": False}
         self._measure_due = 0.0
-        self._glanced = 0
+        self._glanced = -1
         self._idle_picture_ns = 0
         self._next_glance = 0.0
 
@@ -163,9 +165,12 @@ class Session:
     def _work(self, publish: Callable[["Session"], None]) -> None:
         next_tick = next_publish = 0.0
         while not self.stopped.is_set():
-            self.take(self.link.inbox.take(_WAIT_S))
+            if self.drive.is_behind:
+                time.sleep(_WAIT_S)
+            else:
+                self.take(self.link.inbox.take(_WAIT_S, _SPAN_NS))
             now = time.monotonic()
-            if now >= next_tick:
+            if now >= next_tick or self.link.inbox.waiting:
                 self.drive.update()
                 spent = time.monotonic() - now
                 next_tick = now + max(_TICK_S, _TICK_SHARE * spent)
@@ -200,19 +205,17 @@ class Session:
         return False
 
     def _new_recorder(self) -> Recorder | None:
-        stamp = time.strftime("%Y%m%d-%H%M%S")
-        for k in range(100):
-            name = f"{self.options.robot}-{stamp}{f'-{k}' if k else ''}.mcap"
-            try:
-                return Recorder(self.options.recordings / name)
-            except FileExistsError:
-                continue
-            except OSError as error:
-                self.problem = (
-                    f"{self.options.recordings}: nothing can be recorded there ({error.strerror or error}); name "
-                    "another folder with --record"
-                )
-                return None
+        folder, stamp = self.options.recordings, time.strftime("%Y%m%d-%H%M%S")
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            return Recorder(folder / f"{self.options.robot}-{stamp}.mcap")
+        except FileExistsError as error:
+            if folder.is_dir():
+                return None  # two drives in one second: the next message tries again
+            why = error.strerror
+        except OSError as error:
+            why = error.strerror or str(error)
+        self.problem = f"{folder}: nothing can be recorded there ({why}); name another folder with --record"
         return None
 
     def _prepare(self) -> None:

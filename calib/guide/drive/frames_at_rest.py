@@ -67,6 +67,10 @@ class FramesAtRest:
         """Stamp of the newest picture, ns; 0 without one."""
         return max(self._frames, default=0)
 
+    def any_between(self, first_ns: int, last_ns: int) -> bool:
+        """Tell whether a picture of a time, ns, is held."""
+        return any(first_ns <= t <= last_ns for t in self._frames)
+
     def of_stop(self, t_start_ns: int, t_end_ns: int, settle_s: float, most: int) -> list[HeldFrame]:
         """Return the pictures that a stop is measured from, as :func:`boxcal.detect.extract.frames_at` chooses them.
 

@@ -114,6 +114,14 @@ class LiveDrive:
         """Time by which the camera's clock is ahead of the wheels', s; 0 if it is not."""
         return self._clock_ns / 1e9
 
+    @property
+    def is_behind(self) -> bool:
+        """Whether a stop that the robot has left waits to be measured: what comes after it should wait, too."""
+        if self.stands is None:
+            return False
+        left = self.stands.stops[-3:-1] if self.stands.standing else self.stands.stops[-3:]
+        return any(s.t_start_ns not in self._final and self._frames.any_between(s.t_start_ns, s.t_end_ns) for s in left)
+
     def to_measure(self, *, at_end: bool = False) -> tuple[Stop, list[HeldFrame]] | None:
         """Return the stop that is to be measured now, with its pictures; None if none is.
 

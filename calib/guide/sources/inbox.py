@@ -88,15 +88,33 @@ class Inbox:
         """Whether a source that can wait should."""
         return self._picture_bytes + self._other_bytes > MOST_OTHER_BYTES // 4
 
-    def take(self, timeout: float) -> list[LiveMessage]:
-        """Return all that waits, in order of arrival; wait for a first message as long as given, s."""
+    def take(self, timeout: float, span_ns: int = _LATEST_NS) -> list[LiveMessage]:
+        """Return what waits, in order of arrival.
+
+        Parameters
+        ----------
+        timeout : s
+            How long to wait for a first message.
+        span_ns : ns
+            Time of recording that is returned at once; the rest goes on waiting.
+        """
+        taken: list[LiveMessage] = []
         with self._changed:
             if not self._waiting:
                 self._changed.wait(timeout)
-            taken = list(self._waiting)
-            self._waiting.clear()
-            self._picture_bytes = self._other_bytes = 0
-            return taken
+            while self._waiting and abs(self._waiting[0].log_ns - (taken or self._waiting)[0].log_ns) <= span_ns:
+                message = self._waiting.popleft()
+                taken.append(message)
+                if message.picture:
+                    self._picture_bytes -= len(message.data)
+                else:
+                    self._other_bytes -= len(message.data)
+        return taken
+
+    @property
+    def waiting(self) -> int:
+        """Number of messages that wait."""
+        return len(self._waiting)
 
     def _drop_oldest_picture(self) -> None:
         for k, message in enumerate(self._waiting):

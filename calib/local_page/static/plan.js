@@ -34,8 +34,10 @@ const Plan = (() => {
     const [bw, bd] = plan.box;
     nodes.push(make("rect", { class: "box", x: -bw / 2, y: -bd / 2, width: bw, height: bd }));
     const size = Math.max(Math.min(0.07, 11 * unit), 9 * unit);
+    const room = bw > 3 * size;
     for (const [face, x, y] of [[0, 1, 0], [1, 0, 1], [2, -1, 0], [3, 0, -1]]) {
-      nodes.push(make("text", { class: "face", x: x * bw * 0.34, y: -y * bd * 0.34, "font-size": size }, face));
+      const out = room ? 0.34 : 0.5 + 0.8 * size / bw;
+      nodes.push(make("text", { class: room ? "face" : "face outside", x: x * bw * out, y: -y * bd * out, "font-size": size }, face));
     }
     const body = Math.max(plan.size * 0.7, 11 * unit);
     for (const stop of plan.stops) {

@@ -1,0 +1,213 @@
+"""A session says on its page and on the terminal what is wrong, and goes on with what there is."""
+
+import threading
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from drives import TARGET, logged, messages
+from live_messages import CAMERA, T0, WHEELS, Server, advertised, data_message, heard, picture, until, wheels
+from websockets.asyncio.server import ServerConnection
+
+from boxcal.calib.guide.page.state import state_of
+from boxcal.calib.guide.recording import recorder as recording
+from boxcal.calib.guide.session import GuideOptions, Session
+from boxcal.calib.guide.sources.inbox import Inbox, LiveMessage
+from boxcal.calib.guide.sources.link import Link
+from boxcal.calib.settings import Settings
+from boxcal.detect.log.topics import Topics
+
+Started = Callable[[], "Running"]
+
+
+class Running:
+    """A session that works in a thread, without a source: messages are put into its inbox."""
+
+    def __init__(self, folder: Path) -> None:
+        options = GuideOptions(
+            robot="r01", target=TARGET, settings=Settings(), recordings=folder / "recordings", out=folder / "out"
+        )
+        self.link = Link(name="ws://robot:8765", topics=Topics(), inbox=Inbox(1000.0))
+        self.link.found()
+        self.session = Session(options, self.link)
+        self.state: dict[str, Any] = {}
+        self.said: list[str] = []
+        self._thread = threading.Thread(target=lambda: self.session.run(self._publish))
+        self._thread.start()
+
+    def _publish(self, session: Session) -> None:
+        self.state = state_of(session)
+        while session.said:
+            self.said.append(session.said.popleft())
+
+    def put(self, of: list[LiveMessage]) -> None:
+        for message in of:
+            self.link.inbox.put(message, now=message.log_ns / 1e9)
+
+    def warned(self, text: str) -> bool:
+        return any(text in w["text"] for w in self.state.get("warnings", []))
+
+    def end(self) -> None:
+        self.session.stopped.set()
+        self._thread.join(60)
+        assert not self._thread.is_alive()
+
+
+@pytest.fixture
+def start(tmp_path: Path) -> Iterator[Started]:
+    running: list[Running] = []
+
+    def begin() -> Running:
+        running.append(Running(tmp_path))
+        return running[-1]
+
+    yield begin
+    for session in running:
+        session.end()
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return logged(tmp_path_factory.mktemp("drive") / "r01.mcap", stops=5)
+
+
+def _still(first: int, count: int) -> list[LiveMessage]:
+    return [
+        heard(WHEELS, T0 + k * 20_000_000, wheels(T0 + k * 20_000_000, 1.0, 2.0)) for k in range(first, first + count)
+    ]
+
+
+def _picture(t_ns: int, grey: int) -> LiveMessage:
+    _, data = cv2.imencode(".jpg", np.full((480, 640), grey, dtype=np.uint8))
+    return heard(CAMERA, t_ns, picture(t_ns, data.tobytes()))
+
+
+@pytest.mark.slow
+def test_a_drive_leads_to_bars_next_stops_a_verdict_and_a_report(log: Path, start: Started, tmp_path: Path) -> None:
+    running = start()
+    until(lambda: not running.session.compiling, 120)
+    for message in messages(log):
+        while running.link.inbox.is_full:
+            threading.Event().wait(0.01)
+        running.put([message])
+    until(lambda: running.state["stops"] == 5, 60)
+    until(lambda: running.state["bars"], 60)
+    until(lambda: running.state["plan"]["next"], 60)
+    until(lambda: [s["n"] for s in running.state["plan"]["stops"]] == [1, 2, 3, 4, 5], 60)
+    assert running.state["plan"]["robot"]["source"] in {"seen", "reckoned"}
+    until(lambda: running.state["verdict"], 60)
+    running.session.request("calibrate")
+    until(lambda: running.state["finished"], 60)
+    assert running.state["banner"]["title"].startswith("Calibrated")
+    assert (tmp_path / "out" / "r01" / "report.html").is_file()
+    assert any(line.startswith("stop 5 taken") for line in running.said)
+    assert any("written" in line for line in running.said)
+    running.session.request("again")
+    until(lambda: running.state["stops"] == 0, 20)
+    assert not running.state["finished"]
+    assert len(list((tmp_path / "recordings").iterdir())) == 1, "what was recorded is kept"
+
+
+def test_a_disk_that_fills_is_said_on_page_and_terminal(start: Started, monkeypatch: pytest.MonkeyPatch) -> None:
+    running = start()
+    running.put(_still(0, 20))
+    until(lambda: running.state.get("recording", {}).get("messages", 0) == 20)
+    kept = running.session.recorder
+    assert kept is not None
+
+    def full(_: bytes) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(recording, "TRY_AGAIN_S", 0.1)
+    monkeypatch.setattr(kept._file, "_append", full)
+    running.put(_still(20, 20))
+    until(lambda: running.warned("No space left on device") and running.warned("what was recorded so far is kept"))
+    until(lambda: any("No space left on device" in line for line in running.said))
+    monkeypatch.undo()
+    running.put(_still(40, 20))
+    until(lambda: running.put(_still(60, 1)) or not running.warned("No space left on device"))
+    assert running.state["recording"]["lost"] >= 20
+
+
+def test_a_folder_that_cannot_be_written_is_said_and_the_drive_is_guided_all_the_same(
+    start: Started, tmp_path: Path
+) -> None:
+    (tmp_path / "recordings").write_text("a file")
+    running = start()
+    running.put(_still(0, 50))
+    until(lambda: running.warned("nothing can be recorded there"))
+    until(lambda: running.session.drive.stands is not None)
+
+
+def test_darkness_and_an_empty_picture_are_told_apart(start: Started) -> None:
+    running = start()
+    until(lambda: not running.session.compiling, 120)
+    running.put([*_still(0, 60), _picture(T0 + 10**9, 8)])
+    until(lambda: running.warned("too dark"))
+    running.put([*_still(60, 60), _picture(T0 + 2 * 10**9, 128)])
+    until(lambda: running.warned("no tag of the box") and not running.warned("too dark"))
+
+
+def test_topics_that_vanish_are_said_on_the_page(start: Started) -> None:
+    running = start()
+    running.put(_still(0, 10))
+    running.link.offer([WHEELS])
+    until(lambda: running.warned("no camera topic"))
+    running.link.lost("the connection was lost")
+    until(lambda: running.state["banner"]["kind"] == "bad")
+    assert running.state["banner"]["detail"] == "the connection was lost"
+    assert "the connection was lost" in running.said
+    running.link.found()
+    running.link.offer([WHEELS, CAMERA])
+    until(lambda: running.state["banner"]["kind"] != "bad" and not running.warned("no camera topic"))
+
+
+def test_a_robot_left_standing_over_night_fills_neither_disk_nor_memory(start: Started) -> None:
+    running = start()
+    running.session.compiling = "held"
+    drive = running.session.drive
+    until(lambda: not running.session._worker.name or running.session._worker.idle)
+    running.put(_still(0, 1500))
+    until(lambda: drive.stands is not None and drive.stands.seconds > 25)
+    stop = drive.stands.stops[-1]  # type: ignore[union-attr]
+    drive.taken.stops.append(_taken(stop.t_start_ns, stop.t_end_ns))
+    before = drive.pictures
+    now = T0 + 1500 * 20_000_000
+    running.put([_picture(now + k * 10**8, 128) for k in range(600)])  # a minute of 10 Hz
+    until(lambda: not running.link.inbox.is_full and drive.pictures > before)
+    threading.Event().wait(0.5)
+    assert drive.pictures - before <= 32
+
+
+def _taken(first: int, last: int) -> Any:
+    from boxcal.calib.guide.drive.taken_stops import TakenStop  # noqa: PLC0415
+    from boxcal.detect.tags.averaging import combine  # noqa: PLC0415
+
+    return TakenStop(t_start_ns=first, t_end_ns=last, numbers=(0,), corners=combine([]), left_out="", camera=None)
+
+
+def test_thirty_4k_pictures_a_second_keep_memory_flat_and_lose_no_wheel_reading(tmp_path: Path) -> None:
+    """Pictures of 3840 x 2160 at 30 Hz by a bridge: what cannot be worked on is dropped, never queued."""
+    from live_messages import INFO, Followed  # noqa: PLC0415
+
+    raw = bytes(3840 * 2160)
+    sent = 90
+
+    async def talk(socket: ServerConnection) -> None:
+        await socket.send(INFO)
+        await socket.send(advertised(WHEELS, CAMERA))
+        await socket.recv()
+        for k in range(sent):
+            await socket.send(data_message(2, T0 + k, raw))
+            await socket.send(data_message(1, T0 + k, wheels(T0 + k, 0.0, 0.0)))
+        await socket.wait_closed()
+
+    with Server(talk, ["foxglove.websocket.v1"]) as server, Followed(server.url) as link:
+        inbox = link.inbox
+        until(lambda: sum(not m.picture for m in inbox._waiting) == sent, 60)
+        held = sum(len(m.data) for m in inbox._waiting if m.picture)
+        assert held <= 64 << 20
+        assert inbox.dropped_pictures > 0
