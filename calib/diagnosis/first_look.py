@@ -48,6 +48,9 @@ class FirstLook:
     findings: tuple[Finding, ...]
 
 
+_NO_WHEELS = "turns seen and turns rolled fit no wheels that roll forward"
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Relaid:
     """Landmarks elsewhere than described, with which the four steps work, and what is said of that."""
@@ -142,7 +145,7 @@ def _from_consecutive_stops(drive: Correspondences, camera: CameraStep, error: C
     if len(camera.kept) < LEAST_STOPS:  # some wheels fit whatever is wrong
         raise _no_wheels(camera, "") if signs else error
     try:
-        return robust_steps(drive, camera, error.found)
+        return robust_steps(drive, camera, _NO_WHEELS if signs else error.found)
     except CalibError as other:
         tried = f"; consecutive stops alone were tried too: {other.found}"
         if signs:
@@ -178,7 +181,7 @@ def _cause(drive: Correspondences, camera: CameraStep, target: Target, mode: Cam
 
 def _no_wheels(camera: CameraStep, tried: str) -> CalibError:
     """Return that no wheels fit, where nothing explains that."""
-    text = "turns seen and turns rolled fit no wheels that roll forward"
+    text = _NO_WHEELS
     if len(camera.kept) < LEAST_STOPS:
         return CalibError(
             f"{text}, and {len(camera.kept)} stops are too few to tell why "

@@ -73,15 +73,34 @@ class BoxDetection:
         there are none, infinite where the fit is too poor to say which those are.
     contradicting_faces
         See :class:`PredictedRegions`.
-    decoded : (D,)
-        Rows of all tags that were read, wherever they lie, ascending.
+    read
+        All tags that were read, wherever they lie.
     """
 
     tags: TagAlignments
     fit: BoxFit
     lost_module_px: float
     contradicting_faces: tuple[int, ...] = ()
-    decoded: Index = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    read: TagCandidates = field(default_factory=TagCandidates.none)
+
+    def off_the_box(self, target: Target, patterns: Patterns, fit: BoxFit, used: Index) -> Index:
+        """Return the rows of tags that were read, but nowhere near where the box has them, ascending.
+
+        Parameters
+        ----------
+        target, patterns
+            The box and what its tags look like.
+        fit
+            The box as it was found in the end.
+        used
+            Rows of the tags on it: they are where they should be, whatever was read elsewhere.
+        """
+        read = self.read.take(~np.isin(self.read.rows, used))
+        uv, _ = fit.predict(target.tag_corners[read.rows].reshape(-1, 3))
+        off = np.linalg.norm(uv.reshape(-1, 4, 2) - read.corners_px, axis=2).max(axis=1)
+        side = patterns.modules * module_px(patterns, read.corners_px)
+        near = (off < CANDIDATE_TOLERANCE * side) & fit.faces_camera(target.tag_corners[read.rows])
+        return np.setdiff1d(read.rows, read.rows[near])
 
 
 def consistent_candidates(target: Target, candidates: TagCandidates, image_size: tuple[int, int]) -> TagCandidates:

@@ -45,6 +45,11 @@ class TagCandidates:
     score: Array
     seen_twice: tuple[int, ...] = ()
 
+    @classmethod
+    def none(cls) -> "TagCandidates":
+        """Return no candidates."""
+        return cls(rows=np.zeros(0, np.int64), corners_px=np.zeros((0, 4, 2)), score=np.zeros(0))
+
     def __len__(self) -> int:
         return len(self.rows)
 
@@ -85,7 +90,7 @@ def find_candidates(
         image = np.asarray(cv2.resize(grey, None, fx=scale, fy=scale, interpolation=kind), dtype=np.uint8)
     found = [_decoded(image, quads, patterns) for quads in (_quads(image, w) for w in windows_px) if len(quads)]
     if not found:
-        return TagCandidates(rows=np.zeros(0, np.int64), corners_px=np.zeros((0, 4, 2)), score=np.zeros(0))
+        return TagCandidates.none()
     rows = np.concatenate([f.rows for f in found])
     corners = np.concatenate([f.corners_px for f in found])
     score = np.concatenate([f.score for f in found])

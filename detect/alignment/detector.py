@@ -114,7 +114,7 @@ class DetectorOutput:
     contradicting_faces
         Faces of which tags are seen where the box that was found cannot have them: on another box, or on a print.
     rejected_ids : (R,)
-        Tags that were read but do not lie where the box has them, or do not look like their pattern there, ascending.
+        Tags that were read, but nowhere near where the box has them, ascending.
     """
 
     ids: Index
@@ -218,7 +218,7 @@ def detect_in_grey(
     located = replace(
         _located(frame, patterns, tags, uneven),
         contradicting_faces=found.contradicting_faces,
-        rejected_ids=np.sort(patterns.tag_ids[np.setdiff1d(found.decoded, tags.rows)]),
+        rejected_ids=np.sort(patterns.tag_ids[found.off_the_box(target, patterns, fit, tags.rows)]),
     )
     located = replace(located, corners_px=under_lens(frame.lens, fit.lens, located.corners_px))
     if len(tags) < FEW_TAGS:

@@ -73,7 +73,7 @@ def find_box(
         found = grow_from_pose(pyramid, target, patterns, search, limits)
         lost_module_px = found.lost_module_px if len(found.tags) >= FEW_TAGS else np.inf
         if factor == 1 or lost_module_px < CANDIDATE_MODULE_PX:
-            return replace(found, decoded=np.unique(read.rows))
+            return replace(found, read=read)
     read = find_candidates(grey8, patterns, windows_px)
     candidates = consistent_candidates(target, read, size)
     if len(candidates) < FEW_TAGS and _may_grow(grey8):
@@ -82,7 +82,7 @@ def find_box(
     if len(candidates) == 0:
         return None
     search = predict_regions(target, patterns, candidates, size, camera=camera)
-    return replace(grow_from_pose(pyramid, target, patterns, search, limits), decoded=np.unique(read.rows))
+    return replace(grow_from_pose(pyramid, target, patterns, search, limits), read=read)
 
 
 def search_copies(grey8: NDArray[np.uint8], patterns: Patterns, windows_px: tuple[int, ...]) -> TagCandidates:

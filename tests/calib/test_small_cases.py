@@ -99,6 +99,17 @@ def test_a_glitch_a_nudge_and_a_leg_without_joints_cost_one_leg_and_no_more(driv
     assert worst(nudge, values(silent)) < 3
 
 
+def test_a_slippery_drive_is_calibrated_with_large_sigmas(drives: Path) -> None:
+    found = calibrate(drives / "slip10_refused_as_swapped.npz")
+    assert found.detail is not None
+    assert found.verdict is not None
+    assert found.verdict.level is Level.REDO
+    assert found.verdict.causes[0].rule == "slip"
+    assert found.detail.noise.slip == pytest.approx(0.010, rel=0.5)
+    assert worst(found, {"rR": 0.0327, "rL": 0.0331, "b": 0.162}) < 3.5
+    assert not any("swapped" in note for note in found.notes)
+
+
 def test_sheets_0_and_2_are_said_to_be_swapped(drives: Path) -> None:
     found = calibrate(drives / "faces02_swapped_crash.npz")
     assert found.findings[0].cause == "sheets-swapped"
