@@ -75,6 +75,13 @@ class ImageSeries:
         self.record.append(record)
         self.inner.append(inner)
 
+    def sort(self) -> None:
+        """Bring images that were read out of order into that of the recording."""
+        order = sorted(range(len(self.record)), key=lambda k: (self.record[k], self.inner[k]))
+        for name in ("t_ns", "log_ns", "record", "inner"):
+            values = getattr(self, name)
+            setattr(self, name, array("q", (values[k] for k in order)))
+
 
 def header_stamp_ns(data: bytes | memoryview) -> int:
     """Return the header stamp (ns) of a CDR message that begins with a ``std_msgs/Header``, decoding no more of it.

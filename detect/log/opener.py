@@ -1,18 +1,24 @@
 """Opens a recording, whatever kind it is: told by its first bytes, not by its name."""
 
+import shutil
+import tempfile
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, cast
 
 from boxcal.detect.errors import DetectError
-from boxcal.detect.log.containers.bag_folder import BagFolder, folder_parts
+from boxcal.detect.log.containers.bag_folder import MAX_METADATA_BYTES, METADATA, BagFolder, folder_parts
 from boxcal.detect.log.containers.base import Container
 from boxcal.detect.log.containers.mcap import MAGIC as MCAP_MAGIC
 from boxcal.detect.log.containers.mcap import McapFile
+from boxcal.detect.log.containers.mcap_indexed import IndexedMcap
 from boxcal.detect.log.containers.packing import unpacked_file
 from boxcal.detect.log.containers.plain_folder import PlainFolder, is_plain_folder
 from boxcal.detect.log.containers.ros1_bag import MAGIC as BAG_MAGIC
 from boxcal.detect.log.containers.ros1_bag import Ros1Bag
 from boxcal.detect.log.containers.sqlite import SqliteFile
+from boxcal.detect.log.remote.range_file import RangeFile
+from boxcal.detect.log.remote.store import fetched, store_of
+from boxcal.detect.log.remote.urls import is_url
 
 _SQLITE_MAGIC = b"SQLite format 3\0"
 _PACKED = (b"\x28\xb5\x2f\xfd", b"\x1f\x8b")
@@ -35,9 +41,11 @@ def open_container(path: Path, *, hashed: bool = True) -> Container:
     Raises
     ------
     DetectError
-        If it is missing, empty, or no recording.
+        If it is missing, empty, or no recording; behind a URL, if it cannot be reached or may not be read.
     """
     try:
+        if is_url(path):
+            return open_remote(path)
         if path.is_dir():
             return _open_folder(path, None if hashed else "")
         if path.exists() and not path.is_file():
@@ -51,21 +59,63 @@ def open_container(path: Path, *, hashed: bool = True) -> Container:
         ) from error
 
 
-def open_stream(file: BinaryIO, name: str) -> Container:
-    """Open a recording from a file object that reads and seeks, such as a remote file: MCAP or a ROS 1 bag.
+def open_stream(file: BinaryIO, name: str, digest: str | None = None) -> Container:
+    """Open a recording from a file object that reads and seeks: MCAP or a ROS 1 bag.
 
     Raises
     ------
     DetectError
         If it is neither.
     """
-    return _of_stream(file, name, None)
+    return _of_stream(file, name, digest)
+
+
+def open_remote(path: Path) -> Container:
+    """Open a recording behind a URL: of an MCAP with an index only what is needed is fetched, of others all.
+
+    A bag folder is one whose only part is an MCAP, or it is read part by part. SQLite and compressed files are copied
+    to a temporary file first.
+
+    Raises
+    ------
+    DetectError
+        If it cannot be reached, may not be read, or is no recording.
+    """
+    store = store_of(path)
+    if store.is_folder():
+        names = store.names()
+        about = fetched(path / METADATA, MAX_METADATA_BYTES) if METADATA in names else b""
+        parts, packed, notes = folder_parts(path, names, about)
+        if len(parts) == 1 and not packed and parts[0].suffix == ".mcap":
+            return _remote_file(parts[0], path.name, packed=False)
+        return BagFolder(path, parts, lambda part: _remote_file(part, part.name, packed=packed), notes)
+    return _remote_file(path, path.name, packed=False)
+
+
+def _remote_file(path: Path, name: str, *, packed: bool) -> Container:
+    remote = RangeFile(store_of(path))
+    file, digest = cast("BinaryIO", remote), remote.state.identity
+    start = file.read(16)
+    if start.startswith(_PACKED) or start == _SQLITE_MAGIC:
+        copy = cast("BinaryIO", tempfile.NamedTemporaryFile(suffix=path.suffix))  # noqa: SIM115  (lives as its reader)
+        file.seek(0)
+        shutil.copyfileobj(file, copy, 8 << 20)
+        copy.flush()
+        remote.refuse_change()
+        if start == _SQLITE_MAGIC:
+            return SqliteFile.unpacked(copy, name, digest, packed=packed)
+        container = _open_packed(Path(copy.name), packed=packed)
+        container.name = name
+        return container
+    if start.startswith(MCAP_MAGIC) and not packed:
+        return IndexedMcap(remote, name, digest)
+    return _of_stream(file, name, digest, packed=packed)
 
 
 def robot_name_of(path: Path) -> str:
     """Return what a robot is called by its recording: the file's name without its endings, or the folder's."""
     name = path.name
-    if path.is_dir():
+    if path.is_dir() or (is_url(path) and not path.suffix):
         return name
     if path.suffix.lower() in {".zst", ".zstd", ".gz", ".active"}:
         name = path.stem

@@ -7,6 +7,7 @@ import numpy as np
 
 from boxcal.detect.errors import DetectError
 from boxcal.detect.log.containers.base import Batch, Channel, Container, ros_type
+from boxcal.detect.log.containers.mcap_indexed import IndexedMcap, Wanted
 from boxcal.detect.log.containers.packing import message_unpacked
 from boxcal.detect.log.frame_cache import FrameCache
 from boxcal.detect.log.images import IMAGE_TYPES, PICTURE_FILE, ImageSeries, image_stamp_ns, raw_encoding
@@ -56,6 +57,8 @@ class Scan:
         Keeps frames that will be wanted again.
     problems
         Messages that did not decode: what and how many, by topic.
+    claimed
+        Images of each topic as the recording's index has them, where only some of it is read.
     """
 
     name: str
@@ -68,13 +71,19 @@ class Scan:
     metadata: Metadata = field(default_factory=Metadata)
     cache: FrameCache = field(default_factory=FrameCache)
     problems: dict[str, tuple[str, int]] = field(default_factory=dict)
+    claimed: dict[str, int] = field(default_factory=dict)
     _handlers: dict[int, tuple[Channel, _Handler | None]] = field(default_factory=dict)
     _taken: int = 0
     _names: int = 0
 
     def take_all(self, container: Container) -> None:
-        """Read a recording from front to end (DetectError if it holds unreasonably much)."""
-        for piece in container.batches():
+        """Read a recording from front to end, or what its index says is needed (DetectError if it holds too much)."""
+        if isinstance(container, IndexedMcap) and container.has_index:
+            self.claimed = container.image_counts(self.wanted)
+            pieces = container.wanted_batches(self.wanted)
+        else:
+            pieces = container.batches()
+        for piece in pieces:
             self.take(piece)
         for channel in getattr(container, "channels", []):
             self._handler(channel)
@@ -93,12 +102,17 @@ class Scan:
         for handler, batch in late:  # whether the robot stands must be known before its images are looked at
             handler(batch)
 
+    def wanted(self, channel: Channel) -> Wanted:
+        """Return what a channel's messages are for."""
+        handler = self._handler(channel)
+        return Wanted.NOTHING if handler is None else Wanted.IMAGES if handler == self._image else Wanted.FIRST
+
     def image_counts(self) -> dict[str, int]:
-        """Return every image topic's number of messages."""
+        """Return every image topic's number of messages, as far as they were read or the recording claims."""
         counts: dict[str, int] = {}
         for (topic, _), series in self.images.items():
             counts[topic] = counts.get(topic, 0) + len(series.t_ns)
-        return counts
+        return {topic: max(count, self.claimed.get(topic, 0)) for topic, count in counts.items()}
 
     def images_of(self, topic: str) -> ImageSeries:
         """Return the images of a topic; of two types in one topic, the one with more."""

@@ -76,21 +76,29 @@ class BagFolder:
         return self._opened[1]
 
 
-def folder_parts(path: Path) -> tuple[list[Path], bool, list[str]]:
+def folder_parts(
+    path: Path, names: Iterable[str] | None = None, metadata: bytes | None = None
+) -> tuple[list[Path], bool, list[str]]:
     """Return the parts of a bag folder in order, whether its messages are compressed one by one, and what is odd.
 
     The metadata names the parts; where it is missing or damaged, as after a crash, recordings that are numbered as
     parts of one bag are taken by name. Names that lead out of the folder are not followed.
+
+    Parameters
+    ----------
+    path
+        The folder.
+    names, metadata
+        Of its files, and what ``metadata.yaml`` holds, where the folder is not on this machine.
 
     Raises
     ------
     DetectError
         If the folder holds no recording, or several that are no parts of one.
     """
-    there = sorted((p for p in path.iterdir() if p.name.lower().endswith(PARTS) and p.is_file()), key=_natural)[
-        :_MAX_PARTS
-    ]
-    about, notes = _metadata(path / METADATA), []
+    files = [p for p in path.iterdir() if p.is_file()] if names is None else [path / name for name in names]
+    there = sorted((p for p in files if p.name.lower().endswith(PARTS)), key=_natural)[:_MAX_PARTS]
+    about, notes = _metadata(_text(path / METADATA) if metadata is None else metadata), []
     packed = str(about.get("compression_mode", "")).upper() == "MESSAGE" and bool(about.get("compression_format"))
     named = about.get("relative_file_paths")
     if isinstance(named, list) and named:
@@ -133,18 +141,24 @@ def _natural(path: Path) -> list[tuple[int, str]]:
     return [(int(word), "") if word.isdecimal() else (-1, word) for word in text.split()]
 
 
-def _metadata(path: Path) -> dict[str, Any]:
-    """Return what ``metadata.yaml`` says; nothing where it is missing, too large or no YAML."""
+def _text(path: Path) -> bytes:
+    """Return a file's content, nothing where it is missing or too large."""
+    try:
+        return path.read_bytes() if path.stat().st_size <= MAX_METADATA_BYTES else b""
+    except OSError:
+        return b""
+
+
+def _metadata(content: bytes) -> dict[str, Any]:
+    """Return what ``metadata.yaml`` says; nothing where it is no YAML."""
     from ruamel.yaml import YAML  # noqa: PLC0415  (only for folders)
     from ruamel.yaml.error import YAMLError  # noqa: PLC0415
 
     try:
-        if path.stat().st_size > MAX_METADATA_BYTES:
-            return {}
-        text = _BLOCKS.sub("", path.read_text(encoding="utf-8"))
+        text = _BLOCKS.sub("", content.decode())
         if len(text) > _MAX_YAML or "&" in text:  # anchors multiply; rosbag2 writes none
             return {}
         about = YAML(typ="safe", pure=True).load(text)["rosbag2_bagfile_information"]
-    except (OSError, YAMLError, ValueError, TypeError, KeyError, RecursionError, AttributeError):
+    except (YAMLError, ValueError, TypeError, KeyError, RecursionError, AttributeError):
         return {}
     return about if isinstance(about, dict) else {}

@@ -1,0 +1,1 @@
+"""Recordings and results behind URLs, through fsspec: read in place, written whole."""
