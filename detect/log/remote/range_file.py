@@ -52,7 +52,7 @@ class RangeFile:
 
     def read(self, size: int = -1) -> bytes:
         """Return the next bytes, fewer at the file's end; reading in sequence fetches more and more ahead."""
-        end = self.state.size if size is None or size < 0 else min(self._at + size, self.state.size)
+        end = self.state.size if size < 0 else min(self._at + size, self.state.size)
         parts: list[bytes] = []
         while self._at < end:
             piece = self._held(self._at, end)
@@ -65,13 +65,8 @@ class RangeFile:
 
     def prefetch(self, ranges: Iterable[tuple[int, int]]) -> None:
         """Fetch ranges (first, end) that will be read, and keep them: joined where little lies between."""
-        if self._whole:
-            return
         for batch in _batches(_joined([(a, min(b, self.state.size)) for a, b in ranges if a < self.state.size])):
-            found = self._asked(batch)
-            if self._whole:
-                return
-            for (start, _), content in zip(batch, found, strict=True):
+            for (start, _), content in zip(batch, self._asked(batch), strict=True):
                 self._keep(start, content)
 
     def refuse_change(self) -> None:
@@ -111,7 +106,9 @@ class RangeFile:
         self._block = (self._at, content)
 
     def _asked(self, ranges: list[tuple[int, int]]) -> list[bytes]:
-        """Return ranges from the store; what it gives must be as long as was asked for."""
+        """Return ranges from the store, as long as was asked for; none is asked for once the whole file is held."""
+        if self._whole:
+            return [self._held(start, end) for start, end in ranges]
         found = self._store.pieces(ranges)
         self.requests += len(ranges)
         self.fetched += sum(map(len, found))
@@ -120,15 +117,17 @@ class RangeFile:
             if len(piece) == end - start:
                 out.append(piece)
             elif len(piece) == self.state.size <= _MOST_WHOLE:  # a server without ranges gives all of it
-                if not self._whole:
-                    self._starts, self._kept, self._whole = [], [], True
-                    self._keep(0, piece)
+                self._starts, self._kept, self._whole = [], [], False
+                self._keep(0, piece)
+                self._whole = True
                 out.append(piece[start:end])
             else:
                 raise _changed(self._store.name)
         return out
 
     def _keep(self, start: int, content: bytes) -> None:
+        if self._whole:
+            return
         if self._spool is None:
             self._spool = tempfile.SpooledTemporaryFile(max_size=_IN_MEMORY)  # noqa: SIM115  (closed with the file)
         where = self._spool.seek(0, 2)
