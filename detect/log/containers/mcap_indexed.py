@@ -26,7 +26,7 @@ _MOST = 0.85
 
 
 class Wanted(Enum):
-    """What a channel's messages are for."""
+    """Uses of a channel's messages."""
 
     FIRST = "needed from front to end"
     IMAGES = "needed where the robot stands"
