@@ -27,7 +27,7 @@ _REFUSED = ("AccessDenied", "Forbidden", "InvalidAccessKeyId", "SignatureDoesNot
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FileState:
-    """What tells one state of a file from another: its size, bytes, and the store's tag or time."""
+    """State of a file: its size, bytes, and what the store says that changes with it, a tag or a time."""
 
     size: int
     tag: str
