@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from boxcal.calib.diagnosis.camera_doubt import camera_doubt
 from boxcal.calib.diagnosis.choose import Explained, explain
 from boxcal.calib.diagnosis.leg_causes import leg_findings
 from boxcal.calib.diagnosis.target_causes import target_findings
@@ -38,7 +39,7 @@ def estimate_explained(
     explained = explain(first)
     solved = replace(explained.fit, camera_scores=first.camera_scores)
     found = reported(solved, drives, options)
-    found = _with_unseen(found, explained)
+    found = _with_unseen(found, replace(explained, fit=solved))
     findings = (*explained.findings, *leg_findings(solved, found, drives), *target_findings(solved))
     of_wheels = tuple(cause for cause, _ in explained.adopted if not cause.in_pictures)
     options = replace(options, lens=found.camera.kind, explanations=(*options.explanations, *of_wheels))
@@ -51,9 +52,9 @@ def _with_unseen(found: Estimate, explained: Explained) -> Estimate:
     The former leaves the odometry as good as it is.
     """
     wider = found.cov_all.copy()
-    for doubt in explained.doubts:
-        n = len(doubt.shift)
-        wider[:n, :n] += reported_cov(doubt.widening, explained.fit.state, np.zeros(n, dtype=bool))
+    of_camera = camera_doubt(explained.fit) if explained.fit.camera_scores else None
+    for widening in (*(doubt.widening for doubt in explained.doubts), *(() if of_camera is None else (of_camera,))):
+        wider += reported_cov(widening, explained.fit.state, np.zeros(len(widening), dtype=bool))
     odometry = wider.copy()
     for cause, _ in explained.adopted:
         for name, sigma in cause.unseen.items():

@@ -23,7 +23,7 @@ _TIE = 4.0
 """Where a fisheye and Brown's model fit a wide field alike, the fisheye is taken: it goes on as lenses do."""
 WIDE = 0.8
 """Tangent of the angle off the axis from which on corners can tell a fisheye from a polynomial: 39 deg."""
-_PER_COEFFICIENT, _PER_RATIONAL = 2.4, 5.4
+PER_COEFFICIENT, _PER_RATIONAL = 2.4, 5.4
 """What a coefficient that is not needed lowers the sum of squares by at most, in all but one of twenty drives.
 
 The 95 % quantile of chi-square over its freedom, for four coefficients. Schwarz' ln(n) would leave out coefficients
@@ -128,5 +128,5 @@ _FREE = 10.0
 def _charge(kind: CameraKind, coefficients: int) -> float:
     if kind is CameraKind.RATIONAL:
         brown = 1 + len(further_names(CameraKind.BROWN))
-        return _PER_COEFFICIENT * brown + _PER_RATIONAL * (coefficients - brown)
-    return _PER_COEFFICIENT * coefficients
+        return PER_COEFFICIENT * brown + _PER_RATIONAL * (coefficients - brown)
+    return PER_COEFFICIENT * coefficients

@@ -11,7 +11,7 @@ from boxcal.calib.assessment.findings import finding_reason
 from boxcal.calib.diagnosis.catalogue import candidates
 from boxcal.calib.diagnosis.choose import explain
 from boxcal.calib.diagnosis.explained_estimate import estimate_explained
-from boxcal.calib.geometry.so3_se3 import exp_se3, wrap
+from boxcal.calib.geometry.so3_se3 import exp_se3, log_so3, wrap
 from boxcal.calib.likelihood import EstimateOptions
 from boxcal.calib.likelihood.estimate import Estimate
 from boxcal.calib.likelihood.estimator import fit
@@ -21,13 +21,14 @@ from boxcal.calib.likelihood.levenberg_marquardt import linearize
 from boxcal.calib.likelihood.score_test import extended
 from boxcal.calib.results.verdict import Kind, Level
 from boxcal.calib.simulate.drive import Drive, DriveOptions, simulate_drive
-from boxcal.calib.simulate.imperfect_drive import imperfect_drive
+from boxcal.calib.simulate.imperfect_drive import hand_made, imperfect_drive
 from boxcal.calib.simulate.imperfections import BoxFaults, CameraFaults, Imperfections, WheelFaults
 from boxcal.calib.simulate.kinematics import arc_path
-from boxcal.calib.simulate.robot import Robot, turtlebot
+from boxcal.calib.simulate.robot import Robot, khepera, turtlebot
 from boxcal.detect.correspondences import Correspondences
 from boxcal.target.arrays import Array
 from boxcal.target.box import make_target
+from boxcal.target.camera.camera_model import CameraKind
 
 TARGET = make_target()
 OPTIONS = EstimateOptions(target=TARGET, lens=None)
@@ -156,6 +157,19 @@ def test_a_cause_that_cannot_quite_be_told_widens_the_sigmas() -> None:
     assert off > 8 * np.sqrt(explained.fit.cov[7, 7])
     assert off < 3 * found.sigma["b"]
     assert_right(found)
+
+
+def test_distortion_that_is_nearly_needed_widens_the_sigmas() -> None:
+    """The paper's one coefficient is chosen, and Brown's others bias the camera's direction by 3.8 of its sigmas."""
+    rng, robot = np.random.default_rng([0, 999, 51]), khepera()
+    faults = hand_made(rng)
+    seen = imperfect_drive(robot, TARGET, DriveOptions(stops=14, steps_per_sample=4), faults, rng).seen
+    solved = fit([seen], None, OPTIONS)
+    assert solved.problem.lens is CameraKind.RADIAL
+    found, _ = estimate_explained([seen], None, OPTIONS)
+    turned = abs(log_so3(robot.T_body_cam[:3, :3].T @ found.T_body_cam[:3, :3])[1])
+    assert turned > 3.2 * np.sqrt(solved.cov[9, 9])
+    assert turned < 3 * found.sigma["ry"]
 
 
 def test_a_likely_doubt_is_a_note_with_its_probability() -> None:
