@@ -1,6 +1,6 @@
 """One robot: its logs are read, its calibration is solved for, judged and written."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
@@ -15,7 +15,7 @@ from boxcal.calib.errors import CalibError
 from boxcal.calib.exports.files import STALE_FILES, exports
 from boxcal.calib.exports.foxglove.results_mcap import results_mcap
 from boxcal.calib.exports.names import names_for
-from boxcal.calib.exports.photographs import photographs
+from boxcal.calib.exports.photographs import photographs, small_jpeg
 from boxcal.calib.exports.rerun import rerun_recording
 from boxcal.calib.exports.scene import make_scene
 from boxcal.calib.exports.stop_images import draw_stops, stop_jpegs
@@ -34,7 +34,8 @@ from boxcal.calib.uncertainty.box_size import box_notes
 from boxcal.calib.uncertainty.convergence import grow
 from boxcal.calib.uncertainty.cross_validation import validate
 from boxcal.detect.correspondences import Correspondences, load_correspondences, taken_as
-from boxcal.detect.extract import ExtractSettings, extract
+from boxcal.detect.extract import ExtractSettings, Pictures, extract
+from boxcal.detect.image.bit_depth import DeepGrey, eight_bits
 from boxcal.detect.log.wheel_samples import WheelUnits
 from boxcal.one_thread import one_thread
 from boxcal.target.box import Target, make_target
@@ -53,6 +54,9 @@ _NOT_TOLD = 0.3
 
 _READ, _SOLVED = 0.7, 0.95
 """Shares of a robot's work, by measurement on logs of 20 stops: reading takes most of it."""
+
+_MOST_PHOTOGRAPHS = 60
+"""Photographs kept while a log is read: of longer drives the few that the report shows are read again."""
 
 Source = str | Path | Correspondences
 """What a drive is read from: a recording (MCAP), correspondences saved before (``.npz``), or correspondences."""
@@ -146,19 +150,31 @@ def calibrate_robot(job: Job, progress: Progress | None = None) -> Calibration:
 
     if any(log.suffix != CORRESPONDENCES for log in job.logs):
         prepare_all(lambda text: tell("compile", text, 0.0))
-    drives = []
+    drives: list[Correspondences] = []
+    photos: list[dict[int, bytes]] = [{} for _ in job.logs]
+    shown = job.out is not None and job.settings.report
     for k, log in enumerate(job.logs):
         tell("read", f"reading {log.name}", _READ * k / len(job.logs))
-        drives.append(read(log, job, partial(_reading, tell, k, len(job.logs))))
-    return calibrate_drives(job, drives, tell)
+        keep = partial(_photographed, photos[k]) if shown else None
+        drives.append(read(log, job, partial(_reading, tell, k, len(job.logs)), keep))
+    return calibrate_drives(job, drives, tell, photos)
+
+
+def _photographed(photos: dict[int, bytes], t_ns: int, frame: DeepGrey) -> None:
+    if len(photos) < _MOST_PHOTOGRAPHS:
+        photos[t_ns] = small_jpeg(eight_bits(frame))
 
 
 def calibrate_drives(
-    job: Job, drives: Sequence[Correspondences], tell: Callable[[str, str, float], None] | None = None
+    job: Job,
+    drives: Sequence[Correspondences],
+    tell: Callable[[str, str, float], None] | None = None,
+    photos: Sequence[Mapping[int, bytes]] = (),
 ) -> Calibration:
     """Return the calibration of one robot from drives that were read already, and write it where the job says.
 
-    Errors as for :func:`calibrate_robot`.
+    ``photos`` are small photographs of each drive, by the time (ns) at which their stops began; others are taken from
+    the logs. Errors as for :func:`calibrate_robot`.
     """
     tell = tell or _silent
     tell("solve", f"solving {sum(len(drive.stops) for drive in drives)} stops", _READ)
@@ -170,7 +186,7 @@ def calibrate_drives(
         raise error.of(listed(job.logs)) from error
     result = _judged(result, drives, job.target)
     tell("write", "writing the results", _SOLVED)
-    write(job, result, drives)
+    write(job, result, drives, photos)
     return result
 
 
@@ -183,8 +199,10 @@ def _reading(tell: Callable[[str, str, float], None], log: int, logs: int, text:
     tell("read", text, _READ * (log + share) / logs)
 
 
-def read(log: Path, job: Job, progress: Callable[[str, float], None] | None = None) -> Correspondences:
-    """Return what a robot saw and did in one drive."""
+def read(
+    log: Path, job: Job, progress: Callable[[str, float], None] | None = None, pictures: Pictures | None = None
+) -> Correspondences:
+    """Return what a robot saw and did in one drive; ``pictures`` is given a frame of each stop of a recording."""
     if log.suffix == CORRESPONDENCES:
         try:
             drive, units = load_correspondences(log), job.settings.wheel_units
@@ -202,6 +220,7 @@ def read(log: Path, job: Job, progress: Callable[[str, float], None] | None = No
         nominal=_nominal_wheels(job),
         settings=settings,
         progress=progress,
+        pictures=pictures,
     )
 
 
@@ -333,15 +352,20 @@ def _check_one_robot(job: Job, steps: Sequence[FourSteps]) -> None:
                 )
 
 
-def write(job: Job, result: Calibration, drives: Sequence[Correspondences]) -> None:
-    """Write a result and what is made from it; ``calibration.json`` last, so that what it names is there."""
+def write(
+    job: Job, result: Calibration, drives: Sequence[Correspondences], photos: Sequence[Mapping[int, bytes]] = ()
+) -> None:
+    """Write a result and what is made from it; ``calibration.json`` last, so that what it names is there.
+
+    For ``photos`` see :func:`calibrate_drives`.
+    """
     settings = job.settings
     if job.out is not None:
         folder = job.out / job.robot
         files = dict(exports(result, nominal_of(settings, drives[0]), names_for(settings, drives[0].source)))
         if settings.report:
             files["report.html"] = robot_report(
-                result, drives, job.target, photographs=_photographs(job, result, drives), fleet=FLEET_PAGE
+                result, drives, job.target, photographs=_photographs(job, result, drives, photos), fleet=FLEET_PAGE
             )
         if settings.draw:
             pictures = draw_stops(
@@ -371,8 +395,10 @@ def write(job: Job, result: Calibration, drives: Sequence[Correspondences]) -> N
         write_atomically(settings.results_mcap, results_mcap(scene, images))
 
 
-def _photographs(job: Job, result: Calibration, drives: Sequence[Correspondences]) -> dict[str, bytes]:
+def _photographs(
+    job: Job, result: Calibration, drives: Sequence[Correspondences], photos: Sequence[Mapping[int, bytes]]
+) -> dict[str, bytes]:
     """Return small photographs of a robot's stops, by their labels."""
     settings = job.settings
     seen = stops_seen(result, drives, job.target)
-    return photographs(job.logs, seen, drives, topics=settings.topics, units=settings.wheel_units)
+    return photographs(job.logs, seen, drives, topics=settings.topics, units=settings.wheel_units, kept=photos)

@@ -9,7 +9,7 @@ import numpy as np
 from boxcal.detect.alignment.compilation import prepare
 from boxcal.detect.correspondences import Correspondences, StopObservation, source_of
 from boxcal.detect.errors import DetectError
-from boxcal.detect.image.bit_depth import DEPTHS, bits_of
+from boxcal.detect.image.bit_depth import DEPTHS, DeepGrey, bits_of
 from boxcal.detect.image.response_curve import Response
 from boxcal.detect.log.opener import robot_name_of
 from boxcal.detect.log.recording import Recording, open_recording
@@ -32,6 +32,8 @@ _LEAST_OFFSET_NS = 300_000_000
 
 Progress = Callable[[str, float], None]
 """Takes a line that says how far the work is."""
+Pictures = Callable[[int, DeepGrey], None]
+"""Takes the time, ns, at which a stop began, and a frame of it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -86,6 +88,7 @@ def extract(
     nominal: tuple[float, float] | None = None,
     settings: ExtractSettings | None = None,
     progress: Progress | None = None,
+    pictures: Pictures | None = None,
 ) -> Correspondences:
     """Return what a robot saw at each stop and what its wheels did between.
 
@@ -107,6 +110,8 @@ def extract(
         The defaults if None.
     progress
         Told of each stop, and what share of the log is read.
+    pictures
+        Given a frame of each usable stop, so that none need be decoded again to be shown.
 
     Raises
     ------
@@ -139,16 +144,16 @@ def extract_recording(
     settings, tell = settings or ExtractSettings(), progress or _silent
     stops = find_stops(recording.wheels, settings.stops)
     prepare(lambda line: tell(line, 0.0))
-    found = _seen(recording, stops, target, settings, tell)
+    found = _seen(recording, stops, target, settings, tell, pictures)
     offset = _offset_by_pictures(recording, stops, found)
     if offset is not None:
         recording = recording.with_clock_offset(offset)
-        found = _seen(recording, stops, target, settings, tell)
+        found = _seen(recording, stops, target, settings, tell, pictures)
     recording.refuse_times_apart()
     scale = found[0].print_scale()
     if scale != 1.0:
         tell(f"tags of two faces fit prints of {scale:.0%} only: looking again", 0.0)
-        found = _seen(recording, stops, scaled_prints(target, scale), settings, tell)
+        found = _seen(recording, stops, scaled_prints(target, scale), settings, tell, pictures)
     look, seen = found
     if len(seen) < MIN_STOPS:
         raise DetectError(
@@ -171,8 +176,13 @@ def extract_recording(
 _Seen = tuple[BoxAtStops, list[tuple[Stop, AveragedCorners, int]]]
 
 
-def _seen(
-    recording: Recording, stops: tuple[Stop, ...], target: Target, settings: ExtractSettings, tell: Progress
+def _seen(  # noqa: PLR0917
+    recording: Recording,
+    stops: tuple[Stop, ...],
+    target: Target,
+    settings: ExtractSettings,
+    tell: Progress,
+    pictures: Pictures | None,
 ) -> _Seen:
     """Return who looked at the stops, and what was seen, and how many tags rejected, at each that is usable."""
     bits, size = _bits_and_size(recording, stops, settings)
@@ -188,6 +198,8 @@ def _seen(
         )
         if usable:
             seen.append((stop, detections, look.rejected[-1]))
+            if pictures is not None and look.last_frame is not None:
+                pictures(stop.t_start_ns, look.last_frame)
     return look, seen
 
 

@@ -1,6 +1,6 @@
 """Small photographs of the stops, for the report: one frame each, bounded in size and number."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import cv2
@@ -25,8 +25,11 @@ def photographs(
     *,
     topics: Topics | None = None,
     units: WheelUnits | None = None,
+    kept: Sequence[Mapping[int, bytes]] = (),
 ) -> dict[str, bytes]:
     """Return a JPEG by the label of its stop, some 20 kB each; none where correspondences were saved before.
+
+    A log is opened only for stops of which none was kept when it was read.
 
     Parameters
     ----------
@@ -38,6 +41,8 @@ def photographs(
         What was extracted from each log.
     topics, units
         As the logs were read with.
+    kept
+        Of each log, photographs by the time (ns) at which their stops began.
 
     Raises
     ------
@@ -46,9 +51,12 @@ def photographs(
     """
     worst = sorted(seen, key=lambda s: -s.result.reprojection_rms_px)[:MOST]
     chosen = [s for s in seen if any(s is w for w in worst)]
-    found = {}
+    found: dict[str, bytes] = {}
     for d, log in enumerate(logs):
         mine = [s for s in chosen if s.drive == d]
+        known = kept[d] if d < len(kept) else {}
+        found |= {s.label: known[s.view.t_start_ns] for s in mine if s.view.t_start_ns in known}
+        mine = [s for s in mine if s.label not in found]
         if log.suffix == CORRESPONDENCES or not mine:
             continue
         recording = opened(log, topics, units, drives[d])

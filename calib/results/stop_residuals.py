@@ -61,14 +61,18 @@ def stops_seen(calibration: Calibration, drives: Sequence[Correspondences], targ
     """Return the stops of the drives that the calibration used, in order."""
     camera = calibration.camera
     results = {(stop.drive, stop.t_start_ns): stop for stop in calibration.stops}
-    flagged = calibration.detail.flagged_corners if calibration.detail else ()
-    wrong = {(c.drive, c.stop, c.landmark_id) for c in flagged}
+    wrong: dict[tuple[int, int], list[int]] = {}
+    for corner in calibration.detail.flagged_corners if calibration.detail else ():
+        wrong.setdefault((corner.drive, corner.stop), []).append(corner.landmark_id)
+    used = [
+        (d, number, view)
+        for d, drive in enumerate(drives)
+        for number, view in enumerate(drive.stops)
+        if (d, view.t_start_ns) in results and len(view.landmark_ids)
+    ]
     seen = []
-    for d, number, view in ((d, j, view) for d, drive in enumerate(drives) for j, view in enumerate(drive.stops)):
-        result = results.get((d, view.t_start_ns))
-        if result is None or not len(view.landmark_ids):
-            continue
-        p_box = _landmarks(calibration, target, view)
+    for (d, number, view), p_box in zip(used, _landmarks(calibration, target, [v for *_, v in used]), strict=True):
+        result = results[d, view.t_start_ns]
         p_cam = transform(inverse(result.T_box_cam), p_box)
         error = np.full((len(p_cam), 2), np.nan)
         ahead = p_cam[:, 2] > 0
@@ -84,16 +88,18 @@ def stops_seen(calibration: Calibration, drives: Sequence[Correspondences], targ
                 p_cam=p_cam,
                 face=view.faces,
                 error_px=error,
-                used=ahead & np.array([(d, number, int(i)) not in wrong for i in view.landmark_ids]),
+                used=ahead & ~np.isin(view.landmark_ids, wrong.get((d, number), [])),
             )
         )
     return tuple(seen)
 
 
-def _landmarks(calibration: Calibration, target: Target, view: StopObservation) -> Array:
-    """Return a stop's landmarks (L, 3), m, moved by what was estimated of the box' shape."""
+def _landmarks(calibration: Calibration, target: Target, views: Sequence[StopObservation]) -> list[Array]:
+    """Return the landmarks of each stop (L, 3), m, moved by what was estimated of the box' shape."""
     extra = calibration.detail.extra if calibration.detail else {}
-    if not extra.keys() & DEFORMATIONS:
-        return np.asarray(view.p_box)
-    target_as_built = target_deformation(EstimateOptions(target=target), view.landmark_ids, view.p_box)
-    return target_as_built.landmarks(np.array([extra.get(name, 0.0) for name in target_as_built.names]))[0]
+    if not (views and extra.keys() & DEFORMATIONS):
+        return [view.p_box for view in views]
+    ids, p_box = (np.concatenate([getattr(view, name) for view in views]) for name in ("landmark_ids", "p_box"))
+    target_as_built = target_deformation(EstimateOptions(target=target), ids, p_box)
+    p = target_as_built.landmarks(np.array([extra.get(name, 0.0) for name in target_as_built.names]))[0]
+    return np.split(p, np.cumsum([len(view.landmark_ids) for view in views])[:-1])

@@ -11,15 +11,15 @@ from boxcal.calib.geometry.parameters import ORDER
 from boxcal.calib.geometry.so3_se3 import log_so3
 from boxcal.calib.likelihood import Estimate, EstimateOptions, estimate
 from boxcal.calib.likelihood.components import VarianceComponents
-from boxcal.calib.likelihood.estimator import reported, solve_likelihood, step_of
+from boxcal.calib.likelihood.estimator import MIN_STOPS, reported, solve_likelihood, step_of
 from boxcal.calib.likelihood.levenberg_marquardt import Weights
 from boxcal.calib.likelihood.problem import build_problem
 from boxcal.calib.likelihood.state_of_estimate import state_of
 from boxcal.detect.correspondences import Correspondences
 from boxcal.target.arrays import Array
 
-STEPS = 6
-"""How many numbers of stops are tried: estimates of all would cost more than the calibration itself."""
+STEPS = 5
+"""How many numbers of stops are tried of a long drive: estimates of all would cost more than the calibration itself."""
 FROM_THE_END = 6
 """Number of stops from which on one answer is near that of all stops."""
 
@@ -94,8 +94,11 @@ def _from_the_end(
 
 
 def _counts(stops: int) -> Sequence[int]:
-    counts = np.unique(np.round(np.geomspace(3, max(stops, 3), STEPS)).astype(int))
-    return [int(c) for c in counts if c < stops]
+    """Return the least number of stops, and some from which on the start is known, which cost less."""
+    if stops <= FROM_THE_END:
+        return range(MIN_STOPS, stops)
+    later = np.unique(np.round(np.geomspace(FROM_THE_END, stops, STEPS - 1)).astype(int))
+    return [MIN_STOPS, *(int(c) for c in later if c < stops)]
 
 
 def _start(steps: FourSteps, count: int) -> FourSteps:

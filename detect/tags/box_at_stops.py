@@ -41,6 +41,8 @@ class BoxAtStops:
         Tags of the box that were found, over all stops.
     rejected
         Tags that were read at each stop but do not lie where the box has them; none at most.
+    last_frame
+        The last one that was looked at; None before that.
     """
 
     def __init__(
@@ -52,7 +54,7 @@ class BoxAtStops:
         self.rejected: list[int] = []
         self._contradicting: tuple[int, DeepGrey] | None = None
         self._foreign: set[int] = set()
-        self._example: DeepGrey | None = None
+        self.last_frame: DeepGrey | None = None
         self._camera: KnownCamera | None = None
         self._pixels = 0
         self.image_size = size
@@ -74,8 +76,8 @@ class BoxAtStops:
     def _take_rejected(self, count: int) -> None:
         """Remember how many tags of a stop were rejected, and the picture with the most of them."""
         self.rejected.append(count)
-        if self._example is not None and count > (0 if self._contradicting is None else self._contradicting[0]):
-            self._contradicting = (count, self._example)
+        if self.last_frame is not None and count > (0 if self._contradicting is None else self._contradicting[0]):
+            self._contradicting = (count, self.last_frame)
 
     def print_scale(self) -> float:
         """Return the size of the prints against their description if that explains rejected tags, else 1."""
@@ -90,7 +92,7 @@ class BoxAtStops:
                 continue
             self._pixels += image.size
             self.frames += 1
-            self._example = image
+            self.last_frame = image
             yield image
 
     def notes(self) -> tuple[str, ...]:
@@ -134,7 +136,7 @@ class BoxAtStops:
     def _hint(self) -> str:
         box = self._target.box
         ids = self._target.tag_ids
-        if self._example is not None and self._mirrored(self._example):
+        if self.last_frame is not None and self._mirrored(self.last_frame):
             return (
                 ", but there are in their mirror images: the pictures are mirrored; turn off the mirroring (flip) of "
                 "the camera's driver"
@@ -144,7 +146,7 @@ class BoxAtStops:
                 f": tags {listed(map(str, sorted(self._foreign)))} of {box.dictionary} were seen, the target carries "
                 f"{ids[0]} to {ids[-1]}; give the target.json that this box was printed from"
             )
-        example = None if self._example is None else eight_bits(self._example)
+        example = None if self.last_frame is None else eight_bits(self.last_frame)
         other = None if example is None else other_family(example, box.dictionary, self._tags)
         if other is not None:
             return (
