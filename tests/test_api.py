@@ -97,6 +97,15 @@ def test_importing_loads_nothing_else() -> None:
     assert done.stdout.strip() == "['boxcal']"
 
 
+def test_calibrating_loads_no_large_library_for_a_small_thing() -> None:
+    """scipy's statistics and spatial transforms take as long to import as all the rest."""
+    code = (
+        "import sys, boxcal.calib.calibrate; print([m for m in ('scipy.stats', 'scipy.spatial') if m in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+
+
 def test_a_name_that_there_is_not_is_said() -> None:
     with pytest.raises(AttributeError, match="no_such_name"):
         boxcal.no_such_name  # noqa: B018

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import special, stats
+from scipy import special
 
 from boxcal.calib.likelihood.explanation import Explanation
 from boxcal.calib.likelihood.fit import Fit
@@ -96,7 +96,7 @@ def _test(explanation: Explanation, g: Array, information: Array, gain: Array, f
     statistic = np.sum(np.where(told, along**2 / np.where(told, values, 1.0), 0.0), axis=1)
     freedom = told.sum(axis=1)
     weight, best = fit.profile.weight, fit.profile.best
-    p = np.where(freedom > 0, stats.chi2.sf(statistic, np.maximum(freedom, 1)), 1.0)
+    p = np.where(freedom > 0, special.chdtrc(np.maximum(freedom, 1), statistic), 1.0)
     known = np.where(told, values, 0.0)
     log_bayes = 0.5 * np.sum(np.where(told, along**2, 0.0) / (1 + known) - np.log1p(known), axis=1)
     cov = np.linalg.inv(scaled[best] + np.eye(len(prior))) * np.outer(prior, prior)

@@ -17,10 +17,9 @@ from pathlib import Path
 
 import numpy as np
 
-from boxcal.detect.alignment.backend import Backend, backend, numpy_backend
+from boxcal.detect.alignment.backend import Backend, backend
 from boxcal.detect.alignment.box_refinement import CAMERA
 from boxcal.detect.alignment.radial_camera import no_distortion
-from boxcal.detect.alignment.registration.align import align
 from boxcal.detect.alignment.registration.image_model import no_sums
 from boxcal.detect.alignment.registration.tag_batch import Batch, Frame
 from boxcal.detect.alignment.tag_patterns import family_patterns
@@ -115,12 +114,7 @@ def _batch() -> Batch:
 
 
 def _pixels(compute: Backend) -> None:
-    batch = _batch()
-    compute.accumulate(batch)
-    patterns = family_patterns("DICT_APRILTAG_36h11", np.arange(1))
-    corners = np.array([[[4.0, 4], [20, 4], [20, 20], [4, 20]]])
-    tags = align(batch.frame, patterns, batch.rows, corners, iterations=0, compute=numpy_backend())
-    compute.misfit_sums(batch, tags, np.full(1, 8))
+    compute.accumulate(_batch())
 
 
 def _corners(compute: Backend) -> None:

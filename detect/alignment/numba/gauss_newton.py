@@ -3,12 +3,15 @@
 The reference is :func:`boxcal.detect.alignment.registration.gauss_newton.iterate`.
 """
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from boxcal.detect.alignment.numba.arrays import clear, clear_rows, finite, put, put_rows
+from boxcal.detect.alignment.numba.block_motion import motion_of_tag
 from boxcal.detect.alignment.numba.cholesky import solve_positive
+from boxcal.detect.alignment.numba.cluster_sums import clusters_of_tag
 from boxcal.detect.alignment.numba.image_model import ROWS, add_products, differentiate
 from boxcal.detect.alignment.numba.kernel import kernel
 from boxcal.detect.alignment.numba.pixels import BLOCK, add_blocks, collect, initial_intensity, replace_pixels, room
@@ -23,12 +26,33 @@ from boxcal.detect.alignment.registration.gauss_newton import (
     StepRules,
 )
 from boxcal.detect.alignment.registration.image_model import Sums, no_sums
+from boxcal.detect.alignment.registration.misfit_sums import MisfitSums
 from boxcal.detect.alignment.registration.parameters import KURTOSIS, LOG_PSF, PARAMETERS
+from boxcal.detect.alignment.registration.tag_alignments import TagAlignments
 from boxcal.detect.alignment.registration.tag_batch import Batch
 from boxcal.target.arrays import Array
 
 _NO_STEP = StepRules(
     free=np.ones((1, PARAMETERS), dtype=np.bool_), damping=0.0, stop_px=0.0, iterations=1, guess=False, sums_only=True
+)
+
+
+class _Misfit(NamedTuple):
+    """Settings and results of the sums that tell what the model leaves out, if they are wanted."""
+
+    wanted: bool
+    cluster_px: NDArray[np.int64]
+    corners: Array
+    noise2: Array
+    prior: float
+    observed: Array
+    expected: Array
+    motion: Array
+
+
+_NONE = np.zeros(0)
+_NO_MISFIT = _Misfit(
+    False, np.zeros(0, np.int64), np.zeros((0, 4, 2)), _NONE, KURTOSIS_PRIOR, _NONE, _NONE, np.zeros((0, 3))
 )
 _FAR_MODULES = 0.1
 """A tag that has moved less still covers the same pixels."""
@@ -39,18 +63,30 @@ def iterate(batch: Batch, sums: Sums, *, normalised: Array, module_px: Array, ru
 
     For the arguments see :func:`boxcal.detect.alignment.registration.gauss_newton.iterate`.
     """
-    _iterate(batch.arrays(), sums, normalised, module_px, rules)
+    _iterate(batch.arrays(), sums, normalised, module_px, rules, _NO_MISFIT)
 
 
 def accumulate(batch: Batch) -> Sums:
     """Return the normal equations of tags; see :func:`boxcal.detect.alignment.registration.image_model.accumulate`."""
     sums = no_sums(len(batch), batch.cells)
-    _iterate(batch.arrays(), sums, np.zeros((len(batch), 4, 2)), np.ones(len(batch)), _NO_STEP)
+    _iterate(batch.arrays(), sums, np.zeros((len(batch), 4, 2)), np.ones(len(batch)), _NO_STEP, _NO_MISFIT)
     return sums
 
 
+def misfit_sums(batch: Batch, tags: TagAlignments, cluster_px: NDArray[np.int64]) -> MisfitSums:
+    """Return what :func:`boxcal.detect.alignment.registration.misfit_sums.misfit_sums` does."""
+    n = len(batch)
+    out = MisfitSums(observed=np.zeros(n), expected=np.zeros(n), motion=np.zeros((n, 3)))
+    corners, noise2 = np.ascontiguousarray(tags.corners_px), tags.noise**2
+    wanted = _Misfit(True, cluster_px, corners, noise2, KURTOSIS_PRIOR, *out)
+    sums = no_sums(n, batch.cells)
+    _iterate(batch.arrays(), sums, np.zeros((n, 4, 2)), np.ones(n), _NO_STEP, wanted)
+    return out
+
+
 @kernel()
-def _iterate(batch: Any, sums: Any, normalised: Any, module_px: Any, rules: Any) -> None:
+def _iterate(batch: Any, sums: Any, normalised: Any, module_px: Any, rules: Any, misfit: Any) -> None:  # noqa: PLR0917
+    """Take the steps of each tag, or fill its sums alone, or those of the misfit: all in one, as it compiles once."""
     normal, gradient, stats, theta = sums.normal, sums.gradient, sums.stats, batch.theta
     step = np.zeros(PARAMETERS)
     for k in range(len(batch.rows)):
@@ -70,6 +106,12 @@ def _iterate(batch: Any, sums: Any, normalised: Any, module_px: Any, rules: Any)
             else:
                 replace_pixels(theta[k], pixels, n)
             jac = differentiate(batch, k, pixels, n, stats[k])
+            if misfit.wanted:
+                misfit.observed[k], misfit.expected[k] = clusters_of_tag(
+                    batch, k, pixels, n, jac, misfit.cluster_px[k], misfit.corners[k], misfit.noise2[k], misfit.prior
+                )
+                motion_of_tag(batch, k, pixels, n, jac, misfit.noise2[k], misfit.motion[k])
+                break
             add_products(jac, normal[k], gradient[k])
             if rules.sums_only:
                 break
