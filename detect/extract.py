@@ -130,7 +130,7 @@ def extract(
     recording = open_recording(path, topics, units, nominal)
     for note in recording.notes:
         tell(note, 0.0)
-    return extract_recording(recording, target, settings=settings, progress=tell)
+    return extract_recording(recording, target, settings=settings, progress=tell, pictures=pictures)
 
 
 def extract_recording(
@@ -139,6 +139,7 @@ def extract_recording(
     *,
     settings: ExtractSettings | None = None,
     progress: Progress | None = None,
+    pictures: Pictures | None = None,
 ) -> Correspondences:
     """Return what a robot saw and did in a recording that is open already; as :func:`extract`."""
     settings, tell = settings or ExtractSettings(), progress or _silent
