@@ -10,6 +10,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import cv2
+import numpy as np
+
 from boxcal.calib.errors import CalibError
 from boxcal.calib.guide.drive.glance import Glance, glance
 from boxcal.calib.guide.drive.live_drive import LiveDrive
@@ -31,6 +34,8 @@ from boxcal.target.box import Target
 from boxcal.target.camera.camera_model import CameraModel
 from boxcal.target.errors import BoxcalError
 
+_NUMERIC = (cv2.error, np.linalg.LinAlgError)
+"""Errors of libraries on odd pictures or equations; one of them must not end the drive."""
 _SPAN_NS = 500_000_000
 """Time of recording that is taken at once, so that no stop passes unnoticed where messages come faster than time."""
 _WAIT_S, _TICK_S, _PUBLISH_S, _GLANCE_S = 0.04, 0.1, 0.1, 0.15
@@ -276,18 +281,22 @@ class Session:
     def _looked_at(self, frame: Any, camera: CameraModel | None) -> Glance | None:
         try:
             image = decode_frame(frame.channel, frame.data)
-        except DetectError as error:
+            if isinstance(image, VideoPacket):
+                return None
+            shown: DeepGrey = full_scale(image, 8)
+            return glance(shown, frame.t_ns, self.options.target, camera)
+        except (DetectError, *_NUMERIC) as error:
             self.drive.damaged = f"{frame.channel.topic}: {error}"
             return None
-        if isinstance(image, VideoPacket):
-            return None
-        shown: DeepGrey = full_scale(image, 8)
-        return glance(shown, frame.t_ns, self.options.target, camera)
 
     def _measured(self, due: Any, log: str) -> tuple[bool, bool]:
         """Measure a stop and bring the estimate up to date; return whether it was taken, and whether it is new."""
         before = len(self.drive.taken.stops)
-        taken = self.drive.taken.take(*due)
+        try:
+            taken = self.drive.taken.take(*due)
+        except (BoxcalError, *_NUMERIC) as error:
+            self.problem = f"a stop could not be measured ({error}); it is left out"
+            return False, False
         if taken is None:
             return False, False
         drive = self.drive.correspondences(log)
@@ -308,8 +317,8 @@ class Session:
         try:
             if found is not None and drive is not None:
                 return next_places(found, drive, self.options.target, self.options.goal)
-        except CalibError as error:
-            self.problem = str(error)
+        except (CalibError, *_NUMERIC) as error:
+            self.problem = f"no next stop could be planned ({error}); drive on around the box"
             return ()
         return first_places(self.options.target, len(self.drive.taken.stops), self.drive.taken.image_size)
 

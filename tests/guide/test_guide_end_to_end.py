@@ -16,6 +16,8 @@ import pytest
 from browser import Browser
 from live_messages import until
 
+from boxcal.detect.log.containers.mcap import McapFile
+
 SPEED = 4.0
 """Seconds of the robot's time in a second."""
 _PAGE = """(() => ({
@@ -114,6 +116,12 @@ def _drive_as_the_page_says(browser: Browser, port: int, shots: Path) -> list[di
     raise AssertionError(page)
 
 
+def _messages_in(recording: Path) -> int:
+    """Number of messages that a recording holds which was not finished."""
+    with recording.open("rb") as file:
+        return sum(len(batch.starts) for piece in McapFile(file, recording.name).batches() for batch in piece)
+
+
 def _figures(calibration: Path) -> dict[str, Any]:
     found: dict[str, Any] = json.loads(calibration.read_text())
     return {k: found[k] for k in ("camera", "wheels", "T_body_cam", "sigma", "noise")} | {"stops": len(found["stops"])}
@@ -169,7 +177,12 @@ def test_a_page_left_open_goes_on_when_the_guide_or_the_robot_come_back(
     address = command.printed("the page is at")
     browser.open(address)
     until(lambda: int(browser.evaluate("document.body.dataset.stops || 0")) >= 1, 60)
-    command.end()
+    (kept,) = (tmp_path / "recordings").glob("r02-*.mcap")
+    killed = time.time()
+    command.process.kill()
+    command.process.wait(10)
+    assert killed - kept.stat().st_mtime < 1.0, "all but the last second is kept"
+    assert _messages_in(kept) > 50
     until(
         lambda: "does not answer" in browser.evaluate("document.title + document.getElementById('title').textContent")
     )

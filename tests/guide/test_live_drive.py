@@ -1,18 +1,23 @@
 """A drive heard live is the drive that a reader of its recording finds."""
 
+import base64
+import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from drives import TARGET, in_steps, logged, messages
-from live_messages import CAMERA, T0, WHEELS, heard, picture, wheels
+from live_messages import CAMERA, STORE, T0, WHEELS, heard, picture, wheels
 
 from boxcal.calib.guide.drive.frames_at_rest import MOST_BYTES, MOST_FRAMES, FramesAtRest, HeldFrame
 from boxcal.calib.guide.drive.live_drive import LiveDrive
+from boxcal.calib.guide.recording.chunked_file import ChunkedFile
 from boxcal.calib.guide.sources.inbox import LiveMessage
 from boxcal.calib.settings import Settings
 from boxcal.detect.correspondences import Correspondences
 from boxcal.detect.extract import extract
+from boxcal.detect.log.containers.base import Channel
 
 
 @pytest.fixture(scope="module")
@@ -123,3 +128,33 @@ def test_a_stop_is_measured_from_the_pictures_that_a_reader_would_choose() -> No
     assert not frames.of_stop(T0 + 10**12, T0 + 2 * 10**12, 0.1, 20)
     frames.forget_before(T0 + 25 * 10**8)
     assert [f.number for f in frames.of_stop(T0, T0 + 10**12, 0.0, 20)] == [25, 26, 27, 28, 29]
+
+
+@pytest.mark.slow
+def test_a_recording_of_rosbridge_messages_is_read_like_the_robots_own(
+    log: Path, read: Correspondences, tmp_path: Path
+) -> None:
+    """JSON as rosbridge sends it, bytes in base64, kept as it came."""
+    file = ChunkedFile(tmp_path / "r01.mcap")
+    channels: dict[str, Channel] = {}
+    for message in messages(log):
+        kind = message.channel.type
+        channel = channels.setdefault(
+            kind, Channel(topic=message.channel.topic, type=kind, encoding="json", schema_encoding="jsonschema")
+        )
+        file.add(channel, message.log_ns, json.dumps(_as_json(STORE.deserialize_cdr(message.data, kind))).encode())
+    file.close()
+    again = extract(file.path, TARGET)
+    assert len(again.stops) == len(read.stops)
+    for now, before in zip(again.stops, read.stops, strict=True):
+        assert np.array_equal(now.landmark_ids, before.landmark_ids)
+        assert np.array_equal(now.uv_px, before.uv_px)
+    assert np.array_equal(again.wheels.phi_R, read.wheels.phi_R)
+
+
+def _as_json(value: Any) -> Any:
+    if isinstance(value, np.ndarray):
+        return base64.b64encode(value.tobytes()).decode() if value.dtype == np.uint8 else value.tolist()
+    if hasattr(value, "__msgtype__"):
+        return {name: _as_json(getattr(value, name)) for name in value.__dataclass_fields__ if name != "__msgtype__"}
+    return [_as_json(v) for v in value] if isinstance(value, list) else value

@@ -3,6 +3,8 @@
 import time
 from dataclasses import replace
 
+import numpy as np
+
 from boxcal.calib.diagnosis.first_look import first_look
 from boxcal.calib.errors import CalibError
 from boxcal.calib.likelihood.estimate import Estimate
@@ -46,7 +48,7 @@ class RunningEstimate:
             return self.solve(drive)
         try:
             self._take(grown_fit(known, drive), drive, known.options)
-        except CalibError as error:
+        except (CalibError, np.linalg.LinAlgError) as error:
             self.problem = str(error)
         self.seconds = time.perf_counter() - begun
         return self.estimate is not None
@@ -63,7 +65,7 @@ class RunningEstimate:
             options = EstimateOptions(lens=None, target=look.target)
             self._as_described = look.target is self._target
             self._take(fit(look.drives, look.steps, options), look.drives[0], options)
-        except CalibError as error:
+        except (CalibError, np.linalg.LinAlgError) as error:
             self.problem = str(error)
         self.seconds = time.perf_counter() - begun
         return self.estimate is not None
