@@ -24,6 +24,8 @@ from boxcal.detect.correspondences import Correspondences
 from boxcal.target.arrays import Array, Ids
 from boxcal.target.camera.camera_model import CameraModel
 
+_LEGS_TO_JUDGE_BY = 4
+"""With fewer legs nothing says what slip is usual."""
 _NEAR = 1e-3
 """Promised decrease of the sum of squares at which the solver ends: a thirtieth of a standard deviation."""
 
@@ -94,9 +96,25 @@ def _rows(problem: Problem, stop: int) -> Ids:
     return np.arange(problem.corner_starts[stop], problem.corner_starts[stop + 1])
 
 
+def _with_legs_that_fit(known: Fit, problem: Problem, state: State, weights: Weights) -> Weights:
+    """Return the weights with those new legs left out that the solution without them contradicts.
+
+    A leg that is far off would drag the solution along before it is tested, and sound legs would look faulty.
+    """
+    new = np.arange(len(weights.legs)) >= len(known.weights.legs)
+    without = Weights(corners=weights.corners, legs=np.where(new, 0.0, weights.legs))
+    if not known.options.find_faults or np.count_nonzero(without.legs) < _LEGS_TO_JUDGE_BY:
+        return weights
+    at = linearize(problem, state, without)
+    tests = leg_tests(problem, at, without, fixed_profile(problem, at, known.components, without))
+    limit = known.options.false_alarm / len(weights.legs)
+    return Weights(corners=weights.corners, legs=np.where(new & (tests.p_value < limit), 0.0, weights.legs))
+
+
 def _solved(known: Fit, problem: Problem, state: State, weights: Weights) -> Fit:
     """Return the solution for the known components; a new corner or leg that does not fit is left out."""
     options, components = known.options, known.components
+    weights = _with_legs_that_fit(known, problem, state, weights)
     at, steps = maximise(problem, state, components, weights, _NEAR)
     corners, unreliable = flag_corners(problem, at.residual_px, components.noise_scale, options.false_alarm)
     profile = fixed_profile(problem, at, components, weights)

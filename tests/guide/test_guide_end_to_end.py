@@ -169,6 +169,32 @@ def test_following_the_page_alone_leads_to_a_good_calibration(
 
 
 @pytest.mark.slow
+def test_the_robots_page_drives_it_by_keys_and_clicks(robot: tuple[str, int], browser: Browser, tmp_path: Path) -> None:
+    browser.open(f"http://127.0.0.1:{robot[1]}/", width=1000, height=800)
+    until(lambda: browser.evaluate("state !== null"))
+
+    def pose() -> tuple[float, float]:
+        return tuple(browser.evaluate("[state.robot.x, state.robot.y]"))  # type: ignore[return-value]
+
+    until(lambda: browser.evaluate("!state.moving"), 60)
+    before = pose()
+    browser.send("Input.dispatchKeyEvent", type="keyDown", key="ArrowUp", code="ArrowUp")
+    until(lambda: abs(pose()[0] - before[0]) + abs(pose()[1] - before[1]) > 0.05)
+    browser.send("Input.dispatchKeyEvent", type="keyUp", key="ArrowUp", code="ArrowUp")
+    until(lambda: browser.evaluate("!state.moving"))
+    where = browser.evaluate("""(() => { const r = document.getElementById("plan").getBoundingClientRect();
+        return [r.left + r.width * 0.2, r.top + r.height * 0.25]; })()""")
+    for kind in ("mousePressed", "mouseReleased"):
+        browser.send("Input.dispatchMouseEvent", type=kind, x=where[0], y=where[1], button="left", clickCount=1)
+    until(lambda: browser.evaluate("state.moving && state.ahead.length > 0"))
+    until(lambda: browser.evaluate("!state.moving"), 60)
+    assert pose()[0] < -0.3
+    assert pose()[1] > 0.2
+    browser.screenshot(tmp_path / "robot.png")
+    assert not browser.complaints()
+
+
+@pytest.mark.slow
 def test_a_page_left_open_goes_on_when_the_guide_or_the_robot_come_back(
     robot: tuple[str, int], browser: Browser, tmp_path: Path
 ) -> None:

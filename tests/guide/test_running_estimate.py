@@ -58,6 +58,8 @@ def test_a_slipped_wheel_is_named_with_the_stop_that_shows_it() -> None:
     known = fit([replace(drive, stops=drive.stops[:11])], None, _OPTIONS)
     found = reported(grown_fit(known, drive), [drive], _OPTIONS)
     assert [leg.leg for leg in found.flagged_legs] == [10]
+    before = reported(known, [replace(drive, stops=drive.stops[:11])], _OPTIONS)
+    assert found.sigma["b"] < 1.2 * before.sigma["b"], "the sound legs count as before"
 
 
 def test_solutions_of_several_drives_do_not_grow() -> None:

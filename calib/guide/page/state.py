@@ -209,6 +209,8 @@ def _figure(value: float, unit: str) -> str:
         return f"{degrees(value):.2g}\N{DEGREE SIGN}"
     if unit == "px":
         return f"{value:.2g} px"
+    if value >= 1:
+        return f"{value:.2g} m"
     return f"{100 * value:.2g} cm" if value >= 0.01 else f"{1000 * value:.2g} mm"
 
 

@@ -40,16 +40,20 @@ $("go").addEventListener("submit", (event) => {
 });
 for (const button of document.querySelectorAll(".trouble button")) button.addEventListener("click", () => post("trouble", { kind: button.dataset.kind }));
 
+function draw(now) {
+  const next = now.ahead.length ? [{ ...now.robot, points: now.ahead }] : [];
+  Plan.draw($("plan"), { box: now.box, stops: [], robot: now.robot, next, size: now.size });
+}
+
 function show(now) {
   state = now;
   $("bridge").textContent = now.bridge;
   document.body.dataset.moving = now.moving;
-  const next = now.ahead.length ? [{ ...now.robot, points: now.ahead }] : [];
-  Plan.draw($("plan"), { box: now.box, stops: [], robot: now.robot, next, size: now.size });
+  draw(now);
   document.querySelector('[data-kind="dark"]').textContent = now.dark ? "Lights on" : "Lights out";
   const frame = $("guide");
   if (now.guide && frame.hidden) { frame.hidden = false; frame.src = now.guide; document.body.classList.add("beside"); }
 }
 const stream = new EventSource("events");
 stream.onmessage = (event) => show(JSON.parse(event.data));
-addEventListener("resize", () => { if (state) Plan.draw($("plan"), state); });
+addEventListener("resize", () => { if (state) draw(state); });
