@@ -1,8 +1,8 @@
 """Distortion coefficients that a drive nearly needs: the paper's one was chosen, Brown's five may be true.
 
 Coefficients that fall just short of their charge bias principal point and direction by several of the sigmas that know
-nothing of them. As with causes (:mod:`boxcal.calib.diagnosis.doubts`), both models are averaged: the estimate stays, its
-covariance holds what the richer model would change, weighed by its Akaike weight (Burnham and Anderson 2002).
+nothing of them. As with causes (:mod:`boxcal.calib.diagnosis.doubts`), both models are averaged: the estimate stays,
+its covariance holds what the richer model would change, weighed by its Akaike weight (Burnham and Anderson 2002).
 """
 
 import numpy as np
