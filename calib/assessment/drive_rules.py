@@ -33,7 +33,7 @@ def _turned(c: Calibration) -> list[Reason]:
     turn = largest_turn_deg(np.array([stop.T_box_cam for stop in c.stops]))
     text = f"The robot turned by up to {turn:.0f}° between stops."
     if turn < -LIMITS["turned"].good:
-        text = f"The robot hardly turned (by {turn:.0f}° at most): wheelbase and camera position hang on turns."
+        text = f"The robot hardly turned (by {turn:.0f}° at most): wheel separation and camera position hang on turns."
     return graded(
         "turned", -turn, text, "Turn between the stops: at least a quarter turn, to the left and to the right."
     )

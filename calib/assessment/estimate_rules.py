@@ -1,5 +1,6 @@
 """Rules on what the likelihood tells: how sure the figures are, what happened on the way, how well all fits."""
 
+import re
 from collections.abc import Callable, Sequence
 from math import isfinite
 
@@ -10,6 +11,7 @@ from boxcal.calib.geometry.parameters import ORDER
 from boxcal.calib.likelihood.estimate import Direction, FlaggedLeg
 from boxcal.calib.results.calibration import Calibration
 from boxcal.calib.results.diagnostics import Detail
+from boxcal.calib.results.unknowns import describe
 from boxcal.calib.results.verdict import Level, Reason
 from boxcal.calib.uncertainty.projection import projection_sigma
 from boxcal.target.camera.distortion import DISTORTION_NAMES
@@ -22,6 +24,8 @@ _DOUBTFUL = {
 }
 """What reading a log says where its data are not whole (``Source.notes``), and what to do."""
 _GRID = 9
+_MANY_SHEETS = 2
+_FURTHER = re.compile(r"face\d_\w\w|bow\d|scale_[xy]|seat|ink|tilt_[xy](_\d+)?")
 _DISTORTION = {"kr", *(name for names in DISTORTION_NAMES.values() for name in names)}
 NAMES = {
     **dict.fromkeys(("fu", "fv"), "the focal length"),
@@ -44,9 +48,26 @@ def _open(c: Calibration, detail: Detail) -> list[Reason]:
             continue
         level = Level.USABLE if isfinite(direction.sigma) else Level.REDO
         reasons.append(
-            Reason(rule="open", level=level, text=sentence(direction.what), advice=sentence(direction.advice))
+            Reason(rule="open", level=level, text=sentence(in_words(direction)), advice=sentence(direction.advice))
         )
     return reasons
+
+
+def in_words(direction: Direction) -> str:
+    """Return what is open, further unknowns by what they are instead of by their names, many of them as a few."""
+    names = [name for name, _ in direction.parameters]
+    of_sheets = [name for name in names if name.startswith("face")]
+    if len(of_sheets) > _MANY_SHEETS and direction.what.count(",") >= len(names) - 2:
+        rest = [describe(name).words for name in names if name not in of_sheets]
+        known = "known badly together" if isfinite(direction.sigma) else "cannot be told apart by these stops"
+        size = direction.what.rpartition(known)[2]
+        verb = "are " if isfinite(direction.sigma) else ""
+        parts = ["the places of the sheets", *rest]
+        return f"{' and '.join(p for p in (', '.join(parts[:-1]), parts[-1]) if p)} {verb}{known}{size}"
+    what = direction.what
+    for name in sorted(names, key=len, reverse=True):
+        what = re.sub(rf"\b{re.escape(name)}\b", describe(name).words, what) if _FURTHER.fullmatch(name) else what
+    return what
 
 
 def _distortion_alone(direction: Direction) -> bool:

@@ -1,8 +1,8 @@
 """Directions of the parameters that a drive determines badly or not at all, in words.
 
 The information matrix of the shared unknowns is taken in natural units, in which 1 is a poor result: 1 % of a focal
-length, a radius or the wheelbase, 10 mrad, 5 mm. Its eigenvectors of little information are combinations of parameters
-that the drive leaves open.
+length, a radius or the wheel separation, 10 mrad, 5 mm. Its eigenvectors of little information are combinations of
+parameters that the drive leaves open.
 """
 
 import numpy as np
@@ -19,9 +19,9 @@ NULL_SIGMA = 1e3
 """From this one on it is not determined at all."""
 _SHARE = 0.3
 _BODY_NAMES = {
-    "rx": "roll of the camera's mounting",
-    "ry": "pitch of the camera's mounting",
-    "rz": "yaw of the camera's mounting (a1)",
+    "rx": "roll of the camera on the robot",
+    "ry": "pitch of the camera on the robot",
+    "rz": "yaw of the camera on the robot (a1)",
     "kr": "distortion kr",
 }
 _GROUPS = (

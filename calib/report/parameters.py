@@ -1,4 +1,4 @@
-"""Wheels, camera and mounting with their uncertainty, and what that means on the ground."""
+"""Wheels, camera and camera extrinsics with their uncertainty, and what that means on the ground."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -66,7 +66,7 @@ class Group:
 
 
 def parameter_groups(c: Calibration) -> tuple[Group, ...]:
-    """Return the wheels, the camera and its mounting."""
+    """Return the wheels, the camera and its extrinsics."""
     sigma = c.detail.covariance.sigma if c.detail else None
     angle_sigma = np.degrees(c.yaw_pitch_roll_sigma) if c.detail else None
     f, half = (c.camera.fu + c.camera.fv) / 2, c.image_size[0] / 2
@@ -91,7 +91,7 @@ def parameter_groups(c: Calibration) -> tuple[Group, ...]:
     wheels = (
         row("rL", "Left wheel, radius", w.rL, "mm", 1e3, 3, lambda s: f"{length(10 * s / w.rL)} of its way in 10 m"),
         row("rR", "Right wheel, radius", w.rR, "mm", 1e3, 3, lambda s: f"{length(10 * s / w.rR)} of its way in 10 m"),
-        row("b", "Wheelbase", w.b, "mm", 1e3, 3, lambda s: f"{360 * s / w.b:.2f}° in a whole turn"),
+        row("b", "Wheel separation", w.b, "mm", 1e3, 3, lambda s: f"{360 * s / w.b:.2f}° in a whole turn"),
     )
     camera = (
         row(
@@ -154,7 +154,7 @@ def parameter_groups(c: Calibration) -> tuple[Group, ...]:
     return (
         Group(title="Wheels", rows=wheels),
         Group(title="Camera", rows=camera),
-        Group(title="Mounting of the camera", rows=place + turns),
+        Group(title="Camera extrinsics", rows=place + turns),
     )
 
 

@@ -13,7 +13,7 @@ from boxcal.calib.results.stop_residuals import stop_label
 _GROWTH = (
     ("rL", "left radius", "mm", 1e3),
     ("rR", "right radius", "mm", 1e3),
-    ("b", "wheelbase", "mm", 1e3),
+    ("b", "wheel separation", "mm", 1e3),
     ("tx", "forward", "mm", 1e3),
     ("ty", "left", "mm", 1e3),
     ("tz", "height", "mm", 1e3),

@@ -87,7 +87,7 @@ def fleet(calibrations: Calibrations) -> Sequence[Calibration]:
 
 def test_first_screen_answers_whether_how_sure_and_what_now(robot_page: bytes) -> None:
     text = Page(robot_page).text
-    first = text[: text.index("Wheels, camera and mounting")]
+    first = text[: text.index("Wheels, camera and extrinsics")]
     for words in (
         "Usable",
         "Between stops 6 and 7",

@@ -252,6 +252,9 @@ def test_what_is_not_determined_forbids_use(calibrations: Calibrations) -> None:
     assert found.level is Level.REDO
     assert found.reasons[0].text == "Wheelbase is not determined by these stops."
     assert found.next_steps[0] == "Add turns on the spot."
+    named = replace(open_, parameters=(("seat", 1.0), ("scale_x", 0.9)), what="seat and scale_x cannot be told apart")
+    text = verdict(_with(c, directions=(named,))).reasons[0].text
+    assert text == "All sheets higher than designed and print scale across cannot be told apart."
     weak = verdict(_with(c, directions=(replace(open_, sigma=2.0),)))
     assert weak.level is Level.USABLE
 
