@@ -296,3 +296,23 @@ def test_covariance_diagonals_are_those_of_calibration_and_slip() -> None:
     assert z == roll == pitch == 1e-6
     assert found["twist_covariance_diagonal"][5] < yaw
     assert not covariance_diagonals(calibration())
+
+
+def test_two_robots_descriptions_load_in_one_tree() -> None:
+    """Under one map, as a viewer of a team holds them; every name is there once, each camera where it was found."""
+    team = ET.Element("robot", name="team")
+    ET.SubElement(team, "link", name="map")
+    for prefix in ("r01/", "r02/"):
+        names = names_for(Settings(prefix=prefix, camera_frame="eye"), Source())
+        team.extend(list(ET.fromstring(exports(calibration(), names=names)["camera.urdf"])))
+        joint = ET.SubElement(team, "joint", name=f"{prefix}map_joint", type="fixed")
+        ET.SubElement(joint, "parent", link="map")
+        ET.SubElement(joint, "child", link=f"{prefix}base_footprint")
+        ET.SubElement(joint, "origin", xyz="0 0 0", rpy="0 0 0")
+    text = ET.tostring(team, encoding="unicode")
+    robot = urdf_reader.URDF.from_xml_string(text.encode())
+    assert robot.get_root() == "map"
+    assert len({j.name for j in robot.joints}) == len(robot.joints) == 6
+    assert len({link.name for link in robot.links}) == len(robot.links) == 7
+    for prefix in ("r01/", "r02/"):
+        assert _same(_urdf_pose(text, "map", f"{prefix}eye"), calibration().T_body_cam)

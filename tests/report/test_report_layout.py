@@ -142,3 +142,15 @@ def test_every_dot_of_a_small_fleet_has_its_name(browser: Browser, pages: dict[s
     assert len(names) == 14
     for texts in names:
         assert {"r01", "r02", "r10", "a-robot-of-a-lo\u2026"} <= set(texts)
+
+
+def test_a_phone_shows_each_robot_of_a_fleet_without_scrolling(browser: Browser, pages: dict[str, Path]) -> None:
+    browser.open(pages["fleet"], width=390, height=844)
+    shown = (
+        "[...document.querySelectorAll('#robot-table tbody tr')]"
+        ".map((r) => [...r.cells].filter((c) => c.offsetWidth).length)"
+    )
+    assert set(browser.evaluate(shown)) == {6, 7}  # name, verdict, four figures, and why where there is a reason
+    browser.evaluate("document.getElementById('filter-level').value = 'redo'")
+    browser.evaluate("document.getElementById('filter-level').dispatchEvent(new Event('change'))")
+    assert sorted(browser.evaluate(shown)) == [0, 0, 0, 7]

@@ -12,10 +12,10 @@ function node(parent, name, attributes, text) {
 }
 
 // Tables of figures become lists of their rows on narrow screens (style.css): every cell knows its heading.
-document.querySelectorAll(".scroll table:not(.robots, .parameters)").forEach((table) => {
-  if (!table.tHead || table.closest(".whole")) return;
+document.querySelectorAll(".scroll table:not(.parameters)").forEach((table) => {
+  if (!table.tHead) return;
   const heads = [...table.tHead.rows[0].cells].map((cell) => cell.textContent.trim());
-  table.classList.add("stacked");
+  if (!table.classList.contains("robots")) table.classList.add("stacked");
   for (const row of table.tBodies[0].rows) [...row.cells].forEach((cell, k) => {
     cell.dataset.label = heads[k];
     if (cell.textContent.length + heads[k].length > 20) cell.classList.add("long");
