@@ -19,7 +19,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = CommandParser(
         "boxcal schemas",
         description="example:\n  boxcal schemas schemas\n\n"
-        "Write JSON Schemas of calibration.json, target.json and of the header in correspondences.npz.",
+        "Write JSON Schemas of calibration.json, target.json, plan.json and of the header in correspondences.npz.",
     )
     parser.add_argument("folder", type=Path, metavar="FOLDER", help="where to write")
     folder = parser.parse_args(argv).folder
@@ -47,6 +47,7 @@ def all_schemas() -> dict[str, Schema]:
         "calibration": calibration_schema(),
         "target": target_schema(),
         "correspondences": correspondences_schema(),
+        "plan": plan_schema(),
     }
 
 
@@ -148,6 +149,70 @@ def calibration_schema() -> Schema:
         always | sometimes,
         optional=tuple(sometimes),
     )
+
+
+def plan_schema() -> Schema:
+    """Return the schema of ``plan.json``."""
+    from boxcal.calib.plan_drive.plan_json import SCHEMA, UNITS
+    from boxcal.calib.planning.assumptions import Assumptions
+    from boxcal.calib.planning.floor import Floor
+    from boxcal.calib.planning.goal import Bar
+    from boxcal.calib.planning.objective import Criterion
+    from boxcal.calib.planning.plan import DrivePlan, PlannedStop, PlanOptions
+
+    plan, stop, noise = attributes(DrivePlan), attributes(PlannedStop), attributes(Assumptions)
+    whole: Schema = {"type": "integer", "minimum": 0}
+    arc = record(
+        {
+            "distance": {**NUMBER, "description": "Of the body's origin, m; negative backwards."},
+            "turn": {**NUMBER, "description": "Change of heading, rad, to the left."},
+        },
+        "An arc from standstill to standstill.",
+    )
+    stops = {
+        "x": {**NUMBER, "description": "Of the body, m."},
+        "y": {**NUMBER, "description": "Of the body, m."},
+        "heading": {**NUMBER, "description": "Of the body, rad; runs on from stop to stop, whole turns counted."},
+        "tags": {**whole, "description": stop["tags"]},
+        "faces": {"type": "array", "items": whole, "description": stop["faces"]},
+        "way": {"type": "array", "items": arc, "description": "Arcs from the stop before; none at the first."},
+    }
+    figure = {name: {"type": "string"} for name in ("name", "label", "unit")}
+    said = attributes(Bar)
+    number = {
+        "value": {**NUMBER_OR_NULL, "description": said["value"]},
+        "goal": {**NUMBER, "description": said["goal"]},
+    }
+    return _document(
+        "plan.json",
+        "A planned drive around the box.",
+        SCHEMA,
+        {
+            "robot": _text(plan["robot"]),
+            "image_size": _image_size(),
+            "units": {"const": UNITS},
+            "box": {**matrix_row(3), "description": "Width, depth and height, m."},
+            "seed": {**whole, "description": attributes(PlanOptions)["seed"]},
+            "criterion": {"enum": [str(c) for c in Criterion], "description": attributes(PlanOptions)["criterion"]},
+            "floor": of_dataclass(Floor),
+            "slip": {**NUMBER, "description": noise["slip"]},
+            "corner_px": {**NUMBER, "description": noise["corner_px"]},
+            "stops": {"type": "array", "items": record(stops, "A stop."), "description": plan["stops"]},
+            "figures": {
+                "type": "array",
+                "items": record({**figure, **number}, "A figure."),
+                "description": plan["bars"],
+            },
+            "seconds": {**NUMBER, "description": "Time that the drive takes, s."},
+            "length": {**NUMBER, "description": "Way of the body, m."},
+            "reached": {"type": "boolean", "description": plan["reached"]},
+        },
+    )
+
+
+def matrix_row(count: int) -> Schema:
+    """Return the schema of a list of so many numbers."""
+    return {"type": "array", "items": NUMBER, "minItems": count, "maxItems": count}
 
 
 def _of_likelihood() -> dict[str, Schema]:

@@ -12,8 +12,11 @@ import pytest
 
 import boxcal
 from boxcal.__main__ import main
+from boxcal.calib.plan_drive.plan_json import plan_document
+from boxcal.calib.planning.plan import PlanOptions, plan_drive
 from boxcal.calib.results.json_format import calibration_document
 from boxcal.calib.settings import Settings
+from boxcal.calib.simulate.robot import turtlebot
 from boxcal.json_schema import Schema
 from boxcal.schemas import all_schemas
 from boxcal.target.files.target_json import target_document
@@ -35,6 +38,7 @@ def documents(tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[dict[s
     return {
         "calibration": [calibration_document(full), calibration_document(closed)],
         "target": [target_document(target), target_document(boxcal.make_target(measured=size))],
+        "plan": [plan_document(plan_drive(turtlebot(), target, PlanOptions(stops=3, candidates=30)))],
         "correspondences": [json.loads(bytes(np.load(path)["header"]))],
     }
 

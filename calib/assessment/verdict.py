@@ -13,6 +13,7 @@ from boxcal.calib.assessment.drive_rules import DRIVE_RULES
 from boxcal.calib.assessment.estimate_rules import DETAIL_RULES
 from boxcal.calib.assessment.findings import finding_reason
 from boxcal.calib.assessment.limits import LIMITS, graded, percent
+from boxcal.calib.assessment.more_stops import advised, calls_for_stops, more_stops
 from boxcal.calib.assessment.print_scale import PrintScale, find_print_scale
 from boxcal.calib.results.calibration import Calibration
 from boxcal.calib.results.diagnostics import Detail
@@ -51,11 +52,19 @@ def judge(calibration: Calibration, drives: Drives, target: Target) -> Verdict:
     seen = stops_seen(calibration, all_drives, target)
     scale = find_print_scale(calibration, seen, target)
     told = scale is not None or target.measured is not None
-    return verdict(calibration, scale, unchecked=() if told else (_print_unchecked(seen),))
+    unchecked = () if told else (_print_unchecked(seen),)
+    found = verdict(calibration, scale, unchecked=unchecked)
+    if not calls_for_stops(found.reasons):
+        return found
+    return verdict(calibration, scale, unchecked=unchecked, more_stops=more_stops(calibration, all_drives, target))
 
 
 def verdict(
-    calibration: Calibration, print_scale: PrintScale | None = None, *, unchecked: Sequence[Reason] = ()
+    calibration: Calibration,
+    print_scale: PrintScale | None = None,
+    *,
+    unchecked: Sequence[Reason] = (),
+    more_stops: str = "",
 ) -> Verdict:
     """Return whether a calibration can be used, why, and what to do next.
 
@@ -68,6 +77,8 @@ def verdict(
         was asked.
     unchecked
         What could not be checked, and why.
+    more_stops
+        Advice on the next stops, computed from the drives; without it the rules' own advice stands.
     """
     found = [reason for rule in DRIVE_RULES for reason in rule(calibration)]
     detail = calibration.detail
@@ -78,7 +89,7 @@ def verdict(
     found += [finding_reason(finding) for finding in calibration.findings]
     found += _ruler(detail)
     found += [reason for reason in _print(detail, print_scale) if reason.kind is not Kind.CHECK or not unchecked]
-    reasons = arrange([*found, *unchecked])
+    reasons = arrange([*advised(found, more_stops), *unchecked])
     level = max((r.level for r in reasons), key=lambda level: level.rank)
     steps = dict.fromkeys(r.advice for r in reasons if r.advice and not r.because)
     return Verdict(level=level, headline=_HEADLINES[level], reasons=reasons, next_steps=tuple(steps) or (_KEEP,))

@@ -28,7 +28,7 @@ def parser() -> CommandParser:
     )
     made.add_argument("out", type=Path, metavar="OUT", help="folder for the plan")
     made.add_argument("--target", type=Path, metavar="FILE", help="target.json of the box (the default box if none)")
-    made.add_argument("--stops", type=whole_number(3, 40), metavar="N", help="so many stops; as few as do if not given")
+    made.add_argument("--stops", type=whole_number(1, 40), metavar="N", help="so many stops; as few as do if not given")
     made.add_argument("--seed", type=whole_number(0, 2**31), default=0, metavar="N", help="settles what is tried (0)")
     _robot(made)
     _goals(made)

@@ -14,7 +14,7 @@ from boxcal.calib.likelihood.normal_equations import Normal, eliminate
 from boxcal.calib.likelihood.options import EstimateOptions
 from boxcal.calib.likelihood.problem import PER_STOP, Problem, build_problem
 from boxcal.calib.likelihood.state import State, resting
-from boxcal.calib.planning.assumptions import Assumptions, Model
+from boxcal.calib.planning.assumptions import Assumptions, Model, vague_sigma
 from boxcal.calib.results.calibration import Calibration, StopResult
 from boxcal.calib.simulate.robot import Robot
 from boxcal.detect.correspondences import Correspondences
@@ -219,6 +219,8 @@ def information_of(
         options=options,
     )
     chain = _chain(problem, replace(state, tilt=solved.tilt, shape=shape), solved.components, weights)
+    n = len(problem.names)
+    chain[np.arange(n), np.arange(n)] += 1 / np.square(vague_sigma(problem.names, known))  # what is open stays solvable
     return DriveInformation(model=model, names=problem.names, chain=chain, poses=poses)
 
 

@@ -167,7 +167,8 @@ def next_stops(
         choice=replace(search.choice, pictures=_in_order(search.choice.pictures, rows, n)),
     )
     values = figure_values(search.figures, of_shared(known.chain[None]))[0]
-    share = np.array([bar.value for bar in bars]) / values
+    said_now = np.array([bar.value for bar in bars])
+    share = np.where(np.isfinite(said_now), said_now / values, 1.0)
     chain, here, out = known.chain, known.poses[-1], []
     visited: list[int] = []
     for _ in range(count):

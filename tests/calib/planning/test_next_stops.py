@@ -1,18 +1,23 @@
 """What a drive in progress has told, and what the next stop promises."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+import boxcal
+from boxcal.calib.assessment.more_stops import MENDED_BY_STOPS
 from boxcal.calib.likelihood.estimate import Estimate
 from boxcal.calib.likelihood.estimator import estimate
 from boxcal.calib.likelihood.options import EstimateOptions
+from boxcal.calib.plan_drive.cli import main as plan_drive_command
 from boxcal.calib.planning.chain import figure_values, of_shared
 from boxcal.calib.planning.drive_information import information_of, solved_by_estimate
 from boxcal.calib.planning.floor import Floor
 from boxcal.calib.planning.goal import Goal, along_camera, bars_of_estimate, figures, worst
-from boxcal.calib.planning.next_stops import NextStop, first_stops, what_next
+from boxcal.calib.planning.next_stops import NextStop, first_stops, next_stops, what_next, what_next_after
+from boxcal.calib.results.verdict import Level
 from boxcal.calib.simulate.drive import Drive, DriveOptions, exact_correspondences, simulate_drive
 from boxcal.calib.simulate.robot import turtlebot
 from boxcal.calib.uncertainty.propagation import ground_uncertainty
@@ -111,3 +116,36 @@ def test_first_stops_see_the_box() -> None:
     seen = exact_correspondences(robot, target, drive)
     assert all(len(stop.landmark_ids) >= 80 for stop in seen.stops)
     assert len(np.unique(np.concatenate([stop.faces for stop in seen.stops]))) >= 2
+
+
+def test_verdict_of_an_unsure_drive_says_where_to_stop_next(partial: Partial) -> None:
+    target, _, seen, _ = partial
+    found = boxcal.calibrate(seen, target)
+    assert found.verdict is not None
+    unsure = [r for r in found.verdict.reasons if r.rule in MENDED_BY_STOPS and r.level is not Level.GOOD]
+    assert unsure[0].advice.startswith("Drive on from the last stop and stop at x ")
+    assert unsure[0].advice in found.verdict.next_steps
+
+
+def test_next_stops_come_from_a_robots_folder_too(
+    partial: Partial, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    target, _, seen, _ = partial
+    found = boxcal.calibrate(seen, target)
+    boxcal.save_calibration(found, tmp_path / "calibration.json")
+    seen.save(tmp_path / "correspondences.npz")
+    assert plan_drive_command([str(tmp_path / "out"), "--after", str(tmp_path), "--stops", "2"]) in {0, 1}
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0].startswith("1. Stop at x ")
+    assert any(line.startswith("2. Stop at x ") for line in lines)
+    stops = what_next_after(found, [seen], target, count=2)
+    assert lines[0] == f"1. {stops[0].text}"
+
+
+def test_what_a_drive_leaves_open_is_no_obstacle(partial: Partial) -> None:
+    target, _, seen, found = partial
+    known = information_of(solved_by_estimate(found), [seen], target)
+    blind = replace(known, chain=known.chain * 1e-9)
+    bars = tuple(replace(bar, value=np.inf) for bar in bars_of_estimate(found))
+    stop = next_stops(blind, bars, Goal(), Floor(), count=1)[0]
+    assert all(np.isfinite(bar.value) for bar in stop.after)
