@@ -206,7 +206,7 @@ def next_stop(number: int) -> Next | None:
     try:
         driven, seen = hand_made(of, count, rng)
         known = solved(of, seen)
-        stop = what_next(known, [seen], TARGET, count=1)[0]
+        (stop,) = what_next(known, [seen], TARGET, count=1)
         space = free_space(Floor(), TARGET.box, of.reach)
         free, _ = free_poses(of, TARGET, space, Distances(), min_side_px=GIVEN.min_side_px, count=1, rng=rng)
         here = driven.stop_poses[-1]

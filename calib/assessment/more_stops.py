@@ -12,8 +12,10 @@ from boxcal.calib.results.verdict import Level, Reason
 from boxcal.detect.correspondences import Correspondences
 from boxcal.target.box import Target
 
-MENDED_BY_STOPS = ("straight", "heading", "turn", "camera-angle", "camera-place", "open")
+MENDED_BY_STOPS = ("stops", "straight", "heading", "turn", "camera-angle", "camera-place", "open")
 """Rules on how sure the figures are: more stops help."""
+_COUNT = "stops"
+"""Rule on how many there are: what is computed comes beside the number that is wanted."""
 _STOPS = 2
 
 
@@ -27,7 +29,10 @@ def advised(reasons: Sequence[Reason], advice: str) -> list[Reason]:
     if not advice:
         return list(reasons)
     return [
-        replace(r, advice=advice) if r.rule in MENDED_BY_STOPS and r.level is not Level.GOOD else r for r in reasons
+        replace(r, advice=f"{r.advice} {advice}" if r.rule == _COUNT else advice)
+        if r.rule in MENDED_BY_STOPS and r.level is not Level.GOOD
+        else r
+        for r in reasons
     ]
 
 

@@ -52,12 +52,15 @@ class FreeSpace:
     low, high : (2,), m
         Corners of the rectangle that it stays in.
     blocked : (K, 4), m
-        Rectangles x0, y0, x1, y1 that it stays out of: box and obstacles, enlarged.
+        Rectangles x0, y0, x1, y1 that it stays out of: box and obstacles, enlarged by reach and clearance.
+    solid : (K, 4), m
+        The same enlarged by its reach only.
     """
 
     low: Array
     high: Array
     blocked: Array
+    solid: Array
 
     def free(self, xy: Array) -> Mask:
         """Tell which points (N, 2) the origin may be at."""
@@ -69,7 +72,7 @@ class FreeSpace:
 
     def clear(self, start: Array, end: Array) -> Mask:
         """Tell which straight ways from points (N, 2) to points (N, 2) touch nothing (slab method)."""
-        low, high = self.blocked[:, :2] + _NEVER, self.blocked[:, 2:] - _NEVER
+        low, high, ignored = self._in_the_way(start, end)
         p, d = start[:, None], (end - start)[:, None]  # (N, 1, 2)
         with np.errstate(divide="ignore", invalid="ignore"):
             a, b = (low - p) / d, (high - p) / d
@@ -78,7 +81,24 @@ class FreeSpace:
         enter = np.where(parallel, np.where(within, -np.inf, np.inf), np.minimum(a, b)).max(axis=2)
         leave = np.where(parallel, np.where(within, np.inf, -np.inf), np.maximum(a, b)).min(axis=2)
         hit = (np.maximum(enter, 0.0) < np.minimum(leave, 1.0)) & (leave > 0) & (enter < 1)
-        return np.asarray(~np.any(hit, axis=1))
+        return np.asarray(~np.any(hit & ~ignored, axis=1))
+
+    def _in_the_way(self, start: Array, end: Array) -> tuple[Array, Array, Mask]:
+        """Return the rectangles' corners (N, K, 2), and which of them do not count (N, K), for ways between points.
+
+        A robot that stands closer than it should may drive away: then only what it would touch is in the way, and what
+        it touches already is not.
+        """
+
+        def holding(rectangles: Array) -> Mask:
+            low, high = rectangles[:, :2] + _NEVER, rectangles[:, 2:] - _NEVER
+            inside = [np.all((q[:, None] > low) & (q[:, None] < high), axis=2) for q in (start, end)]
+            return np.asarray(inside[0] | inside[1])
+
+        too_close, touching = holding(self.blocked)[:, :, None], holding(self.solid)
+        low = np.where(too_close, self.solid[:, :2], self.blocked[:, :2]) + _NEVER
+        high = np.where(too_close, self.solid[:, 2:], self.blocked[:, 2:]) - _NEVER
+        return low, high, touching
 
 
 def free_space(floor: Floor, box: Box, reach: float) -> FreeSpace:
@@ -92,11 +112,11 @@ def free_space(floor: Floor, box: Box, reach: float) -> FreeSpace:
     gap = floor.clearance + reach
     low, high = np.array(floor.bounds[:2]) + gap, np.array(floor.bounds[2:]) - gap
     half = np.array([box.width, box.depth]) / 2
-    blocked = np.array([(*-half, *half), *floor.obstacles]) + gap * np.array([-1.0, -1.0, 1.0, 1.0])
+    standing, outward = np.array([(*-half, *half), *floor.obstacles]), np.array([-1.0, -1.0, 1.0, 1.0])
     if np.any(low >= high):
         raise CalibError(
             f"the floor {floor.bounds} leaves no room for a robot that reaches {reach:.2f} m and keeps "
             f"{floor.clearance:.2f} m off",
             remedy="give a larger floor or a smaller clearance",
         )
-    return FreeSpace(low=low, high=high, blocked=blocked)
+    return FreeSpace(low=low, high=high, blocked=standing + gap * outward, solid=standing + reach * outward)

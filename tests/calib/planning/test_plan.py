@@ -150,3 +150,15 @@ def test_a_floor_without_room_is_refused_with_what_to_do() -> None:
         plan_drive(ROBOT, TARGET, PlanOptions(stops=4, candidates=20, floor=Floor(bounds=(3.0, 3.0, 4.0, 4.0))))
     with pytest.raises(CalibError, match="leaves no room"):
         plan_drive(ROBOT, TARGET, PlanOptions(stops=4, floor=Floor(bounds=(0.0, 0.0, 0.2, 0.2))))
+
+
+def test_a_robot_that_stands_too_close_can_drive_away() -> None:
+    space = free_space(Floor(), TARGET.box, 0.1)
+    close = np.array([[0.3, 0.3, 0.0]])  # within the clearance, not touching
+    goals = np.array([[0.8, 0.6, 0.0]])
+    ways = Router(space).ways(close, goals)
+    assert not space.free(close[:, :2])[0]
+    assert ways.possible[0]
+    across = Router(space).ways(close, np.array([[-0.8, -0.6, 0.0]]))
+    assert across.possible[0]
+    assert across.length[0] > np.hypot(1.1, 0.9) + 0.05  # not through the box
