@@ -8,15 +8,17 @@ from boxcal.target.arrays import Array
 
 JUMP_RAD = 0.5
 """Wheel travel within one sample (20 ms, usually) that no motor makes."""
-MANY_TIMES = 10.0
+MANY_TIMES = 5.0
 """And so many times as much as the largest but a few of its kind."""
 _ALIKE = 0.2
 _LARGE_SHARE = 0.95
 
 
 def largest_steps(wheels: WheelSamples) -> Array:
-    """Return the larger of both wheels' travel in each sample, (S - 1,) rad."""
-    return np.asarray(np.abs(np.diff(np.stack([wheels.phi_R, wheels.phi_L]), axis=1)).max(axis=0))
+    """Return the larger of both wheels' travel in each sample, (S - 1,) rad; in a usual one where some are missing."""
+    travel = np.abs(np.diff(np.stack([wheels.phi_R, wheels.phi_L]), axis=1)).max(axis=0)
+    dt = np.maximum(np.diff(wheels.t_ns).astype(np.float64), 1.0)
+    return np.asarray(travel * np.minimum(1.0, np.median(dt) / dt)) if dt.size else travel
 
 
 def jump_limit(steps: Array) -> float:

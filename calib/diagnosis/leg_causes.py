@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from boxcal.calib.diagnosis.counters import MANY_TIMES, jump_limit, largest_steps
+from boxcal.calib.diagnosis.counters import jump_limit, largest_steps
 from boxcal.calib.diagnosis.leg_likelihoods import LegCause, leg_log_evidences, slip_of
 from boxcal.calib.likelihood.estimate import Estimate, FlaggedLeg
 from boxcal.calib.likelihood.finding import Finding
@@ -18,6 +18,8 @@ from boxcal.detect.correspondences import Correspondences
 from boxcal.target.arrays import Array
 
 _SILENT_S = 0.5
+_MISSING = 10.0
+"""Time without a sample, in usual ones, from which on the wheels were silent."""
 
 
 def leg_findings(fit: Fit, found: Estimate, drives: Sequence[Correspondences]) -> tuple[Finding, ...]:
@@ -125,5 +127,5 @@ def _jump(drive: Correspondences, leg: FlaggedLeg) -> tuple[float | None, float 
     largest = float(every[first:last].max(initial=0.0))
     dt = np.diff(t_ns[first : last + 1]) * 1e-9
     longest = float(dt.max(initial=0.0))
-    silent = longest if longest > max(_SILENT_S, MANY_TIMES * float(np.median(np.diff(t_ns))) * 1e-9) else None
+    silent = longest if longest > max(_SILENT_S, _MISSING * float(np.median(np.diff(t_ns))) * 1e-9) else None
     return (largest if largest > jump_limit(every) else None), silent

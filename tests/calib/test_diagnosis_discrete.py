@@ -10,6 +10,7 @@ from boxcal.calib.assessment.findings import finding_reason
 from boxcal.calib.calibrate import calibrate
 from boxcal.calib.diagnosis.clock import clock_finding, find_offset
 from boxcal.calib.diagnosis.counters import counter_finding
+from boxcal.calib.diagnosis.explained_estimate import estimate_explained
 from boxcal.calib.diagnosis.first_look import FirstLook, first_look
 from boxcal.calib.diagnosis.frozen import frozen_stops
 from boxcal.calib.diagnosis.joint_units import judge_units
@@ -20,7 +21,7 @@ from boxcal.calib.diagnosis.sheets import find_gluing
 from boxcal.calib.errors import CalibError
 from boxcal.calib.four_steps.step1_camera import calibrate_camera
 from boxcal.calib.geometry.so3_se3 import exp_so3, rigid
-from boxcal.calib.likelihood import estimate
+from boxcal.calib.likelihood import EstimateOptions, estimate
 from boxcal.calib.results.verdict import Level
 from boxcal.calib.simulate.drive import DriveOptions
 from boxcal.calib.simulate.imperfect_drive import imperfect_drive
@@ -148,6 +149,21 @@ def test_counters_that_wrap_around_are_named(around: float) -> None:
         named = causes(first_look([read_by(seen, wrapped)], TARGET))
         assert named[-1] == "encoder-restart"
         assert "unit" not in named
+
+
+def test_messages_that_are_missing_are_no_jumps() -> None:
+    wheels = drive(khepera(), Imperfections()).wheels
+    kept = np.arange(len(wheels)) % 100 < 85  # 0.3 s of every 2 s are missing
+    gaps = replace(
+        wheels, t_ns=wheels.t_ns[kept], phi_R=wheels.phi_R[kept], phi_L=wheels.phi_L[kept], covered=wheels.covered[kept]
+    )
+    assert counter_finding(gaps) is None
+
+
+def test_a_restart_of_fast_wheels_is_named() -> None:
+    seen = drive(khepera(), Imperfections(wheels=WheelFaults(restart=(4, 3.0))))
+    found, _ = estimate_explained([seen], None, EstimateOptions(target=TARGET))
+    assert [f.cause for f in found.findings] == ["encoder-restart"]
 
 
 def read_by(seen: Correspondences, wheels: WheelSamples) -> Correspondences:
