@@ -15,7 +15,6 @@ KERNELS = "detect/alignment/numba/"
 
 LONG: dict[str, str] = {
     "target/cli.py:_parser": "a list of options, one a line",
-    "calib/report/parameters.py:parameter_groups": "to be split",
     "detect/alignment/numba/image_model.py:differentiate": "one loop, compiled as a whole",
 }
 """Functions of more lines, and why; one that has become short must leave the list."""

@@ -67,94 +67,95 @@ class Group:
 
 def parameter_groups(c: Calibration) -> tuple[Group, ...]:
     """Return the wheels, the camera and its extrinsics."""
-    sigma = c.detail.covariance.sigma if c.detail else None
-    angle_sigma = np.degrees(c.yaw_pitch_roll_sigma) if c.detail else None
-    f, half = (c.camera.fu + c.camera.fv) / 2, c.image_size[0] / 2
-    rim2 = ((c.image_size[0] / 2 / c.camera.fu) ** 2 + (c.image_size[1] / 2 / c.camera.fv) ** 2) ** 0.5
+    return (
+        Group(title="Wheels", rows=_wheels(c)),
+        Group(title="Camera", rows=_camera(c)),
+        Group(title="Camera extrinsics", rows=_place(c) + _turns(c)),
+    )
 
-    def row(  # noqa: PLR0917  called as a table is read, by column
-        key: str, name: str, value: float, unit: str, scale: float, digits: int, say: Callable[[float], str]
-    ) -> Row:
-        s = None if sigma is None else sigma[key]
-        meaning = say(s) if s is not None and isfinite(s) else ""
-        return Row(
-            key=key,
-            name=name,
-            value=value * scale,
-            sigma=None if s is None else s * scale,
-            unit=unit,
-            meaning=meaning,
-            digits=digits,
-        )
 
-    w, k, t = c.wheels, c.camera, c.T_body_cam[:3, 3]
-    wheels = (
-        row("rL", "Left wheel, radius", w.rL, "mm", 1e3, 3, lambda s: f"{length(10 * s / w.rL)} of its way in 10 m"),
-        row("rR", "Right wheel, radius", w.rR, "mm", 1e3, 3, lambda s: f"{length(10 * s / w.rR)} of its way in 10 m"),
-        row("b", "Wheel separation", w.b, "mm", 1e3, 3, lambda s: f"{360 * s / w.b:.2f}° in a whole turn"),
+def _wheels(c: Calibration) -> tuple[Row, ...]:
+    w = c.wheels
+
+    def way(radius: float) -> Callable[[float], str]:
+        return lambda s: f"{length(10 * s / radius)} of its way in 10 m"
+
+    def turn(s: float) -> str:
+        return f"{360 * s / w.b:.2f}° in a whole turn"
+
+    return (
+        _row(c, "rL", "Left wheel, radius", w.rL, way(w.rL), unit="mm"),
+        _row(c, "rR", "Right wheel, radius", w.rR, way(w.rR), unit="mm"),
+        _row(c, "b", "Wheel separation", w.b, turn, unit="mm"),
     )
-    camera = (
-        row(
-            "fu",
-            "Focal length, across",
-            k.fu,
-            "px",
-            1,
-            2,
-            lambda s: f"{s / k.fu * half:.2f} px at the left and right edge",
-        ),
-        row(
-            "fv",
-            "Focal length, down",
-            k.fv,
-            "px",
-            1,
-            2,
-            lambda s: f"{s / k.fv * c.image_size[1] / 2:.2f} px at the top and bottom edge",
-        ),
-        row(
-            "cu",
-            "Principal point, across",
-            k.cu,
-            "px",
-            1,
-            2,
-            lambda s: f"{np.degrees(s / f):.3f}° of the view",
-        ),
-        row(
-            "cv",
-            "Principal point, down",
-            k.cv,
-            "px",
-            1,
-            2,
-            lambda s: f"{np.degrees(s / f):.3f}° of the view",
-        ),
-        row("kr", "Radial distortion", k.kr, "", 1, 4, lambda s: f"{s * rim2**3 * f:.2f} px in the image's corners"),
+
+
+def _camera(c: Calibration) -> tuple[Row, ...]:
+    k, (width, height) = c.camera, c.image_size
+    f = (k.fu + k.fv) / 2
+    rim2 = ((width / 2 / k.fu) ** 2 + (height / 2 / k.fv) ** 2) ** 0.5
+
+    def edge(focal: float, half: float, which: str) -> Callable[[float], str]:
+        return lambda s: f"{s / focal * half:.2f} px at the {which} edge"
+
+    def view(s: float) -> str:
+        return f"{np.degrees(s / f):.3f}° of the view"
+
+    def corners(s: float) -> str:
+        return f"{s * rim2**3 * f:.2f} px in the image's corners"
+
+    return (
+        _row(c, "fu", "Focal length, across", k.fu, edge(k.fu, width / 2, "left and right"), digits=2),
+        _row(c, "fv", "Focal length, down", k.fv, edge(k.fv, height / 2, "top and bottom"), digits=2),
+        _row(c, "cu", "Principal point, across", k.cu, view, digits=2),
+        _row(c, "cv", "Principal point, down", k.cv, view, digits=2),
+        _row(c, "kr", "Radial distortion", k.kr, corners, unit="", digits=4),
     )
-    place = tuple(
-        row(key, name, float(v), "mm", 1e3, 1, lambda s: f"shifts all that is seen by {length(s)}")
-        for key, name, v in zip(("tx", "ty", "tz"), ("Forward", "To the left", "Above the floor"), t, strict=True)
+
+
+def _place(c: Calibration) -> tuple[Row, ...]:
+    names = {"tx": "Forward", "ty": "To the left", "tz": "Above the floor"}
+
+    def shift(s: float) -> str:
+        return f"shifts all that is seen by {length(s)}"
+
+    return tuple(
+        _row(c, key, name, float(v), shift, unit="mm", digits=1)
+        for (key, name), v in zip(names.items(), c.T_body_cam[:3, 3], strict=True)
     )
-    angles = np.degrees(c.yaw_pitch_roll)
-    turns = tuple(
+
+
+def _turns(c: Calibration) -> tuple[Row, ...]:
+    names = {"yaw": "Yaw, to the left", "pitch": "Pitch, down", "roll": "Roll"}
+    angles, sigma = np.degrees(c.yaw_pitch_roll), np.degrees(c.yaw_pitch_roll_sigma) if c.detail else None
+    return tuple(
         Row(
             key=key,
             name=name,
-            value=float(v),
-            sigma=None if angle_sigma is None else float(angle_sigma[i]),
+            value=float(angles[i]),
+            sigma=None if sigma is None else float(sigma[i]),
             unit="°",
-            meaning=_at_two_metres(angle_sigma, i),
+            meaning=_at_two_metres(sigma, i),
             digits=2,
         )
-        for i, (key, name, v) in enumerate(
-            zip(("yaw", "pitch", "roll"), ("Yaw, to the left", "Pitch, down", "Roll"), angles, strict=True)
-        )
+        for i, (key, name) in enumerate(names.items())
     )
-    return (
-        Group(title="Wheels", rows=wheels),
-        Group(title="Camera", rows=camera),
-        Group(title="Camera extrinsics", rows=place + turns),
+
+
+def _row(
+    c: Calibration, key: str, name: str, value: float, say: Callable[[float], str], *, unit: str = "px", digits: int = 3
+) -> Row:
+    """Return a row; ``value`` in SI or px, ``say`` tells what a sigma in the same unit does."""
+    scale = 1e3 if unit == "mm" else 1.0
+    sigma = c.detail.covariance.sigma[key] if c.detail else None
+    return Row(
+        key=key,
+        name=name,
+        value=value * scale,
+        sigma=None if sigma is None else sigma * scale,
+        unit=unit,
+        meaning=say(sigma) if sigma is not None and isfinite(sigma) else "",
+        digits=digits,
     )
 
 
