@@ -30,6 +30,8 @@ ENOUGH = 0.8
 """Share of a face's candidates whose agreement ends the search for a larger one."""
 FACE_TAGS, FACE_KEPT = 6, 0.34
 """A face of which so many tags were seen, but less than this fraction of them on the box, contradicts it."""
+OFF_CENTRE, OFF_SIGMAS = 0.5, 3.0
+"""It lies there whose centre is off by no more than this fraction of its side and so many deviations of its place."""
 TOLD_MODULES = 0.1
 """Median deviation of tags from the box, modules, up to which the box says which other tags ought to be seen."""
 SQUARE = 0.02
@@ -202,7 +204,7 @@ def predict_regions(
 ) -> PredictedRegions:
     """Return the regions to search: at the candidates that one rigid box explains, and where it predicts more tags."""
     fit, rows, corners = _fitted(target, patterns, candidates, image_size, sigma_px, camera)
-    others = _outvoted(target, candidates, rows[_good(target, patterns, fit, rows, corners, sigma_px)])
+    others = _outvoted(target, candidates, fit)
     if others:
         # faces contradict each other: the box is what the largest part of the picture agrees on
         groups = [
@@ -213,7 +215,7 @@ def predict_regions(
             (_grown_from(target, patterns, groups, k, image_size, sigma_px, camera) for k in range(len(groups))),
             key=lambda found: float(np.sum(module_px(patterns, found[2]) ** 2)),
         )
-        others = _outvoted(target, candidates, rows)
+        others = _outvoted(target, candidates, fit)
     # where many candidates agree, the box says better than each of them where its corners are
     uv, spread = fit.predict(target.tag_corners[rows].reshape(-1, 3))
     surer = (spread.reshape(-1, 4).max(axis=1) < sigma_px) & (fit.off_px < 4 * sigma_px)
@@ -242,11 +244,20 @@ def _fitted(  # noqa: PLR0917
     )
 
 
-def _outvoted(target: Target, candidates: TagCandidates, rows: Index) -> tuple[int, ...]:
-    """Return the faces of which many tags were seen, but hardly any where the box has them."""
-    seen = np.bincount(target.tag_faces[candidates.rows], minlength=1)
-    kept = np.bincount(target.tag_faces[rows], minlength=len(seen))
-    return tuple(int(f) for f in np.flatnonzero((seen >= FACE_TAGS) & (kept < FACE_KEPT * seen)))
+def _outvoted(target: Target, candidates: TagCandidates, fit: BoxFit) -> tuple[int, ...]:
+    """Return the faces of which many tags were seen, but hardly any where the box has them.
+
+    Rough corners of a tag seen at a slant may be off by a module and more; its centre is not.
+    """
+    uv, spread = fit.predict(target.tag_corners[candidates.rows].mean(axis=1))
+    apart = np.linalg.norm(uv - candidates.corners_px.mean(axis=1), axis=1)
+    side = np.linalg.norm(candidates.corners_px - np.roll(candidates.corners_px, -1, axis=1), axis=2).max(axis=1)
+    kept = apart <= OFF_CENTRE * side + OFF_SIGMAS * spread
+    kept &= fit.faces_camera(target.tag_corners[candidates.rows])
+    faces = target.tag_faces[candidates.rows]
+    seen = np.bincount(faces, minlength=1)
+    there = np.bincount(faces[kept], minlength=len(seen))
+    return tuple(int(f) for f in np.flatnonzero((seen >= FACE_TAGS) & (there < FACE_KEPT * seen)))
 
 
 def _grown_from(  # noqa: PLR0917
@@ -267,7 +278,7 @@ def _grown_from(  # noqa: PLR0917
         both = chosen.merged(group)
         trial = _fitted(target, patterns, both, image_size, sigma_px, camera)
         good = _good(target, patterns, trial[0], trial[1], trial[2], sigma_px)
-        if good.sum() >= len(found[1]) + FACE_KEPT * len(group) and not _outvoted(target, both, trial[1][good]):
+        if good.sum() >= len(found[1]) + FACE_KEPT * len(group) and not _outvoted(target, both, trial[0]):
             chosen, found = both, trial
     return found
 
@@ -301,7 +312,7 @@ def _good(  # noqa: PLR0917
 
 def _tolerance(patterns: Patterns, corners_px: Array, sigma_px: float) -> Array:
     module = module_px(patterns, corners_px)
-    return np.asarray(RIGID_TOLERANCE_MODULES * module + RIGID_TOLERANCE_PX + 2 * sigma_px)
+    return np.asarray(RIGID_TOLERANCE_MODULES * module + RIGID_TOLERANCE_PX + 4 * sigma_px)
 
 
 def predicted(

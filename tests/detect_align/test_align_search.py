@@ -4,7 +4,10 @@ import numpy as np
 from aligned_views import TARGET, pose, width_px
 
 from boxcal.detect.alignment import pyramid_search as find
+from boxcal.detect.alignment.box_search import predict_regions
+from boxcal.detect.alignment.candidates import TagCandidates
 from boxcal.detect.alignment.detector import detect_tags
+from boxcal.detect.alignment.tag_patterns import target_patterns
 from boxcal.target.camera.camera_model import CameraModel, project
 from boxcal.target.render.renderer import SensorModel, render, visible_tags
 
@@ -55,3 +58,21 @@ def test_a_large_near_box_is_found_without_looking_at_the_whole_picture(monkeypa
     )
     assert len(detect_tags(image, TARGET).ids) >= 60
     assert scales == [0.5]
+
+
+def test_a_face_seen_at_a_slant_does_not_contradict_the_box_for_its_rough_corners():
+    camera = CameraModel(fu=4800.0, fv=4800.0, cu=1919.5, cv=1079.5, kr=-0.1)
+    T = pose(62.0, distance=0.8)
+    uv = project(camera, TARGET.tag_corners @ T[:3, :3].T + T[:3, 3])
+    rows = np.array([TARGET.row_of(int(i)) for i in visible_tags(TARGET, camera, T, (3840, 2160), 2.0)])
+    slanted = TARGET.tag_faces[rows] == 0
+    assert 10 < slanted.sum() < len(rows) - 10
+    corners = uv[rows].copy()
+    middle = corners[slanted].mean(axis=1, keepdims=True)
+    corners[slanted] = middle + 0.86 * (corners[slanted] - middle)
+    candidates = TagCandidates(rows=rows, corners_px=corners, score=np.ones(len(rows)))
+    there = predict_regions(TARGET, target_patterns(TARGET), candidates, (3840, 2160), sigma_px=2.0)
+    assert there.contradicting_faces == ()
+    corners[slanted] += (0.0, 400.0)
+    elsewhere = predict_regions(TARGET, target_patterns(TARGET), candidates, (3840, 2160), sigma_px=2.0)
+    assert elsewhere.contradicting_faces == (0,)
