@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from boxcal.detect.alignment.box_pose import FISHEYES, BoxFit, CameraPrior, fit_box
 from boxcal.detect.alignment.candidates import TagCandidates
 from boxcal.detect.alignment.homography import least_squares_homography, map_points
-from boxcal.detect.alignment.pyramid import Pyramid, align_coarsely, align_midway
+from boxcal.detect.alignment.pyramid import Pyramid, align_coarsely
 from boxcal.detect.alignment.radial_camera import LOG_ASPECT, fisheye_distortion, undistort_locally
 from boxcal.detect.alignment.registration.tag_alignments import TagAlignments
 from boxcal.detect.alignment.tag_patterns import Index, Patterns
@@ -350,7 +350,7 @@ def grow_from_pose(
     height, width = pyramid.frame.grey.shape
     image_size = (width, height)
     tags = align_coarsely(pyramid, patterns, search.rows, search.corners_px)
-    tags = align_midway(pyramid, patterns, tags.take(verified(patterns, tags, rough)))
+    tags = tags.take(verified(patterns, tags, rough))
     for _ in range(ROUNDS):
         if len(tags) == 0:
             break

@@ -24,7 +24,7 @@ from boxcal.detect.alignment.registration.tag_batch import Batch, Frame
 from boxcal.detect.alignment.tag_patterns import Patterns
 from boxcal.target.arrays import Array
 
-MOST_TAGS = 6
+MOST_TAGS = 5
 DEFORMED = 8.0
 """Blocks that move so much more than noise makes them tell a deformation; without blur some three times."""
 CORNER_DEFORMATION = 1.8
@@ -37,6 +37,11 @@ RANGE = (0.25, 25.0)
 TOGETHER = 0.86
 """Neighbouring squares that share an edge undo each other's part of its misfit: measured over the conditions of
 benchmarks/detector.py, errors have so much of the variance that squares which know nothing of each other would give."""
+
+RIGID_PRIOR = 5.0
+"""So many squared deviations from the rigid box are taken to have been as large as the covariances say."""
+LEAST_SHARE, MOST_SQUARE = 0.02, 9.0
+"""Least factor of the covariances that the box may ask for; largest normalised square that counts in full."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -110,3 +115,26 @@ def deformation(motion: Array) -> float:
     if information <= 0 or moved < DEFORMED * left * noise:
         return 0.0
     return float(CORNER_DEFORMATION**2 * (moved / left - noise) / information)
+
+
+def rigid_share(apart_px: Array, cov_px2: Array, unknowns: int) -> float:
+    """Return by what factor, at most one, to lessen covariances that the rigid box shows to be too large.
+
+    On a box that is what it is taken for, corners lie beside their fitted places by their errors; on any other further.
+    So nearness says that the errors are small, while distance says nothing of them: the factor never exceeds one.
+
+    Parameters
+    ----------
+    apart_px : (N, 4, 2), px
+        From the fitted box to the corners; NaN where the box does not tell.
+    cov_px2 : (N, 4, 2, 2), px^2
+    unknowns
+        Unknowns of the fit.
+    """
+    told = np.isfinite(apart_px).all(axis=(1, 2))
+    apart, cov = apart_px[told].reshape(-1, 2), cov_px2[told].reshape(-1, 2, 2)
+    squares = np.minimum(np.sum(np.linalg.solve(cov, apart[..., None])[..., 0] * apart, axis=1), 2 * MOST_SQUARE)
+    freedom = 2 * len(apart) - unknowns
+    if freedom <= 0:
+        return 1.0
+    return float(np.clip((squares.sum() + RIGID_PRIOR) / (freedom + RIGID_PRIOR), LEAST_SHARE, 1.0))

@@ -10,7 +10,7 @@ from boxcal.detect.alignment.box_search import (
     RIGID_TOLERANCE_MODULES,
     RIGID_TOLERANCE_PX,
 )
-from boxcal.detect.alignment.covariance import misfit
+from boxcal.detect.alignment.covariance import misfit, rigid_share
 from boxcal.detect.alignment.preview import Preview, preview
 from boxcal.detect.alignment.pyramid import Pyramid, align_coarsely
 from boxcal.detect.alignment.pyramid_search import FEW_TAGS, find_box, search_copies
@@ -220,11 +220,20 @@ def detect_in_grey(
         contradicting_faces=found.contradicting_faces,
         rejected_ids=np.sort(patterns.tag_ids[found.off_the_box(target, patterns, fit, tags.rows)]),
     )
-    located = replace(located, corners_px=under_lens(frame.lens, fit.lens, located.corners_px))
+    located = _with_lens_and_box(located, target, frame, fit)
     if len(tags) < FEW_TAGS:
         return located
     imaging = replace(imaging, kurtosis=float(np.median(tags.theta[:, KURTOSIS])))
     return replace(located, camera=KnownCamera(prior=fit.camera(max(size)), imaging=imaging))
+
+
+def _with_lens_and_box(located: DetectorOutput, target: Target, frame: Frame, fit: BoxFit) -> DetectorOutput:
+    """Return the tags with corners under the box's lens, and covariances no larger than the box shows them to be."""
+    corners = under_lens(frame.lens, fit.lens, located.corners_px)
+    rows = np.array([target.row_of(int(tag)) for tag in located.ids], dtype=np.int64)
+    uv, _ = fit.predict(target.tag_corners[rows].reshape(-1, 3))
+    share = rigid_share(corners - uv.reshape(-1, 4, 2), located.cov_px2, len(fit.information))
+    return replace(located, corners_px=corners, cov_px2=share * located.cov_px2)
 
 
 def _believed(  # noqa: PLR0917

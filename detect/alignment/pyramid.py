@@ -14,13 +14,10 @@ from boxcal.detect.alignment.tag_patterns import Index, Patterns
 from boxcal.detect.alignment.verification import module_px
 from boxcal.target.arrays import Array
 
-LEAST_MODULE_PX = 1.2
+LEAST_MODULE_PX = 2.4
 """A copy is halved again while modules stay wider than this, px."""
 STOP_PX = 0.15
 SIDE_PX = 12.0
-MIDWAY_MODULE_PX = 4.0
-"""The same for tags that a coarser copy has placed."""
-MIDWAY_SIDE_PX = 18.0
 MAX_LEVEL = 6
 
 
@@ -59,7 +56,7 @@ def align_coarsely(
     pyramid: Pyramid, patterns: Patterns, rows: Index, corners_px: Array, side_px: float = SIDE_PX
 ) -> TagAlignments:
     """Return tags (N,) aligned to about a tenth of a shrunken pixel, in their order; for the rest see :func:`align`."""
-    levels = _levels(patterns, corners_px, LEAST_MODULE_PX)
+    levels = _levels(patterns, corners_px)
     parts, order = [], []
     for level in np.unique(levels) if len(levels) else [0]:
         at = np.flatnonzero(levels == level)
@@ -71,36 +68,10 @@ def align_coarsely(
     return _in_order(parts, order)
 
 
-def align_midway(pyramid: Pyramid, patterns: Patterns, tags: TagAlignments) -> TagAlignments:
-    """Return coarsely aligned tags, the large ones aligned again on copies that are shrunk less.
-
-    From there few steps on the image itself are left, and only near edges that are sharp.
-    """
-    levels = _levels(patterns, tags.corners_px, MIDWAY_MODULE_PX)
-    parts, order = [tags.take(levels == 0)], [np.flatnonzero(levels == 0)]
-    for level in np.unique(levels[levels > 0]):
-        at = np.flatnonzero(levels == level)
-        factor = 2.0**level
-        start = _enlarged(tags.take(at), 1 / factor)
-        again = align(
-            pyramid.level(int(level)),
-            patterns,
-            start.rows,
-            start.corners_px,
-            start=start,
-            stop_px=STOP_PX,
-            side_px=MIDWAY_SIDE_PX,
-            covariance=False,
-        )
-        parts.append(_enlarged(again, factor))
-        order.append(at)
-    return _in_order(parts, order)
-
-
-def _levels(patterns: Patterns, corners_px: Array, least_module_px: float) -> Index:
+def _levels(patterns: Patterns, corners_px: Array) -> Index:
     """Return how often to halve the image (N,) so that modules stay as wide."""
     module = np.maximum(np.nan_to_num(module_px(patterns, corners_px)), 1e-3)
-    return np.clip(np.floor(np.log2(module / least_module_px)), 0, MAX_LEVEL).astype(np.int64)
+    return np.clip(np.floor(np.log2(module / LEAST_MODULE_PX)), 0, MAX_LEVEL).astype(np.int64)
 
 
 def _in_order(parts: list[TagAlignments], order: list[Index]) -> TagAlignments:

@@ -8,8 +8,9 @@ import numpy as np
 from boxcal.detect.tags.detections import TagDetections
 from boxcal.target.arrays import Array, Ids
 
-FLOOR_PX = 0.02
-"""What no picture tells of a landmark (print, paper, lens): standard deviation per axis, px."""
+FLOOR_PX = 0.004
+"""Least standard deviation per axis, px: what the corners of large tags err by in the cleanest pictures. Print, paper
+and glue are components of their own in the likelihood, and its noise scale is estimated."""
 _SEEN_IN = 0.5
 _OUTLIER_SIGMAS = 5.0
 _LEAST_OUTLIER_PX = 0.1

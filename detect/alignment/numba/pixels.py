@@ -32,8 +32,8 @@ def widths(theta: Any, normalisation: Any) -> Any:
 
 
 @kernel(inner=True, fastmath=ORDER)
-def _line(lens: Any, theta: Any, normalisation: Any, first: Any, row: Any, out: Any) -> None:  # noqa: PLR0917
-    """Fill x, y, u and v of the pixels of a row, from the first column on."""
+def _line(lens: Any, theta: Any, normalisation: Any, row: Any, columns: Any, n: Any, out: Any) -> None:  # noqa: PLR0917
+    """Fill x, y, u and v of the first n of some columns' pixels in a row."""
     h0, h1, h2, h3, h4, h5, h6, h7 = theta[0], theta[1], theta[2], theta[3], theta[4], theta[5], theta[6], theta[7]
     centre_x, centre_y, a1, a2, a3 = lens[CENTRE_X], lens[CENTRE_Y], lens[A1], lens[A2], lens[A3]
     per_px2, skew, aspect = lens[PER_RADIUS] * lens[PER_RADIUS], lens[SKEW], np.exp(lens[LOG_ASPECT])
@@ -46,8 +46,8 @@ def _line(lens: Any, theta: Any, normalisation: Any, first: Any, row: Any, out: 
     dy = row - centre_y
     square_y, skewed = aspect * dy, skew * dy
     rest = 1 - by * square_y
-    for i in range(out.shape[1]):
-        dx = np.float64(first + i) - centre_x
+    for i in range(n):
+        dx = columns[i] - centre_x
         square_x = dx - skewed
         q = (square_x * square_x + square_y * square_y) * per_px2
         f = D / (rest - bx * square_x - q * (a1 + q * (a2 + q * a3)))
@@ -60,55 +60,73 @@ def _line(lens: Any, theta: Any, normalisation: Any, first: Any, row: Any, out: 
         out[3, i] = (h3 * x + h4 * y + h5) * w
 
 
+@kernel(inner=True)
+def _chosen(first: Any, last: Any, row: Any, stride: Any, columns: Any, on_lattice: Any) -> int:  # noqa: PLR0917
+    """Fill the columns of a row that diagonals or the lattice meet, the rest of the lattice last; return how many."""
+    every, every_near = stride[0], stride[2]
+    start = first + (every_near - (first + row) % every_near) % every_near
+    n = max((last - start + every_near - 1) // every_near, 0)
+    for i in range(n):
+        columns[i] = start + i * every_near
+        on_lattice[i] = False
+    for column in range(first + (row * stride[1]) % every, last, every):
+        i = (column - start) // every_near
+        if column >= start and start + i * every_near == column:
+            on_lattice[i] = True
+        else:
+            columns[n] = column
+            on_lattice[n] = True
+            n += 1
+    return n
+
+
+@kernel(inner=True, fastmath=ORDER)
+def _counting(line: Any, n: Any, on_lattice: Any, limits: Any, counts: Any) -> None:
+    """Fill whether pixels lie on the tag, on the lattice or near a line between modules; without a branch."""
+    low, high, near_u, near_v = limits
+    for i in range(n):
+        u, v = line[2, i], line[3, i]
+        inside = (u > low) & (u < high) & (v > low) & (v < high)
+        near = (abs(u - np.floor(u + 0.5)) < near_u) | (abs(v - np.floor(v + 0.5)) < near_v)
+        counts[i] = inside & (near | on_lattice[i])
+
+
+@kernel(inner=True, fastmath=ORDER)
+def _crossed(cells: Any, u: Any, v: Any, near_u: Any, near_v: Any) -> bool:
+    """Return whether an edge between black and white blurs a place."""
+    last = cells.shape[0] - 1
+    at_u, at_v = int(u + 1), int(v + 1)
+    edge_u, edge_v = int(u + 1.5) - 1, int(v + 1.5) - 1
+    if abs(u - edge_u) < near_u and edge_u >= 0 and edge_u < last and cells[at_v, edge_u] != cells[at_v, edge_u + 1]:
+        return True
+    across = edge_v >= 0 and edge_v < last and abs(v - edge_v) < near_v
+    return across and cells[edge_v, at_u] != cells[edge_v + 1, at_u]
+
+
 @kernel(inner=True, fastmath=ORDER)
 def collect(batch: Any, k: Any, into: Any) -> int:
     """Write x, y, u, v, grey level, column and row of the pixels of tag k that count; return how many."""
     grey, cells, box, margin = batch.grey, batch.cells[batch.rows[k]], batch.bounding_boxes[k], batch.margin[k]
-    theta, normalisation, stride = batch.theta[k], batch.normalisation[k], batch.stride[k]
+    theta, normalisation = batch.theta[k], batch.normalisation[k]
     wide_u, wide_v = widths(theta, normalisation)
     near_u, near_v = NEAR_SIGMAS * wide_u, NEAR_SIGMAS * wide_v
-    modules = cells.shape[0] - 2
-    every, shift, every_near = stride[0], stride[1], stride[2]
-    line = np.empty((4, max(box[1] - box[0], 1)))
+    limits = (-margin, cells.shape[0] - 2 + margin, near_u, near_v)
+    width = max(box[1] - box[0], 1)
+    columns, line = np.empty(width), np.empty((4, width))
+    on_lattice, counts = np.empty(width, np.bool_), np.empty(width, np.bool_)
     n = 0
     for row in range(box[2], box[3]):
-        _line(batch.lens, theta, normalisation, box[0], row, line)
-        to_chosen = (row * shift) % every
-        to_near = (every_near - (box[0] + row) % every_near) % every_near
-        column = box[0]
-        while column < box[1]:
-            ahead = min(to_chosen, to_near)
-            if ahead > 0:
-                column += ahead
-                to_chosen -= ahead
-                to_near -= ahead
+        some = _chosen(box[0], box[1], row, batch.stride[k], columns, on_lattice)
+        _line(batch.lens, theta, normalisation, row, columns, some, line)
+        _counting(line, some, on_lattice, limits, counts)
+        for i in range(some):
+            if not counts[i]:
                 continue
-            chosen = to_chosen == 0
-            at = column
-            column += 1
-            to_chosen = every - 1 if chosen else to_chosen - 1
-            to_near = every_near - 1 if to_near == 0 else to_near - 1
-            i = at - box[0]
             u, v = line[2, i], line[3, i]
-            if not (u > -margin and u < modules + margin and v > -margin and v < modules + margin):
+            # beside the lattice only pixels count that an edge crosses
+            if not on_lattice[i] and not _crossed(cells, u, v, near_u, near_v):
                 continue
-            if not chosen:
-                # beside the lattice only pixels count that an edge between black and white crosses
-                at_u, at_v = int(u + 1), int(v + 1)
-                edge_u, edge_v = int(u + 1.5) - 1, int(v + 1.5) - 1
-                crossed = (
-                    abs(u - edge_u) < near_u
-                    and edge_u >= 0
-                    and edge_u <= modules
-                    and cells[at_v, edge_u] != cells[at_v, edge_u + 1]
-                ) or (
-                    abs(v - edge_v) < near_v
-                    and edge_v >= 0
-                    and edge_v <= modules
-                    and cells[edge_v, at_u] != cells[edge_v + 1, at_u]
-                )
-                if not crossed:
-                    continue
+            at = int(columns[i])
             into[0, n], into[1, n], into[2, n], into[3, n], into[4, n] = line[0, i], line[1, i], u, v, grey[row, at]
             into[5, n], into[6, n] = at, row
             n += 1

@@ -39,7 +39,7 @@ _FIRST = (
     _free(_LIGHT, _BLUR, _PERSPECTIVE),
 )
 _FURTHER = (_free(_LIGHT, _BLUR, _PERSPECTIVE, _SHAPE),)
-_AGAIN = (_free(_LIGHT), *_FURTHER, *_FURTHER)
+_AGAIN = (*_FURTHER, *_FURTHER)
 """What each step may change."""
 
 
