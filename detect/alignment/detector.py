@@ -10,7 +10,8 @@ from boxcal.detect.alignment.box_search import (
     RIGID_TOLERANCE_MODULES,
     RIGID_TOLERANCE_PX,
 )
-from boxcal.detect.alignment.covariance import misfit, rigid_share
+from boxcal.detect.alignment.covariance import Misfit, misfit, rigid_share
+from boxcal.detect.alignment.motion_blur import estimate_blur
 from boxcal.detect.alignment.preview import Preview, preview
 from boxcal.detect.alignment.pyramid import Pyramid, align_coarsely
 from boxcal.detect.alignment.pyramid_search import FEW_TAGS, find_box, search_copies
@@ -42,6 +43,8 @@ STOP_PX = 0.03
 BENT_PX = 0.05
 """If the lens that the aligned tags tell moves the middle of an edge by more than this against the corners, tags are
 aligned again under it; else their corners are carried over (:mod:`boxcal.detect.alignment.tag_curvature`)."""
+MOVED = 1.0
+"""Variance inflation beyond which the tags are asked whether the picture moved."""
 FINE_SIDE_PX = 22.0
 """Tags twice as large are aligned on every second pixel both ways, and so on."""
 
@@ -207,6 +210,11 @@ def detect_in_grey(
     frame, tags = _finely(frame, patterns, tags, imaging)
     tags, uneven = _believed(frame, target, patterns, tags, fit, settings.limits)
     tags = _on_the_box(target, patterns, tags, fit)
+    left_out = _left_out(frame, patterns, tags, uneven)
+    if left_out.inflation > MOVED and (blur := estimate_blur(frame, patterns, tags)) is not None:
+        frame = replace(frame, blur=blur)
+        tags = align(frame, patterns, tags.rows, tags.corners_px, start=tags, side_px=FINE_SIDE_PX, stop_px=STOP_PX)
+        left_out = _left_out(frame, patterns, tags, uneven)
     if len(tags) >= FEW_TAGS:
         fit = fit_box(target, tags.rows, tags.corners_px, image_size=size, sigma_px=LEAST_SIGMA_PX, start=fit)
     if sagitta_difference_px(frame.lens, fit.lens, tags.corners_px) > BENT_PX:
@@ -216,7 +224,7 @@ def detect_in_grey(
         displaced = displacement_px2(target, tags, fit, np.isin(tags.rows, uneven))
         tags = replace(tags, cov_px2=tags.cov_px2 + displaced[:, None, None, None] * np.eye(2))
     located = replace(
-        _located(frame, patterns, tags, uneven),
+        _located(frame, patterns, tags, left_out),
         contradicting_faces=found.contradicting_faces,
         rejected_ids=np.sort(patterns.tag_ids[found.off_the_box(target, patterns, fit, tags.rows)]),
     )
@@ -277,7 +285,8 @@ def detect_copies(
     tags = align_coarsely(Pyramid(frame), patterns, candidates.rows, candidates.corners_px)
     tags = tags.take(verified(patterns, tags, limits.relaxed()))
     frame, tags = _finely(frame, patterns, tags, estimate_response(frame, patterns, tags, settings.response))
-    return _located(frame, patterns, tags.take(verified(patterns, tags, limits)))
+    tags = tags.take(verified(patterns, tags, limits))
+    return _located(frame, patterns, tags, misfit(frame, patterns, tags, FINE_SIDE_PX))
 
 
 def _finely(
@@ -322,12 +331,14 @@ def _previewed(patterns: Patterns, seen: Preview) -> DetectorOutput:
     )
 
 
-def _located(frame: Frame, patterns: Patterns, tags: TagAlignments, uneven: Index | None = None) -> DetectorOutput:
-    uneven = np.zeros(0, dtype=np.int64) if uneven is None else uneven
-    order = np.argsort(patterns.tag_ids[tags.rows], kind="stable")
-    tags = tags.take(order)
+def _left_out(frame: Frame, patterns: Patterns, tags: TagAlignments, uneven: Index) -> Misfit:
+    """Return what the alignment's model leaves out, by the evenly lit tags where there are enough."""
     even = tags.take(~np.isin(tags.rows, uneven))
-    left_out = misfit(frame, patterns, even if len(even) >= FEW_TAGS else tags, FINE_SIDE_PX)
+    return misfit(frame, patterns, even if len(even) >= FEW_TAGS else tags, FINE_SIDE_PX)
+
+
+def _located(frame: Frame, patterns: Patterns, tags: TagAlignments, left_out: Misfit) -> DetectorOutput:
+    tags = tags.take(np.argsort(patterns.tag_ids[tags.rows], kind="stable"))
     return DetectorOutput(
         ids=patterns.tag_ids[tags.rows],
         corners_px=tags.corners_px,

@@ -40,7 +40,7 @@ def _seen(folder: Path, name: str):
         ("pixel_aspect_095", 1.0, 1.3),
         ("sheared", 1.0, 1.3),
         ("poster_same_layout", 1.0, 1.35),
-        ("motion_3px", 1.0, 1.6),
+        ("motion_3px", 1.0, 1.3),
         ("raw_mosaic", 1.0, 1.3),
     ],
 )

@@ -11,7 +11,7 @@ from boxcal.detect.alignment.registration import psf as blur
 from boxcal.detect.alignment.registration.align import align
 from boxcal.detect.alignment.registration.finish import finish
 from boxcal.detect.alignment.registration.parameters import BLACK, CONTRAST, LOG_PSF, PARAMETERS
-from boxcal.detect.alignment.registration.tag_batch import Frame
+from boxcal.detect.alignment.registration.tag_batch import ROUND, Frame
 from boxcal.detect.image.response_curve import response_table
 
 
@@ -97,7 +97,7 @@ def test_pattern_without_blur_is_the_pattern():
     theta[[0, 4]] = 1.0
     theta[[BLACK, CONTRAST, LOG_PSF]] = 0, 1, np.log(1e-3)
     uv = np.stack(np.meshgrid(np.arange(-1, 9) + 0.5, np.arange(-1, 9) + 0.5), -1).reshape(-1, 2)
-    p, *_ = blur.pattern_value(PATTERNS.cells[7], theta, uv, uv, 1.0)
+    p, *_ = blur.pattern_value(PATTERNS.cells[7], theta, uv, uv, 1.0, ROUND)
     np.testing.assert_allclose(p.reshape(10, 10), PATTERNS.cells[7], atol=1e-12)
 
 
@@ -114,7 +114,7 @@ def test_pattern_under_a_sheared_blur_is_the_convolution():
     near = model.apply_h(theta[None, :8], (xy[:, None] + spread[None]).reshape(1, -1, 2))[0].reshape(len(xy), -1, 2)
     at = np.clip(np.floor(near + 1).astype(int), 0, 9)
     sampled = PATTERNS.cells[7][at[..., 1], at[..., 0]].mean(axis=1)
-    p, *_ = blur.pattern_value(PATTERNS.cells[7], theta, xy, uv, 1.0)
+    p, *_ = blur.pattern_value(PATTERNS.cells[7], theta, xy, uv, 1.0, ROUND)
     np.testing.assert_allclose(p, sampled, atol=0.012)
 
 

@@ -39,15 +39,18 @@ def module_differences(cells: Any, out: Any) -> None:
 
 
 @kernel(inner=True, fastmath=True)
-def blur_geometry(theta: Any, sigma: Any, at: Any, geometry: Any) -> None:
+def blur_geometry(theta: Any, sigma: Any, blur: Any, at: Any, geometry: Any) -> None:
     """Fill 1 / w, 1 / s_u, 1 / s_v and the correlation of the blur on the tag."""
     h0, h1, h3, h4 = np.float32(theta[0]), np.float32(theta[1]), np.float32(theta[3]), np.float32(theta[4])
     h6, h7, inverse = np.float32(theta[6]), np.float32(theta[7]), np.float32(1 / sigma)
     limit = np.float32(0.9)
+    # gradients turned by L^T, see psf.py
+    xx, xy, yy = np.float32(blur[0]), np.float32(blur[1]), np.float32(blur[2])
+    g0, g1, g3, g4, g6, g7 = xx * h0 + xy * h1, yy * h1, xx * h3 + xy * h4, yy * h4, xx * h6 + xy * h7, yy * h7
     for p in range(BLOCK):
         w = _F1 / (h6 * at[0, p] + h7 * at[1, p] + _F1)
-        ux, uy = (h0 - at[2, p] * h6) * w, (h1 - at[2, p] * h7) * w
-        vx, vy = (h3 - at[3, p] * h6) * w, (h4 - at[3, p] * h7) * w
+        ux, uy = (g0 - at[2, p] * g6) * w, (g1 - at[2, p] * g7) * w
+        vx, vy = (g3 - at[3, p] * g6) * w, (g4 - at[3, p] * g7) * w
         u, v = _F1 / np.sqrt(ux * ux + uy * uy), _F1 / np.sqrt(vx * vx + vy * vy)
         geometry[0, p] = w
         geometry[1, p] = u * inverse

@@ -116,7 +116,7 @@ def differentiate(batch: Any, tag: Any, pixels: Any, n: Any, stats: Any) -> Any:
             j = min(max(int(at[3, p] + half_v) - 64, 0), modules + 1 - count_v)
             first_u[p], first_v[p] = i, j
             corner[p] = j * side + i
-        blur_geometry(theta, sigma, at, geometry)
+        blur_geometry(theta, sigma, batch.blur, at, geometry)
         clear_rows(total)
         clear_rows(sums)
         for e in range(count_u):

@@ -137,7 +137,7 @@ def differentiate(batch: Batch, k: int) -> TagPixels | None:
         return None
     columns, lines, xy, uv = seen
     frame, cells, theta, normalisation = batch.frame, batch.cells[batch.rows[k]], batch.theta[k], batch.normalisation[k]
-    p, p_u, p_v, p_s, p_k = pattern_value(cells, theta, xy, uv, normalisation[2])
+    p, p_u, p_v, p_s, p_k = pattern_value(cells, theta, xy, uv, normalisation[2], frame.blur)
     x, y = xy.T
     u, v = uv.T
     w = 1 / (theta[6] * x + theta[7] * y + 1)

@@ -1,9 +1,10 @@
 """Intensity of a tag's pattern under a Gaussian point spread function, with its derivatives.
 
-A pixel at (x, y) lies at ``(u, v) = H(x, y)`` on the tag. Blur and pixel area together weigh the image plane with an
-isotropic Gaussian of deviation sigma px, that is on the tag a Gaussian with deviations ``s_u = sigma |grad u|``,
-``s_v = sigma |grad v|`` and correlation ``rho = grad u . grad v / (|grad u| |grad v|)``. Modules are rectangles, so
-the pattern under it is a sum over the module edges i, j near the pixel,
+A pixel at (x, y) lies at ``(u, v) = H(x, y)`` on the tag. Blur and pixel area together weigh the image plane with a
+Gaussian of deviation sigma px, equal in all directions unless the picture moved. On the tag that is a Gaussian of
+deviations ``s_u = sigma |grad u|``, ``s_v = sigma |grad v|`` and correlation
+``rho = grad u . grad v / (|grad u| |grad v|)``. Modules are rectangles, so the pattern under it is a sum over the
+module edges i, j near the pixel,
 
     P(u, v) = sum_kl E_kl w_k(u) w_l(v) + rho sum_ij c_ij phi(a_i) phi(b_j) (1 + rho a_i b_j / 2),
 
@@ -21,16 +22,21 @@ from boxcal.detect.alignment.registration.parameters import KURTOSIS, LOG_PSF
 from boxcal.target.arrays import Array
 
 
-def pattern_value(
-    cells: Array, theta: Array, xy: Array, uv: Array, scale: float
+def pattern_value(  # noqa: PLR0917 - all that says what a pixel sees
+    cells: Array, theta: Array, xy: Array, uv: Array, scale: float, blur: Array
 ) -> tuple[Array, Array, Array, Array, Array]:
-    """Return P at places of one tag and its derivatives by u, v, log sigma and kurtosis, each (P,)."""
+    """Return P at places of one tag and its derivatives by u, v, log sigma and kurtosis, each (P,).
+
+    For ``blur`` (3,) see :class:`boxcal.detect.alignment.registration.tag_batch.Frame`.
+    """
     modules = cells.shape[0] - 2
     sigma = np.exp(theta[LOG_PSF])
     w = 1 / (theta[6] * xy[:, 0] + theta[7] * xy[:, 1] + 1)
     u, v = uv[:, 0], uv[:, 1]
     ux, uy = (theta[0] - u * theta[6]) * w, (theta[1] - u * theta[7]) * w
     vx, vy = (theta[3] - v * theta[6]) * w, (theta[4] - v * theta[7]) * w
+    # a PSF of covariance L L^T blurs as a round one does gradients turned by L^T
+    (ux, uy), (vx, vy) = ((blur[0] * x + blur[1] * y, blur[2] * y) for x, y in ((ux, uy), (vx, vy)))
     s_u, s_v = np.hypot(ux, uy) * sigma * scale, np.hypot(vx, vy) * sigma * scale
     rho = np.clip((ux * vx + uy * vy) * (sigma * scale) ** 2 / (s_u * s_v), -0.9, 0.9)
     edges = np.arange(modules + 1)

@@ -1,6 +1,6 @@
 """An image, and some of its tags at their present parameters."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -8,6 +8,9 @@ from numpy.typing import NDArray
 
 from boxcal.detect.alignment.tag_patterns import Index
 from boxcal.target.arrays import Array
+
+ROUND = np.array([1.0, 0.0, 1.0])
+"""A PSF that is equally wide in all directions."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -22,11 +25,14 @@ class Frame:
         Grey level T(m) of light m at ``m = k / (K - 1)``; the identity for a linear camera.
     lens : (6,)
         Centre (x, y) px, a1, a2, 1 / radius px and a3, see :mod:`boxcal.detect.alignment.radial_camera`.
+    blur : (3,)
+        The PSF's covariance over sigma^2 is ``L L^T``, L lower triangular: its entries (0, 0), (1, 0) and (1, 1).
     """
 
     grey: NDArray[np.float32]
     response: Array
     lens: Array
+    blur: Array = field(default_factory=lambda: ROUND)
 
     @property
     def linear(self) -> bool:
@@ -41,6 +47,7 @@ class BatchArrays(NamedTuple):
     response: Array
     linear: bool
     lens: Array
+    blur: Array
     cells: Array
     rows: Index
     theta: Array
@@ -101,6 +108,7 @@ class Batch:
             response=frame.response,
             linear=frame.linear,
             lens=frame.lens,
+            blur=frame.blur,
             cells=self.cells,
             rows=self.rows,
             theta=self.theta,
