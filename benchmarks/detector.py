@@ -41,6 +41,8 @@ DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 TARGET = make_target()
 GATE_PX = 3.0
 """A corner that is further off is wrong, not inaccurate."""
+TURNS = 6
+"""Turns of the detectors on a picture; the least time of each counts."""
 OURS, FAST = "boxcal accurate", "boxcal fast"
 
 
@@ -334,12 +336,16 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--quick", action="store_true", help="few views of each set")
     parser.add_argument("--views", type=int, help="views of the VGA set (36)")
+    parser.add_argument("--time", action="store_true", help="only the time on sRGB JPEG")
     options = parser.parse_args(argv)
     views = options.views or (6 if options.quick else 36)
     few = max(3, views // 3)
     cv2.setNumThreads(1)
     chosen, absent = detectors()
     print(f"absent: {', '.join(absent)}\n")
+    speed(chosen, few)
+    if options.time:
+        return 0
     accuracy(chosen, views)
     for scale, name in ((2.0, "1280x960"), (6.0, "3840x2160")):
         larger(chosen, few if scale < 4 else max(2, views // 12), scale, name)
@@ -376,6 +382,32 @@ def larger(chosen: dict[str, Detector], views: int, scale: float, name: str) -> 
     print(f"{name}, {views} views, {sum(len(s.wanted) for s in made)} visible tags")
     some = {k: v for k, v in chosen.items() if k in {"OpenCV, no refinement", "pyapriltags", OURS, FAST}}
     table(some, made, 2)
+
+
+def speed(chosen: dict[str, Detector], views: int) -> None:
+    """Time on sRGB JPEG, the detectors taking turns on every picture, so that what else runs slows all alike."""
+    camera = SensorModel(noise=2, psf_px=0.6, srgb=True)
+    some = {k: chosen[k] for k in ("OpenCV, no refinement", FAST, OURS)}
+    print("time on sRGB JPEG\n| picture | OpenCV ms | fast | accurate | recall | rms px | sigma |")
+    print("|---|---|---|---|---|---|---|")
+    for scale, count in ((1.0, views), (2.0, views // 2), (3.0, views // 3), (6.0, views // 4)):
+        made = scenes(max(2, count), seed=31, scale=scale, sensor=camera, change=jpeg)
+        least = dict.fromkeys(some, 0.0)
+        for scene in made:
+            times: dict[str, list[float]] = {name: [] for name in some}
+            for _ in range(TURNS):
+                for name, detect in some.items():
+                    start = time.process_time()
+                    detect(scene.image)
+                    times[name].append(time.process_time() - start)
+            for name in some:
+                least[name] += min(times[name]) / len(made)
+        score, base = run(chosen[OURS], made), least["OpenCV, no refinement"]
+        height, width = made[0].image.shape
+        cells = " | ".join(f"{least[name] / base:.2f}" for name in (FAST, OURS))
+        accuracy = f"{score.recall:.4f} | {score.rms_px:.4f} | {score.spread:.2f}"
+        print(f"| {width}x{height} | {1e3 * base:.1f} | {cells} | {accuracy} |", flush=True)
+    print()
 
 
 def small(chosen: dict[str, Detector], views: int) -> None:

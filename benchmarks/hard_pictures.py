@@ -24,6 +24,8 @@ CASES = Path(__file__).resolve().parents[2] / "shared" / "cases" / "pictures"
 PEERS = ("OpenCV SUBPIX (default)", "OpenCV, no refinement", "pyapriltags", "pupil-apriltags")
 PLAIN = SensorModel(noise=2, psf_px=0.6)
 LEAST_WIDTH_PX = 10.0
+FINER = 3.0
+"""How much finer pictures are rendered in which ink spreads."""
 
 
 def shadow(scene: Scene, rng: np.random.Generator) -> Scene:
@@ -46,14 +48,28 @@ def glare(scene: Scene, rng: np.random.Generator) -> Scene:
     return replace(scene, image=np.clip(np.rint(scene.image + spot), 0, 255).astype(np.uint8))
 
 
+def bled(views: int, seed: int) -> list[Scene]:
+    """Return views of a box whose ink spread by a tenth of a pixel into the paper, corners where they were meant."""
+    fine = scenes(views, seed=seed, scale=FINER, sensor=SensorModel(psf_px=0.6 * FINER))
+    rng, made = np.random.default_rng(seed), []
+    for scene in fine:
+        spread = 0.7 * scene.image + 0.3 * cv2.erode(scene.image, np.ones((3, 3), np.uint8))
+        coarse = cv2.resize(spread, None, fx=1 / FINER, fy=1 / FINER, interpolation=cv2.INTER_AREA)
+        image = np.clip(np.rint(coarse + 2 * rng.normal(size=coarse.shape)), 0, 255).astype(np.uint8)
+        uv = (scene.uv_px + 0.5) / FINER - 0.5
+        made.append(replace(scene, image=image, uv_px=uv, width_px=scene.width_px / FINER))
+    return made
+
+
 def rendered(views: int) -> Iterator[tuple[str, list[Scene]]]:
     """Yield named sets of rendered views."""
-    yield "hard shadow", scenes(views, seed=41, sensor=PLAIN, change=shadow)
-    yield "highlight", scenes(views, seed=42, sensor=PLAIN, change=glare)
-    yield "motion 2 px", scenes(views, seed=43, sensor=replace(PLAIN, motion_blur_px=2.0, motion_angle=0.6))
-    yield "motion 3 px", scenes(views, seed=44, sensor=replace(PLAIN, motion_blur_px=3.0, motion_angle=0.6))
-    yield "no blur", scenes(views, seed=45, sensor=replace(PLAIN, psf_px=0.0))
-    yield "sRGB JPEG", scenes(views, seed=46, sensor=replace(PLAIN, srgb=True), change=jpeg)
+    yield "hard shadow", scenes(views, seed=141, sensor=PLAIN, change=shadow)
+    yield "highlight", scenes(views, seed=142, sensor=PLAIN, change=glare)
+    yield "motion 2 px", scenes(views, seed=143, sensor=replace(PLAIN, motion_blur_px=2.0, motion_angle=0.6))
+    yield "motion 3 px", scenes(views, seed=144, sensor=replace(PLAIN, motion_blur_px=3.0, motion_angle=0.6))
+    yield "no blur", scenes(views, seed=145, sensor=replace(PLAIN, psf_px=0.0))
+    yield "ink bleed", bled(views, 147)
+    yield "sRGB JPEG", scenes(views, seed=146, sensor=replace(PLAIN, srgb=True), change=jpeg)
 
 
 def cases() -> Iterator[tuple[str, list[Scene]]]:

@@ -23,6 +23,8 @@ ASKED, TAGS, ROUNDS = 2, 4, 3
 SIDE_PX, STOP_PX = 22.0, 0.02
 MOST = 0.85
 """Largest length of (c, s): a variance twelve times as large along the motion as across it."""
+LEAST = 0.2
+"""Smaller ones are passed over: a motion of 1.5 px has it, and resampling of a picture may have half of it."""
 LONGEST = 0.4
 CLEAR = 40.0
 """How much a step must lessen the sum of squared residuals, in variances of a residual, for blur not to be round."""
@@ -51,7 +53,7 @@ def estimate_blur(frame: Frame, patterns: Patterns, tags: TagAlignments) -> Arra
         found += step * min(1.0, LONGEST / max(float(np.linalg.norm(step)), 1e-12))
         under = replace(frame, blur=shape(*found))
         some = align(under, patterns, some.rows, some.corners_px, start=some, side_px=SIDE_PX, stop_px=STOP_PX)
-    return shape(*found)
+    return shape(*found) if np.linalg.norm(found) > LEAST else None
 
 
 def _step(frame: Frame, patterns: Patterns, tags: TagAlignments, found: Array) -> tuple[Array, float]:

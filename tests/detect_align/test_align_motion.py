@@ -30,7 +30,7 @@ def test_a_shape_is_the_root_of_its_covariance_and_stays_positive():
 
 @pytest.mark.parametrize("response", ["linear", "srgb"])
 def test_compiled_sums_follow_the_blurs_shape_as_the_reference_does(response):
-    kernels = pytest.importorskip("boxcal.detect.alignment.numba.image_model", reason="numba is not installed")
+    kernels = pytest.importorskip("boxcal.detect.alignment.numba.gauss_newton", reason="numba is not installed")
     batch = some_tags(33.0, response)
     batch = replace(batch, frame=replace(batch.frame, blur=shape(0.4, 0.3)))
     plain, fast = model.accumulate(batch), kernels.accumulate(batch)
