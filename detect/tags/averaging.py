@@ -8,7 +8,7 @@ import numpy as np
 from boxcal.detect.tags.detections import TagDetections
 from boxcal.target.arrays import Array, Ids
 
-FLOOR_PX = 0.004
+FLOOR_PX = 0.003
 """Least standard deviation per axis, px: what the corners of large tags err by in the cleanest pictures. Print, paper
 and glue are components of their own in the likelihood, and its noise scale is estimated."""
 _SEEN_IN = 0.5

@@ -57,5 +57,5 @@ def test_corners_lie_on_the_truths_within_their_covariance(
     assert rms < 0.075
     assert np.abs(np.concatenate(off)).max() < 1
     assert np.mean(np.concatenate(off), axis=0) == pytest.approx([0, 0], abs=0.01)
-    # these pictures were resampled, which no residual tells: sigmas 1.4 and 1.2 times too small, as docs/detector.md says
+    # these pictures were resampled, which no residual tells: see the limits in docs/detector.md
     assert 0.6 < np.mean(np.concatenate(weighted)) < 2.1

@@ -61,7 +61,7 @@ def _line(lens: Any, theta: Any, normalisation: Any, row: Any, columns: Any, n: 
 
 
 @kernel(inner=True)
-def _chosen(first: Any, last: Any, row: Any, stride: Any, columns: Any, on_lattice: Any) -> int:  # noqa: PLR0917
+def _chosen(first: Any, last: Any, row: Any, stride: Any, columns: Any, on_lattice: Any) -> Any:  # noqa: PLR0917
     """Fill the columns of a row that diagonals or the lattice meet, the rest of the lattice last; return how many."""
     every, every_near = stride[0], stride[2]
     start = first + (every_near - (first + row) % every_near) % every_near
