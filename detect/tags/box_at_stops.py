@@ -138,8 +138,8 @@ class BoxAtStops:
         ids = self._target.tag_ids
         if self.last_frame is not None and self._mirrored(self.last_frame):
             return (
-                ", but there are in their mirror images: the pictures are mirrored; turn off the mirroring (flip) of "
-                "the camera's driver"
+                ", but there are in their mirror images: the pictures are mirrored (or the sheets were printed so); "
+                "turn off the mirroring (flip) of the camera's driver"
             )
         if self._foreign:
             return (
