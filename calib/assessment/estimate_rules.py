@@ -44,7 +44,7 @@ NAMES = {
 def _open(c: Calibration, detail: Detail) -> list[Reason]:
     reasons = []
     for direction in detail.directions:
-        if isfinite(direction.sigma) and _distortion_alone(direction) and _rays_known(c):
+        if isfinite(direction.sigma) and (_of_a_cause(direction) or (_distortion_alone(direction) and _rays_known(c))):
             continue
         level = Level.USABLE if isfinite(direction.sigma) else Level.REDO
         reasons.append(
@@ -68,6 +68,11 @@ def in_words(direction: Direction) -> str:
     for name in sorted(names, key=len, reverse=True):
         what = re.sub(rf"\b{re.escape(name)}\b", describe(name).words, what) if _FURTHER.fullmatch(name) else what
     return what
+
+
+def _of_a_cause(direction: Direction) -> bool:
+    """Whether a direction is of an explanation's unknowns, whose priors hold them: their sigmas are in its note."""
+    return "-" in direction.parameters[0][0]
 
 
 def _distortion_alone(direction: Direction) -> bool:

@@ -28,4 +28,5 @@ def candidates(fit: Fit) -> tuple[Cause, ...]:
         *(CameraKnocked(stop=j) for j in range(1, P)),
         *(CameraKnocked(stop=j, shifted=False) for j in range(1, P)),
         *(FocusChanged(stop=j, at=at) for j in range(1, P)),
+        *(FocusChanged(stop=j, at=at, shifted=False) for j in range(1, P)),
     )

@@ -10,16 +10,28 @@ from boxcal.calib.likelihood.finding import Finding
 from boxcal.calib.likelihood.problem import Problem
 from boxcal.calib.likelihood.state import State
 
+_PARTS = ("scale", "right", "down")
 _LEAST = 2.0
 """Sigmas from which on a change is worth words."""
 
 
 @dataclass(frozen=True, slots=True)
 class FocusChanged(OfPictures):
-    """Before a stop (counted over all drives) focal length and principal point were others."""
+    """Before a stop (counted over all drives) focal length and principal point were others.
+
+    Attributes
+    ----------
+    stop
+        Which stop.
+    at
+        Reference.
+    shifted
+        Whether the principal point was another too: without, a smaller change of the focal length can be told.
+    """
 
     stop: int
     at: Reference
+    shifted: bool = True
 
     @property
     def family(self) -> str:
@@ -29,24 +41,24 @@ class FocusChanged(OfPictures):
     @property
     def names(self) -> tuple[str, ...]:
         """Focal length (relative), principal point right and down (px)."""
-        return tuple(f"focus{self.stop}-{part}" for part in ("scale", "right", "down"))
+        return tuple(f"focus{self.stop}-{part}" for part in _PARTS) if self.shifted else (f"zoom{self.stop}-scale",)
 
     @property
     def prior(self) -> tuple[float, ...]:
         """One per cent and 5 px."""
-        return (0.01, 5.0, 5.0)
+        return (0.01, 5.0, 5.0) if self.shifted else (0.01,)
 
     def columns(self, problem: Problem, state: State) -> Columns:
         """Return the camera's change at all stops before that one."""
         corners = np.zeros((len(problem.drive), len(state.lens) + 6, 3))
         corners[: self.stop, :2, 0] = (self.at.fu, self.at.fv)
         corners[: self.stop, 2, 1] = corners[: self.stop, 3, 2] = 1.0
-        return Columns(corners=corners)
+        return Columns(corners=corners[:, :, : len(self.prior)])
 
     def finding(self, solved: Solved, problem: Problem) -> Finding:
         """Return how the picture changed."""
         scale, s_scale = -float(solved.values[0]), float(solved.sigma[0])
-        shift, s_shift = solved.length(slice(1, 3))
+        shift, s_shift = solved.length(slice(1, 3)) if self.shifted else (0.0, 1.0)
         words = []
         if abs(scale) > _LEAST * s_scale:
             words.append(f"the focal length grew by {100 * scale:+.3f} +- {100 * s_scale:.3f} %")
