@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from boxcal.calib.likelihood.camera_score import CameraScore
-from boxcal.calib.likelihood.fit import Fit
+from boxcal.calib.likelihood.fit import Fit, log_noise
 from boxcal.calib.likelihood.levenberg_marquardt import linearize
 from boxcal.calib.likelihood.problem import Problem, with_kind
 from boxcal.calib.likelihood.slip_profile import fixed_profile
@@ -91,8 +91,7 @@ def invertible(kind: CameraKind, values: Array, image_size: tuple[int, int]) -> 
 
 def lowered_by(fit: Fit, other: Fit) -> float:
     """Return how much lower one solution's sum of squares of the corners is than another's, noise scale estimated."""
-    count = 2 * float(np.count_nonzero(fit.weights.corners))
-    return 2 * count * float(np.log(other.components.noise_scale / fit.components.noise_scale))
+    return 2 * (log_noise(other) - log_noise(fit))
 
 
 def with_camera(problem: Problem, state: State, kind: CameraKind) -> State:

@@ -27,6 +27,8 @@ class VarianceComponents:
         Of what the tags' black looks larger from picture to picture.
     target
         Of the target as built, by component.
+    corner_floor : px
+        Error of every corner besides what its covariance tells, before the noise scale.
     """
 
     noise_scale: float
@@ -35,6 +37,7 @@ class VarianceComponents:
     height: float = 0.0
     growth: float = 0.0
     target: dict[str, float] = field(default_factory=dict)
+    corner_floor: float = 0.0
 
     @property
     def local_sigma(self) -> Array:

@@ -9,9 +9,10 @@ from boxcal.calib.errors import CalibError
 from boxcal.calib.four_steps.procedure import FourSteps
 from boxcal.calib.likelihood.camera_selection import choose_camera, with_camera
 from boxcal.calib.likelihood.components import VarianceComponents, extrapolated, largest_change
+from boxcal.calib.likelihood.corner_floor import corner_floor, differs, with_floor
 from boxcal.calib.likelihood.estimate import Estimate
 from boxcal.calib.likelihood.explanation import Explanation
-from boxcal.calib.likelihood.fit import Fit, Known
+from boxcal.calib.likelihood.fit import Fit, Known, log_noise
 from boxcal.calib.likelihood.initial_guess import CameraStart, camera_start, first_states
 from boxcal.calib.likelihood.levenberg_marquardt import (
     CONVERGED,
@@ -67,6 +68,8 @@ _ROUGH = 1.0
 """Promised decrease of the sum of squares at which the first round ends: its components are a guess."""
 _CLOSE_WEIGHT = 0.05
 """Change of a leg's weight at which it stays put."""
+_FLOORS = 3
+"""How often the floor of the corners' errors is found anew."""
 _MOST_STEPS = 100
 """Steps of all rounds after which they end, settled or not."""
 _LEAST_OF_QUIET = 0.05
@@ -183,7 +186,7 @@ def _log_evidence(fit: Fit) -> float:
     """Return how well a solution explains the data; what it had to leave out counts against it."""
     corners, legs = fit.weights.corners, fit.weights.legs
     left_out = _CORNER_LEFT_OUT * np.sum(corners == 0) + _LEG_LEFT_OUT * np.sum(legs == 0)
-    return float(fit.profile.log_evidence - 2 * np.sum(corners) * np.log(fit.components.noise_scale) - left_out)
+    return float(fit.profile.log_evidence - log_noise(fit) - left_out)
 
 
 def step_of(drives: Sequence[Correspondences], options: EstimateOptions) -> float:
@@ -212,7 +215,7 @@ def solve_likelihood(
     """
     at, weights, components = _beginning(problem, state, options, known)
     legs_seen = LegMemory()
-    iterations, tail, fresh, converged = 0, np.inf, True, False
+    iterations, tail, fresh, converged, floors = 0, np.inf, True, False, _FLOORS
     near = None if known is None else known.profile
     for round_ in range(rounds):
         first = round_ == 0 and known is None
@@ -224,6 +227,13 @@ def solve_likelihood(
         if first and not fresh:
             weights = replace(weights, corners=corners)
             continue
+        if known is None and options.noise_scale is None and floors > 0:
+            floor = corner_floor(problem, at)
+            if differs(problem, floor):
+                problem, floors, fresh = with_floor(problem, floor), floors - 1, False
+                weights = replace(weights, corners=corners)
+                at = linearize(problem, at.state, weights)
+                components = replace(components, corner_floor=floor)
         before = components
         components, scale_sigma, profile = _components(problem, at, components, weights, options, near)
         tests = leg_tests(problem, at, weights, profile, tail)

@@ -3,6 +3,8 @@
 from dataclasses import dataclass
 from typing import Protocol
 
+import numpy as np
+
 from boxcal.calib.likelihood.camera_score import CameraScore
 from boxcal.calib.likelihood.components import VarianceComponents
 from boxcal.calib.likelihood.levenberg_marquardt import Linearization, Weights
@@ -79,3 +81,10 @@ class Fit:
     def state(self) -> State:
         """Values of all unknowns."""
         return self.at.state
+
+
+def log_noise(fit: Fit) -> float:
+    """Return half the logarithm of the determinant of the covariance of all corners that counted."""
+    used = fit.weights.corners > 0
+    told = float(np.sum(np.log(np.linalg.det(fit.problem.whiten[used]))))
+    return 2 * float(np.count_nonzero(used)) * float(np.log(fit.components.noise_scale)) - told

@@ -12,6 +12,7 @@ import numpy as np
 from boxcal.calib.errors import CalibError
 from boxcal.calib.four_steps.step1_camera import MIN_LANDMARKS, locate
 from boxcal.calib.geometry.so3_se3 import inverse
+from boxcal.calib.likelihood.corner_floor import with_floor
 from boxcal.calib.likelihood.estimator import step_of
 from boxcal.calib.likelihood.fit import Fit
 from boxcal.calib.likelihood.levenberg_marquardt import Weights, linearize, maximise, moved, picture_equations
@@ -52,6 +53,7 @@ def grown_fit(known: Fit, drive: Correspondences) -> Fit:
     fresh = [j for j in range(int(old[-1]) + 1, len(drive.stops)) if len(drive.stops[j].landmark_ids) >= MIN_LANDMARKS]
     options = replace(known.options, lens=known.problem.lens)
     problem = build_problem([drive], [(*old.tolist(), *fresh)], options, step_of([drive], options))
+    problem = with_floor(problem, known.problem.floor_px)
     poses = np.array([locate(camera, drive.stops[j]) for j in fresh]).reshape(-1, 4, 4)
     state = _longer(known, poses)
     weights = _weights(known, problem)

@@ -53,6 +53,10 @@ class Problem:
         Corners seen.
     whiten : (L, 2, 2), 1/px
         Turns a corner's error into unit variance, before the noise scale.
+    told_px2 : (L, 2, 2), px^2
+        The corners' covariances as they were told.
+    floor_px : px
+        What is added to them: see :mod:`boxcal.calib.likelihood.corner_floor`.
     sigma_px : px
         Standard deviation of a corner's coordinate before the noise scale, over all corners.
     corner_starts : (P + 1,)
@@ -90,6 +94,8 @@ class Problem:
     target: TargetDeformation
     uv_px: Array
     whiten: Array
+    told_px2: Array
+    floor_px: float
     sigma_px: float
     corner_starts: Ids
     outward_px: Array
@@ -179,7 +185,7 @@ def build_problem(
         component += [""] * len(explanation.names)
     information = np.zeros((len(names), len(names)))
     information[first : first + len(target.names), first : first + len(target.names)] = target.information
-    whiten = np.linalg.inv(np.linalg.cholesky(cov))
+    whiten, sigma_px = whitening(cov)
     counts = [len(stops) for stops in kept]
     drive = np.repeat(np.arange(len(drives)), counts)
     legs = [legs_between(d, k) for d, k in zip(drives, kept, strict=True) if k]
@@ -193,7 +199,9 @@ def build_problem(
         target=target,
         uv_px=np.concatenate([v.uv_px for v in views]),
         whiten=whiten,
-        sigma_px=float(1 / np.sqrt(np.mean(np.linalg.det(whiten)))),
+        told_px2=cov,
+        floor_px=0.0,
+        sigma_px=sigma_px,
         corner_starts=np.cumsum([0, *(len(v.landmark_ids) for v in views)]),
         outward_px=np.concatenate([_outward_px(v) for v in views]),
         path=wheel_path(legs),
@@ -207,6 +215,12 @@ def build_problem(
         rigid_floor=options.rigid_floor,
         explanations=options.explanations,
     )
+
+
+def whitening(cov_px2: Array) -> tuple[Array, float]:
+    """Return what whitens errors of covariances (L, 2, 2), (L, 2, 2), and a standard deviation typical of them, px."""
+    whiten = np.asarray(np.linalg.inv(np.linalg.cholesky(cov_px2)), dtype=np.float64)
+    return whiten, float(1 / np.sqrt(np.mean(np.linalg.det(whiten))))
 
 
 def _tilt_names(drives: int) -> list[str]:

@@ -7,7 +7,7 @@ import numpy as np
 from boxcal.calib.geometry.parameters import CAMERA, COUNT, TRANSLATION, WHEELS
 from boxcal.calib.geometry.so3_se3 import inverse, rigid
 from boxcal.calib.likelihood.estimate import DriveEstimate, Estimate, FlaggedCorner, FlaggedLeg, NoiseLevels
-from boxcal.calib.likelihood.fit import Fit
+from boxcal.calib.likelihood.fit import Fit, log_noise
 from boxcal.calib.likelihood.jackknife import jackknife
 from boxcal.calib.likelihood.leave_one_out import Jackknife
 from boxcal.calib.likelihood.leg_outliers import flagged_legs
@@ -30,6 +30,8 @@ def summarise(fit: Fit, drives: Sequence[Correspondences]) -> Estimate:
     """Return the estimate that a solution amounts to."""
     problem, state = fit.problem, fit.state
     best = int(np.argmax(fit.profile.log_weight))
+    sigma_px = _rms_sigma_px(problem.told_px2 + problem.floor_px**2 * np.eye(2))
+    above_told = sigma_px / _rms_sigma_px(problem.told_px2)
     directions, unknown = open_directions(problem, state, fit.profile.solution.information[best])
     left_out = jackknife(fit)
     cov = reported_cov(fit.cov, state, unknown)
@@ -45,9 +47,9 @@ def summarise(fit: Fit, drives: Sequence[Correspondences]) -> Estimate:
         T_body_cam=state.T_body_cam,
         drives=tuple(_drive(fit, d, drive.robot, cov) for d, drive in enumerate(drives)),
         noise=NoiseLevels(
-            pixel_factor=fit.components.noise_scale,
-            pixel_factor_sigma=fit.noise_scale_sigma,
-            pixel_px=fit.components.noise_scale * _mean_sigma_px(problem),
+            pixel_factor=fit.components.noise_scale * above_told,
+            pixel_factor_sigma=fit.noise_scale_sigma * above_told,
+            pixel_px=fit.components.noise_scale * sigma_px,
             slip=fit.profile.mean,
             slip_sigma=fit.profile.sigma,
             encoder_step=problem.step,
@@ -111,9 +113,8 @@ def _values(problem: Problem, state: State) -> Array:
     return values
 
 
-def _mean_sigma_px(problem: Problem) -> float:
-    cov = np.linalg.inv(np.swapaxes(problem.whiten, 1, 2) @ problem.whiten)
-    return float(np.sqrt(np.mean(np.trace(cov, axis1=1, axis2=2)) / 2))
+def _rms_sigma_px(cov_px2: Array) -> float:
+    return float(np.sqrt(np.mean(np.trace(cov_px2, axis1=1, axis2=2)) / 2))
 
 
 def errors_px(fit: Fit) -> Array:
@@ -201,7 +202,7 @@ def _notes(fit: Fit, legs: tuple[FlaggedLeg, ...], cov: Array, left_out: Jackkni
 def _log_likelihood(fit: Fit) -> float:
     """Return the log likelihood of corners and legs, their noise in it, without constants of the data."""
     problem, used = fit.problem, fit.weights.legs > 0
-    corners = 2 * float(np.count_nonzero(fit.weights.corners)) * np.log(fit.components.noise_scale)
+    corners = log_noise(fit)
     C = leg_covariance(problem, fit.at.legs.model, np.array(fit.components.slip))
     legs = 0.5 * float(np.sum(np.linalg.slogdet(C)[1][used])) if np.any(used) else 0.0
     return float(-0.5 * fit.cost - corners - legs)

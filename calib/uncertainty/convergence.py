@@ -11,6 +11,7 @@ from boxcal.calib.geometry.parameters import ORDER
 from boxcal.calib.geometry.so3_se3 import log_so3
 from boxcal.calib.likelihood import Estimate, EstimateOptions, estimate
 from boxcal.calib.likelihood.components import VarianceComponents
+from boxcal.calib.likelihood.corner_floor import with_floor
 from boxcal.calib.likelihood.estimator import MIN_STOPS, reported, solve_likelihood, step_of
 from boxcal.calib.likelihood.levenberg_marquardt import Weights
 from boxcal.calib.likelihood.problem import build_problem
@@ -88,6 +89,7 @@ def _from_the_end(
 ) -> Estimate:
     """Return the estimate from some stops, started from that of all."""
     problem = build_problem([drive], [stops], options, step_of([drive], options))
+    problem = with_floor(problem, final.components.corner_floor)
     weights = Weights(corners=np.ones(len(problem.uv_px)), legs=problem.leg_known.astype(np.float64))
     start = _Start(weights=weights, components=final.components)
     return reported(solve_likelihood(problem, state_of(problem, final), options, start, rounds=1), [drive], options)

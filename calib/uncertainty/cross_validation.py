@@ -8,6 +8,7 @@ import numpy as np
 
 from boxcal.calib.four_steps.procedure import FourSteps
 from boxcal.calib.geometry.parameters import WHEELS
+from boxcal.calib.likelihood.corner_floor import with_floor
 from boxcal.calib.likelihood.estimator import fit_cameras, step_of
 from boxcal.calib.likelihood.fit import Fit
 from boxcal.calib.likelihood.initial_guess import camera_start
@@ -115,6 +116,7 @@ def _predict(fit: Fit, drives: Sequence[Correspondences], d: int, before: int, j
     problem = fit.problem
     row = int(np.flatnonzero((problem.drive == d) & (problem.stop == before))[0])
     pair = build_problem(drives, [(before, j) if e == d else () for e in range(len(drives))], fit.options, problem.step)
+    pair = with_floor(pair, problem.floor_px)
     first = fit.state
     state = replace(
         first,

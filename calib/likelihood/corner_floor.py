@@ -1,0 +1,68 @@
+"""Error of corners that their own covariances leave out, as a variance component.
+
+A corner's covariance tells how well its picture determines it. What the picture's model leaves out (how an edge was
+sampled, an uneven print) is alike for large and small tags: a floor, in px, that is added to all covariances. It comes
+from the residuals, under a t distribution, so that wrong corners do not make it.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from boxcal.calib.likelihood.levenberg_marquardt import Linearization
+from boxcal.calib.likelihood.problem import Problem, whitening
+from boxcal.target.arrays import Array
+
+_FREEDOM = 8.0
+"""Degrees of freedom of the t distribution."""
+_LEVELS = 28
+_LARGEST_PX = 1.0
+_SMALLEST_SHARE = 0.25
+"""The least floor that is tried, in standard deviations of the best corner."""
+_CLEARLY = 4.0
+"""Gain in log likelihood from which on a floor is added; of corners that are alike it cannot be told from a scale."""
+_FIXED_POINT = 4
+_ALIKE = 0.1
+"""Relative change of a floor that is worth no new equations."""
+
+
+def corner_floor(problem: Problem, at: Linearization) -> float:
+    """Return the floor of all corners' errors, px; 0 where it is not told."""
+    x, y = np.linalg.solve(problem.whiten, at.residual_px[:, :, None])[:, :, 0].T
+    a, b, d = problem.told_px2[:, 0, 0], problem.told_px2[:, 0, 1], problem.told_px2[:, 1, 1]
+    least = float(np.sqrt(np.min(np.minimum(a, d))))
+    floors = np.concatenate([[0.0], np.geomspace(_SMALLEST_SHARE * least, max(_LARGEST_PX, least), _LEVELS)])
+    loss = np.array([_loss(x, y, (a + f**2, b, d + f**2)) for f in floors])
+    best = int(np.argmin(loss))
+    if loss[0] - loss[best] < _CLEARLY:
+        return 0.0
+    if best in {1, len(floors) - 1}:
+        return float(floors[best])
+    before, here, after = loss[best - 1 : best + 2]
+    shift = 0.5 * (before - after) / (before - 2 * here + after)
+    return float(floors[best] * (floors[best + 1] / floors[best]) ** shift)
+
+
+def _loss(x: Array, y: Array, cov: tuple[Array, Array, Array]) -> float:
+    """Return the negative log likelihood of errors (L,) in u and v under covariances of one unknown scale."""
+    a, b, d = cov
+    det = a * d - b * b
+    square = (d * x * x - 2 * b * x * y + a * y * y) / det
+    scale = float(np.median(square)) / (2 * np.log(2.0))
+    if scale <= 0:
+        return np.inf
+    for _ in range(_FIXED_POINT):
+        scale = float(np.mean(square * (_FREEDOM + 2) / (_FREEDOM + square / scale))) / 2
+    tail = 0.5 * (_FREEDOM + 2) * np.log1p(square / (scale * _FREEDOM))
+    return float(np.sum(0.5 * np.log(det) + tail) + len(x) * np.log(scale))
+
+
+def differs(problem: Problem, floor_px: float) -> bool:
+    """Tell whether a floor is another one than the problem has."""
+    return abs(floor_px - problem.floor_px) > _ALIKE * max(floor_px, problem.floor_px)
+
+
+def with_floor(problem: Problem, floor_px: float) -> Problem:
+    """Return the problem with corners whose errors have a floor, px, besides what their covariances tell."""
+    whiten, sigma_px = whitening(problem.told_px2 + floor_px**2 * np.eye(2))
+    return replace(problem, whiten=whiten, sigma_px=sigma_px, floor_px=floor_px)

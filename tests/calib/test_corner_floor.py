@@ -1,0 +1,62 @@
+"""Errors of corners that their covariances leave out are a variance component of their own."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from boxcal.calib.likelihood import EstimateOptions, estimate
+from boxcal.calib.likelihood.corner_floor import corner_floor, with_floor
+from boxcal.calib.likelihood.estimator import fit
+from boxcal.calib.simulate.drive import DriveOptions, exact_correspondences, simulate_drive
+from boxcal.calib.simulate.robot import khepera
+from boxcal.target.box import make_target
+
+TARGET = make_target()
+
+
+def seen(rng, floor_px=0.0, wrong=0):
+    """A drive whose corners are told to .004 to .04 px, as of large and small tags, and err by a floor besides."""
+    drive = simulate_drive(khepera(), TARGET, DriveOptions(stops=10, slip=3e-4), rng)
+    exact = exact_correspondences(khepera(), TARGET, drive, 1e-9, rng)
+    stops = []
+    for k, stop in enumerate(exact.stops):
+        told = np.exp(rng.uniform(np.log(0.004), np.log(0.04), len(stop.uv_px)))
+        off = rng.normal(size=stop.uv_px.shape) * np.hypot(told, floor_px)[:, None]
+        if k == 0 and wrong:
+            off[:wrong] += 1.0
+        cov = told[:, None, None] ** 2 * np.eye(2)
+        stops.append(replace(stop, uv_px=stop.uv_px + off, cov_px2=cov))
+    return replace(exact, stops=tuple(stops))
+
+
+@pytest.mark.parametrize(("floor_px", "wrong"), [(0.01, 0), (0.05, 0), (0.01, 20)])
+def test_floor_is_found_beside_the_corners_own_sigmas_whatever_some_corners_show(floor_px, wrong):
+    found = estimate([seen(np.random.default_rng(2), floor_px, wrong)], None, EstimateOptions(target=TARGET))
+    assert found.components.corner_floor == pytest.approx(floor_px, rel=0.2)
+    assert found.components.noise_scale == pytest.approx(1.0, abs=0.08)
+    assert wrong <= len(found.flagged_corners) <= wrong + 2
+
+
+def test_no_floor_is_found_where_there_is_none():
+    found = estimate([seen(np.random.default_rng(3))], None, EstimateOptions(target=TARGET))
+    assert found.components.corner_floor == 0.0
+    assert found.noise.pixel_factor == pytest.approx(1.0, abs=0.04)
+
+
+def test_corners_that_are_all_alike_have_a_scale_and_no_floor():
+    rng = np.random.default_rng(4)
+    drive = simulate_drive(khepera(), TARGET, DriveOptions(stops=8, slip=3e-4), rng)
+    exact = exact_correspondences(khepera(), TARGET, drive, 0.2, rng)
+    solution = fit([exact], None, EstimateOptions())
+    assert corner_floor(solution.problem, solution.at) == 0.0
+
+
+def test_a_floor_is_part_of_the_reported_noise():
+    drive = seen(np.random.default_rng(5), 0.02)
+    solution = fit([drive], None, EstimateOptions(target=TARGET))
+    told = np.sqrt(np.mean(np.trace(solution.problem.told_px2, axis1=1, axis2=2)) / 2)
+    found = estimate([drive], None, EstimateOptions(target=TARGET))
+    assert found.noise.pixel_px == pytest.approx(np.hypot(told, 0.02), rel=0.05)
+    assert found.noise.pixel_factor == pytest.approx(np.hypot(told, 0.02) / told, rel=0.05)
+    assert with_floor(solution.problem, 0.0).sigma_px < solution.problem.sigma_px
