@@ -277,7 +277,7 @@ def solve(job: Job, look: FirstLook) -> Calibration:
         raise _said_with_start(error, steps) from error
     _check_told(found, steps)
     found = replace(found, findings=(*look.findings, *found.findings, *last_look(look, found)))
-    held_out = validate(drives, steps, options) if settings.validate else None
+    held_out = validate(drives, steps, options, found) if settings.validate else None
     grown = grow(drives[0], steps[0], found, options) if settings.report and len(drives) == 1 else ()
     return refined(job.robot, drives, steps, found, origin, validation=held_out, growth=grown)
 

@@ -222,7 +222,9 @@ def solve_likelihood(
         close = _ROUGH if first else CONVERGED
         at, steps = maximise(problem, at if fresh else at.state, components, weights, close)
         iterations += steps
-        corners, unreliable = _corner_weights(problem, at, components, options, first)
+        corners, unreliable = weights.corners, np.zeros(0, dtype=np.int64)
+        if options.find_faults:
+            corners, unreliable = _corner_weights(problem, at, components, options, first)
         fresh = np.array_equal(corners, weights.corners)
         if first and not fresh:
             weights = replace(weights, corners=corners)
@@ -288,8 +290,6 @@ def _corner_weights(
     problem: Problem, at: Linearization, components: VarianceComponents, options: EstimateOptions, first: bool
 ) -> tuple[Array, Ids]:
     """Return the corners' weights and the unreliable stops; in the first round their noise is told by the median."""
-    if not options.find_faults:
-        return np.ones(len(problem.uv_px)), np.zeros(0, dtype=np.int64)
     scale = components.noise_scale
     if first and options.noise_scale is None:
         scale = max(robust_scale(at.residual_px), smallest_scale(problem))

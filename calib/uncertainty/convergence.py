@@ -10,12 +10,8 @@ from boxcal.calib.four_steps.procedure import FourSteps
 from boxcal.calib.geometry.parameters import ORDER
 from boxcal.calib.geometry.so3_se3 import log_so3
 from boxcal.calib.likelihood import Estimate, EstimateOptions, estimate
-from boxcal.calib.likelihood.components import VarianceComponents
-from boxcal.calib.likelihood.corner_floor import with_floor
-from boxcal.calib.likelihood.estimator import MIN_STOPS, reported, solve_likelihood, step_of
-from boxcal.calib.likelihood.levenberg_marquardt import Weights
-from boxcal.calib.likelihood.problem import build_problem
-from boxcal.calib.likelihood.state_of_estimate import state_of
+from boxcal.calib.likelihood.estimator import MIN_STOPS, reported
+from boxcal.calib.uncertainty.part_of_drives import fit_part
 from boxcal.detect.correspondences import Correspondences
 from boxcal.target.arrays import Array
 
@@ -68,31 +64,11 @@ def grow(
                 first = replace(drive, stops=tuple(drive.stops[j] for j in kept[:count]))
                 found = estimate([first], _start(steps, count), quick)
             else:
-                found = _from_the_end(drive, kept[:count], final, quick)
+                found = reported(fit_part([drive], [kept[:count]], final, options), [drive], quick)
         except (CalibError, np.linalg.LinAlgError):  # too few stops to say anything: the chart begins later
             continue
         out.append(_point(count, found, final))
     return (*out, _point(len(kept), final, final))
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Start:
-    """Weights and components of some stops, from the estimate of all of them."""
-
-    weights: Weights
-    components: VarianceComponents
-    profile: None = None
-
-
-def _from_the_end(
-    drive: Correspondences, stops: tuple[int, ...], final: Estimate, options: EstimateOptions
-) -> Estimate:
-    """Return the estimate from some stops, started from that of all."""
-    problem = build_problem([drive], [stops], options, step_of([drive], options))
-    problem = with_floor(problem, final.components.corner_floor)
-    weights = Weights(corners=np.ones(len(problem.uv_px)), legs=problem.leg_known.astype(np.float64))
-    start = _Start(weights=weights, components=final.components)
-    return reported(solve_likelihood(problem, state_of(problem, final), options, start, rounds=1), [drive], options)
 
 
 def _counts(stops: int) -> Sequence[int]:

@@ -6,18 +6,20 @@ from itertools import pairwise
 
 import numpy as np
 
+from boxcal.calib.errors import CalibError
 from boxcal.calib.four_steps.procedure import FourSteps
 from boxcal.calib.geometry.parameters import WHEELS
 from boxcal.calib.likelihood.corner_floor import with_floor
-from boxcal.calib.likelihood.estimator import fit_cameras, step_of
+from boxcal.calib.likelihood.estimate import Estimate
+from boxcal.calib.likelihood.estimator import MIN_STOPS, estimate, unsolvable
 from boxcal.calib.likelihood.fit import Fit
-from boxcal.calib.likelihood.initial_guess import camera_start
 from boxcal.calib.likelihood.levenberg_marquardt import Weights, linearize, picture_equations
 from boxcal.calib.likelihood.normal_equations import eliminate
 from boxcal.calib.likelihood.options import EstimateOptions
 from boxcal.calib.likelihood.problem import build_problem
 from boxcal.calib.likelihood.residuals import FIRST_STOP, leg_covariance
 from boxcal.calib.likelihood.state import POSE
+from boxcal.calib.uncertainty.part_of_drives import fit_part
 from boxcal.detect.correspondences import Correspondences
 from boxcal.target.arrays import Array
 
@@ -87,13 +89,18 @@ def validate(
     drives: Sequence[Correspondences],
     start: Sequence[FourSteps] | FourSteps | None = None,
     options: EstimateOptions | None = None,
+    found: Estimate | None = None,
 ) -> Validation:
     """Hold every stop but the first of each drive out in turn, calibrate without it, and predict it.
+
+    Each calibration is one round from the estimate of all stops, with what that left out.
 
     Parameters
     ----------
     drives, start, options
         As for :func:`boxcal.calib.likelihood.estimate`.
+    found
+        That estimate, if it is known already.
 
     Raises
     ------
@@ -101,13 +108,19 @@ def validate(
         If a drive less one stop does not determine the calibration.
     """
     options = options or EstimateOptions()
-    cameras = camera_start(drives, start)
-    step = step_of(drives, options)
+    whole = found or estimate(drives, start, options)
+    options = replace(options, lens=whole.camera.kind)
+    used = [drive.stops for drive in whole.drives]
+    if sum(len(stops) for stops in used) <= MIN_STOPS:
+        raise CalibError(f"{MIN_STOPS} usable stops, one more is needed to hold one out", remedy="add stops")
     out = []
-    for d, stops in enumerate(cameras.kept):
+    for d, stops in enumerate(used):
         for before, j in pairwise(stops):
-            kept = tuple(tuple(k for k in s if (e, k) != (d, j)) for e, s in enumerate(cameras.kept))
-            fit = fit_cameras(drives, cameras.only(kept), options, step)
+            kept = tuple(tuple(k for k in s if (e, k) != (d, j)) for e, s in enumerate(used))
+            try:
+                fit = fit_part(drives, kept, whole, options)
+            except np.linalg.LinAlgError as error:
+                raise unsolvable(sum(len(s) for s in kept), error) from error
             out.append(_predict(fit, drives, d, before, j))
     return Validation(stops=tuple(out))
 
