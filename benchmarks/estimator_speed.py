@@ -15,6 +15,7 @@ from math import radians
 import numpy as np
 from scipy.optimize import least_squares
 
+from boxcal.calib.diagnosis.explained_estimate import estimate_explained
 from boxcal.calib.four_steps.procedure import FourSteps, solve_four_steps
 from boxcal.calib.likelihood import EstimateOptions, estimate
 from boxcal.calib.likelihood.estimator import fit, step_of
@@ -55,7 +56,7 @@ def through_scipy(data: Correspondences, start: FourSteps) -> tuple[float, int, 
     begin = time.process_time()
     cameras = camera_start([data], start)
     problem = build_problem([data], cameras.kept, options, step_of([data], options))
-    state = first_states(problem, [data], cameras, options.lens)[0]
+    state = first_states(problem, [data], cameras)[0]
     legs = leg_residuals(problem, done.state, Columns())
     whiten = np.linalg.inv(np.linalg.cholesky(leg_covariance(problem, legs.model, np.array(done.components.slip))))
     n, P, own = len(problem.names), len(problem.drive), PER_STOP + LOCAL
@@ -104,9 +105,16 @@ def main() -> int:
     found = estimate([data], start)
     off = np.max(np.abs(wheels - (found.rR, found.rL, found.b)) / [found.sigma[k] for k in ("rR", "rL", "b")])
     print(f"  largest difference of the two answers in rR, rL, b: {off:.3f} sigma")
-    data, start = drive(200)
-    long = best(lambda: estimate([data], start), max(times // 2, 1))
-    print(f"200 stops: {long * 1e3:.0f} ms, {long / ours:.1f} times the time of 20")
+    everything = EstimateOptions(lens=None, target=make_target())
+    command = best(lambda: estimate_explained([data], start, everything), times)
+    print(f"  the command's defaults: camera model, box and causes  {command * 1e3:8.1f} ms")
+    for stops in (200, 500):
+        data, start = drive(stops)
+        closed = best(lambda data=data: solve_four_steps(data), 1)
+        long = best(lambda data=data, start=start: estimate([data], start), max(times // 2, 1))
+        print(
+            f"{stops} stops: {long * 1e3:.0f} ms, {long / ours:.1f} times that of 20; closed form {closed * 1e3:.0f} ms"
+        )
     return 0
 
 

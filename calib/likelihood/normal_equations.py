@@ -8,7 +8,6 @@ all stops at once. All arrays may carry the same leading axes: a batch of system
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg import lapack
 
 from boxcal.calib.likelihood.backend import backend
 from boxcal.target.arrays import Array
@@ -309,13 +308,9 @@ def _invert(S: Array) -> tuple[Array, Array]:
     pivots = np.einsum("...ii->...i", factors)
     if np.any(pivots < _SMALL_PIVOT):
         return _pseudo_inverse(scaled, scale)
-    n = S.shape[-1]
-    inverse = np.empty_like(factors)
-    for factor, out in zip(factors.reshape(-1, n, n), inverse.reshape(-1, n, n), strict=True):
-        out[:] = lapack.dpotri(factor, lower=1)[0]
-    inverse = np.tril(inverse) + np.swapaxes(np.tril(inverse, -1), -1, -2)
+    inverse = np.linalg.inv(scaled) * scale[..., :, None] * scale[..., None, :]
     log_det = 2 * np.sum(np.log(pivots) - np.log(scale), axis=-1)
-    return inverse * scale[..., :, None] * scale[..., None, :], log_det
+    return (inverse + np.swapaxes(inverse, -1, -2)) / 2, log_det
 
 
 def _pseudo_inverse(scaled: Array, scale: Array) -> tuple[Array, Array]:
