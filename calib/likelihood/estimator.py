@@ -230,12 +230,9 @@ def solve_likelihood(
             weights = replace(weights, corners=corners)
             continue
         if known is None and options.noise_scale is None and floors > 0:
-            floor = corner_floor(problem, at)
-            if differs(problem, floor):
-                problem, floors, fresh = with_floor(problem, floor), floors - 1, False
-                weights = replace(weights, corners=corners)
-                at = linearize(problem, at.state, weights)
-                components = replace(components, corner_floor=floor)
+            other = _with_its_floor(problem, at, components, replace(weights, corners=corners))
+            if other is not None:
+                (problem, at, components), floors, fresh = other, floors - 1, False
         before = components
         components, scale_sigma, profile = _components(problem, at, components, weights, options, near)
         tests = leg_tests(problem, at, weights, profile, tail)
@@ -250,15 +247,12 @@ def solve_likelihood(
         converged = same and _settled(before, components, scale_sigma, profile)
         if converged or iterations > _MOST_STEPS:
             break
-    d_shared, d_stops, d_local, cov = profile.averaged()
-    at = linearize(problem, moved(problem, at.state, components, (d_shared, d_stops, d_local)), weights)
-    _, squares = picture_equations(problem, at, components)
-    best = profile.solution.at(profile.best)
+    at, cov, squares = _over_slip(problem, at, components, weights, profile, share=options.systematic_share)
     return Fit(
         problem=problem,
         options=options,
         at=at,
-        cov=cov + systematic_covariance(problem, at, components, weights, best, share=options.systematic_share),
+        cov=cov,
         components=components,
         noise_scale_sigma=scale_sigma,
         profile=profile,
@@ -269,6 +263,34 @@ def solve_likelihood(
         converged=converged,
         cost=squares + float(np.sum((tests.whitened**2).T * (weights.legs > 0))),
     )
+
+
+def _over_slip(
+    problem: Problem,
+    at: Linearization,
+    components: VarianceComponents,
+    weights: Weights,
+    profile: SlipProfile,
+    *,
+    share: float,
+) -> tuple[Linearization, Array, float]:
+    """Return the likelihood at the mean over slip, the covariance (n, n), and the sum of squares of the pictures."""
+    d_shared, d_stops, d_local, cov = profile.averaged()
+    at = linearize(problem, moved(problem, at.state, components, (d_shared, d_stops, d_local)), weights)
+    best = profile.solution.at(profile.best)
+    cov = cov + systematic_covariance(problem, at, components, weights, best, share=share)
+    return at, cov, picture_equations(problem, at, components)[1]
+
+
+def _with_its_floor(
+    problem: Problem, at: Linearization, components: VarianceComponents, weights: Weights
+) -> tuple[Problem, Linearization, VarianceComponents] | None:
+    """Return data, likelihood and components with the floor that the corners show; None if it is the one they have."""
+    floor = corner_floor(problem, at)
+    if not differs(problem, floor):
+        return None
+    problem = with_floor(problem, floor)
+    return problem, linearize(problem, at.state, weights), replace(components, corner_floor=floor)
 
 
 def _beginning(

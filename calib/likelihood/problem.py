@@ -95,7 +95,7 @@ class Problem:
     uv_px: Array
     whiten: Array
     told_px2: Array
-    floor_px: float
+    floor_px: float = 0.0
     sigma_px: float
     corner_starts: Ids
     outward_px: Array
@@ -186,8 +186,7 @@ def build_problem(
     information = np.zeros((len(names), len(names)))
     information[first : first + len(target.names), first : first + len(target.names)] = target.information
     whiten, sigma_px = whitening(cov)
-    counts = [len(stops) for stops in kept]
-    drive = np.repeat(np.arange(len(drives)), counts)
+    drive = np.repeat(np.arange(len(drives)), [len(stops) for stops in kept])
     legs = [legs_between(d, k) for d, k in zip(drives, kept, strict=True) if k]
     return Problem(
         lens=kind,
@@ -200,7 +199,6 @@ def build_problem(
         uv_px=np.concatenate([v.uv_px for v in views]),
         whiten=whiten,
         told_px2=cov,
-        floor_px=0.0,
         sigma_px=sigma_px,
         corner_starts=np.cumsum([0, *(len(v.landmark_ids) for v in views)]),
         outward_px=np.concatenate([_outward_px(v) for v in views]),
