@@ -23,9 +23,9 @@ from boxcal.calib.guide.recording.recorder import Recorder
 from boxcal.calib.guide.sources.inbox import LiveMessage
 from boxcal.calib.guide.sources.link import Link
 from boxcal.calib.guide.worker import Worker
+from boxcal.calib.likelihood.compiled.compilation import prepare_all
 from boxcal.calib.planning.goal import Bar, Goal
 from boxcal.calib.settings import Settings
-from boxcal.detect.alignment.compilation import prepare
 from boxcal.detect.correspondences import Correspondences
 from boxcal.detect.errors import DetectError
 from boxcal.detect.image.bit_depth import DeepGrey, full_scale
@@ -224,14 +224,16 @@ class Session:
         return None
 
     def _prepare(self) -> None:
-        """Have the detector compiled, which takes long once on a computer."""
+        """Have detector and likelihood compiled, which takes long once on a computer."""
 
         def tell(line: str) -> None:
             self.compiling = line
             self.said.append(line)
 
-        prepare(tell)
-        self.compiling = ""
+        try:
+            prepare_all(tell)
+        finally:
+            self.compiling = ""
 
     def _next_task(self) -> None:
         """Give the worker what is most pressing."""
@@ -247,7 +249,7 @@ class Session:
             self._wants["calibrate"] = False
             last, name = self.drive.to_measure(at_end=True), self._log_name
             self._worker.begin("finish", lambda: self._all_seen(last, name))
-        elif self._wants["advise"]:
+        elif self._wants["advise"] and not self.compiling:
             self._wants["advise"] = False
             self._worker.begin("advise", self._advice)
         elif self._wants["solve"] and self.running.drive is not None:

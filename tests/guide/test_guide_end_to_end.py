@@ -194,6 +194,35 @@ def test_the_robots_page_drives_it_by_keys_and_clicks(robot: tuple[str, int], br
     assert not browser.complaints()
 
 
+def _faults_of(browser: Browser) -> list[list[str]]:
+    """Serious faults of accessibility, as axe-core finds them."""
+    browser.evaluate(Path(os.environ["BOXCAL_AXE"]).read_text(encoding="utf-8") + "; 1")
+    faults: list[list[str]] = browser.evaluate(
+        "axe.run(document, {resultTypes: ['violations']})"
+        ".then((r) => r.violations.map((v) => [v.impact, v.id, v.nodes[0].html]))"
+    )
+    return [f for f in faults if f[0] in {"serious", "critical"}]
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(
+    "BOXCAL_AXE" not in os.environ, reason="axe-core is not here: see tests/report/test_report_browser.py"
+)
+def test_axe_finds_no_serious_fault_in_either_page(robot: tuple[str, int], browser: Browser, tmp_path: Path) -> None:
+    command = _run(tmp_path / "guide.log", "boxcal.calib.guide.cli", robot[0], "--port", "0")
+    try:
+        address = command.printed("the page is at")
+        for dark in (False, True):
+            browser.open(address, dark=dark)
+            until(lambda: browser.evaluate('state !== null && !document.getElementById("picture").hidden'), 60)
+            assert _faults_of(browser) == []
+            browser.open(f"http://127.0.0.1:{robot[1]}/", dark=dark)
+            until(lambda: browser.evaluate("state !== null"))
+            assert _faults_of(browser) == []
+    finally:
+        command.end()
+
+
 @pytest.mark.slow
 def test_a_page_left_open_goes_on_when_the_guide_or_the_robot_come_back(
     robot: tuple[str, int], browser: Browser, tmp_path: Path
