@@ -93,7 +93,7 @@ def test_a_drive_leads_to_bars_next_stops_a_verdict_and_a_report(log: Path, star
         while running.link.inbox.is_full:
             threading.Event().wait(0.01)
         running.put([message])
-    until(lambda: running.state["stops"] == 5, 60)
+    until(lambda: running.state.get("stops") == 5, 60)
     until(lambda: running.state["bars"], 60)
     until(lambda: running.state["plan"]["next"], 60)
     until(lambda: [s["n"] for s in running.state["plan"]["stops"]] == [1, 2, 3, 4, 5], 60)

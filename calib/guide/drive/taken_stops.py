@@ -103,8 +103,7 @@ class TakenStops:
             camera=before,
         )
         if again is None:
-            self.stops.append(taken)
-            self.stops.sort(key=lambda s: s.t_start_ns)
+            self.stops = sorted([*self.stops, taken], key=lambda s: s.t_start_ns)  # others may be reading the old list
         else:
             self.stops[again] = taken
         return taken
