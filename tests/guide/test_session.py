@@ -88,7 +88,7 @@ def _picture(t_ns: int, grey: int) -> LiveMessage:
 @pytest.mark.slow
 def test_a_drive_leads_to_bars_next_stops_a_verdict_and_a_report(log: Path, start: Started, tmp_path: Path) -> None:
     running = start()
-    until(lambda: not running.session.compiling, 120)
+    until(lambda: not running.session.compiling, 400)
     for message in messages(log):
         while running.link.inbox.is_full:
             threading.Event().wait(0.01)
@@ -144,7 +144,7 @@ def test_a_folder_that_cannot_be_written_is_said_and_the_drive_is_guided_all_the
 
 def test_darkness_and_an_empty_picture_are_told_apart(start: Started) -> None:
     running = start()
-    until(lambda: not running.session.compiling, 120)
+    until(lambda: not running.session.compiling, 400)
     running.put([*_still(0, 60), _picture(T0 + 10**9, 8)])
     until(lambda: running.warned("too dark"))
     running.put([*_still(60, 60), _picture(T0 + 2 * 10**9, 128)])

@@ -12,7 +12,7 @@ from boxcal.calib.likelihood.estimate import Estimate
 _DARK, _LOW_CONTRAST = 45.0, 35.0
 _WHITE = 252.0
 _SMALL_PX, _TINY_PX = 18.0, 14.0
-_SOFT_PX, _BLURRED_PX = 4.0, 6.0
+_SOFT_PX, _BLURRED_PX = 3.5, 5.0
 _LEAN = 1.5
 """Tilt of the floor against the box, degrees, that is worth a word."""
 
@@ -32,18 +32,30 @@ class Warned(NamedTuple):
     text: str
 
 
-def warnings_of_picture(seen: Glance, *, planned: bool) -> Iterator[Warned]:
-    """Yield what is wrong with a picture; where stops are planned, how many faces they see is part of the plan."""
+def warnings_of_picture(seen: Glance, *, planned: bool, moving: bool) -> Iterator[Warned]:
+    """Yield what is wrong with a picture.
+
+    Parameters
+    ----------
+    seen
+        The picture at a glance.
+    planned
+        Whether stops are planned: how many faces they see is part of the plan then.
+    moving
+        Whether the robot is on its way: it may look elsewhere and its pictures may be blurred.
+    """
     if not len(seen.corners):
         if seen.white < _DARK:
             yield Warned("bad", "too dark: the picture's brightest parts are nearly black; turn on the light")
-        else:
+        elif not moving:
             yield Warned("bad", "no tag of the box in the picture; turn the robot towards the box")
         return
     if seen.white < _DARK or seen.white - seen.black < _LOW_CONTRAST:
         yield Warned("care", f"too dark: white paper is {seen.white:.0f} of 255; turn on the light, or expose longer")
     elif seen.white > _WHITE:
         yield Warned("care", "overexposed: white paper is clipped, which moves the edges; expose shorter")
+    if moving:
+        return
     if seen.side_px < _TINY_PX:
         yield Warned("bad", f"too far: tags are {seen.side_px:.0f} px wide, {_SMALL_PX:.0f} are wanted; drive nearer")
     elif seen.side_px < _SMALL_PX:

@@ -234,7 +234,11 @@ def _warnings(session: Session) -> list[Warned]:
             Warned("care", f"the camera's clock is {drive.clock_offset:+.1f} s off the wheels'; it is put right")
         )
     if outlook.seen is not None:
-        found += warnings_of_picture(outlook.seen, planned=session.running.estimate is not None)
+        found += warnings_of_picture(
+            outlook.seen,
+            planned=session.running.estimate is not None,
+            moving=drive.stands is not None and not drive.stands.standing,
+        )
     if session.running.estimate is not None:
         found += warnings_of_estimate(session.running.estimate)
     if outlook.verdict and outlook.verdict["level"] != "good":
