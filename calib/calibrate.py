@@ -1,5 +1,6 @@
 """One robot: its logs are read, its calibration is solved for, judged and written."""
 
+import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, replace
 from functools import partial
@@ -36,6 +37,8 @@ from boxcal.calib.uncertainty.cross_validation import validate
 from boxcal.detect.correspondences import Correspondences, load_correspondences, taken_as
 from boxcal.detect.extract import ExtractSettings, Pictures, extract
 from boxcal.detect.image.bit_depth import DeepGrey, eight_bits
+from boxcal.detect.log.remote.store import put_folder
+from boxcal.detect.log.remote.urls import is_url
 from boxcal.detect.log.wheel_samples import WheelUnits
 from boxcal.one_thread import one_thread
 from boxcal.target.box import Target, make_target
@@ -360,31 +363,12 @@ def write(
     For ``photos`` see :func:`calibrate_drives`.
     """
     settings = job.settings
-    if job.out is not None:
-        folder = job.out / job.robot
-        files = dict(exports(result, nominal_of(settings, drives[0]), names_for(settings, drives[0].source)))
-        if settings.report:
-            files["report.html"] = robot_report(
-                result, drives, job.target, photographs=_photographs(job, result, drives, photos), fleet=FLEET_PAGE
-            )
-        if settings.draw:
-            pictures = draw_stops(
-                job.logs,
-                job.target,
-                topics=settings.topics,
-                units=settings.wheel_units,
-                calibration=result,
-                drives=drives,
-            )
-            files |= {f"stops/{name}": content for name, content in pictures}
-        for k, drive in enumerate(drives):
-            number = f"-{k + 1}" if len(drives) > 1 else ""
-            drive.save(folder / f"correspondences{number}{CORRESPONDENCES}")
-        write_together(folder, {**files, CALIBRATION: calibration_bytes(result)})
-        (folder / "static_transform.sh").chmod(0o755)
-        for name in STALE_FILES:
-            if name not in files:
-                (folder / name).unlink(missing_ok=True)
+    if job.out is not None and is_url(job.out):
+        with tempfile.TemporaryDirectory(prefix="boxcal-") as name:
+            _write_folder(Path(name), job, result, drives, photos)
+            put_folder(Path(name), job.out / job.robot, last=CALIBRATION, stale=STALE_FILES)
+    elif job.out is not None:
+        _write_folder(job.out / job.robot, job, result, drives, photos)
     if settings.rerun is None and settings.results_mcap is None:
         return
     scene = make_scene(result, drives, job.target)
@@ -393,6 +377,40 @@ def write(
         write_atomically(settings.rerun, rerun_recording(scene, images))
     if settings.results_mcap is not None:
         write_atomically(settings.results_mcap, results_mcap(scene, images))
+
+
+def _write_folder(
+    folder: Path,
+    job: Job,
+    result: Calibration,
+    drives: Sequence[Correspondences],
+    photos: Sequence[Mapping[int, bytes]],
+) -> None:
+    """Write a robot's folder of results."""
+    settings = job.settings
+    files = dict(exports(result, nominal_of(settings, drives[0]), names_for(settings, drives[0].source)))
+    if settings.report:
+        files["report.html"] = robot_report(
+            result, drives, job.target, photographs=_photographs(job, result, drives, photos), fleet=FLEET_PAGE
+        )
+    if settings.draw:
+        pictures = draw_stops(
+            job.logs,
+            job.target,
+            topics=settings.topics,
+            units=settings.wheel_units,
+            calibration=result,
+            drives=drives,
+        )
+        files |= {f"stops/{name}": content for name, content in pictures}
+    for k, drive in enumerate(drives):
+        number = f"-{k + 1}" if len(drives) > 1 else ""
+        drive.save(folder / f"correspondences{number}{CORRESPONDENCES}")
+    write_together(folder, {**files, CALIBRATION: calibration_bytes(result)})
+    (folder / "static_transform.sh").chmod(0o755)
+    for name in STALE_FILES:
+        if name not in files:
+            (folder / name).unlink(missing_ok=True)
 
 
 def _photographs(

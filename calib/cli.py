@@ -6,12 +6,13 @@ import shlex
 import sys
 import time
 from collections.abc import Sequence
-from contextlib import closing, suppress
+from contextlib import ExitStack, closing, suppress
 from typing import TYPE_CHECKING
 
 from boxcal.calib.fleet.options import options
 
 if TYPE_CHECKING:
+    from boxcal.calib.fleet.results_place import ResultsPlace
     from boxcal.calib.results.calibration import Calibration
     from boxcal.calib.settings import Job, Outcome
 
@@ -36,20 +37,31 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _run(args: argparse.Namespace, command: str) -> int:
     if not args.quiet:  # before what takes a second to load
         _tell(f"fleet-calibrate: {len(args.logs)} log{'s' if len(args.logs) > 1 else ''}, starting ...")
+    from boxcal.calib.fleet.plan import finished_before
+    from boxcal.calib.fleet.results_place import results_place
+    from boxcal.target.errors import BoxcalError
+
+    with ExitStack() as open_places:
+        try:
+            place = open_places.enter_context(results_place(args.out))
+            jobs, box = _jobs(args, command, place)
+        except BoxcalError as error:
+            _tell(f"fleet-calibrate: {error}")
+            return 2
+        if not args.quiet:
+            _tell(box)
+        outcomes = finished_before(jobs, place.folder) if args.resume else []
+        return _work(args, jobs, outcomes, command, place)
+
+
+def _work(
+    args: argparse.Namespace, jobs: "list[Job]", outcomes: "list[Outcome]", command: str, place: "ResultsPlace"
+) -> int:
+    """Calibrate whoever waits, write and print; return the exit status."""
     from boxcal.calib.console.progress import make_progress
     from boxcal.calib.fleet.batch import calibrate_fleet
     from boxcal.calib.fleet.interrupts import interrupts_held
-    from boxcal.calib.fleet.plan import finished_before
-    from boxcal.target.errors import BoxcalError
 
-    try:
-        jobs, box = _jobs(args, command)
-    except BoxcalError as error:
-        _tell(f"fleet-calibrate: {error}")
-        return 2
-    if not args.quiet:
-        _tell(box)
-    outcomes = finished_before(jobs) if args.resume else []
     waiting = [job for job in jobs if all(job is not o.job for o in outcomes)]
     interrupted, start = False, time.time()
     try:
@@ -63,9 +75,9 @@ def _run(args: argparse.Namespace, command: str) -> int:
     except KeyboardInterrupt:
         interrupted = True
     with interrupts_held():  # what is finished is put down, however often Ctrl-C is pressed
-        status = _conclude(args, jobs, outcomes, command)
+        status = _conclude(args, jobs, outcomes, command, place)
     if interrupted:
-        return _interrupted(jobs, start)
+        return _interrupted(jobs, outcomes, start)
     return status
 
 
@@ -75,17 +87,23 @@ def _tell(line: str) -> None:
         print(line, file=sys.stderr, flush=True)
 
 
-def _jobs(args: argparse.Namespace, command: str) -> "tuple[list[Job], str]":
+def _jobs(args: argparse.Namespace, command: str, place: "ResultsPlace") -> "tuple[list[Job], str]":
     """Return what is to be done, with all that can be said against it said before the work, and which box it is."""
     from boxcal.calib.fleet.chosen_settings import chosen_settings
     from boxcal.calib.fleet.find_target import find_target
+    from boxcal.calib.fleet.manifest import given_manifest, jobs_of, logs_of, one_target
     from boxcal.calib.fleet.plan import check_options, plan
     from boxcal.calib.fleet.store import check_folder
 
+    rows = given_manifest(args, options())
+    args.logs = logs_of(args.logs, rows)
     check_options(args)
-    found = find_target(args.target, args.logs)
-    check_folder(args.out, found.target)
-    settings = chosen_settings(args, found.target, report=not args.no_report and _has_report())
+    found = find_target(args.target or one_target(rows), args.logs)
+    check_folder(place.folder, found.target)
+    report = not args.no_report and _has_report()
+    if rows:
+        return jobs_of(rows, args, found.target, report=report, command=command), found.said
+    settings = chosen_settings(args, found.target, report=report)
     jobs = plan(
         args.logs, target=found.target, settings=settings, out=args.out, command=command, same_robot=args.same_robot
     )
@@ -102,10 +120,11 @@ def _has_report() -> bool:
     return True
 
 
-def _interrupted(jobs: "list[Job]", start: float) -> int:
+def _interrupted(jobs: "list[Job]", outcomes: "list[Outcome]", start: float) -> int:
     from boxcal.calib.fleet.store import written_since
 
-    done = written_since(jobs, start)
+    told = [o.job.robot for o in outcomes if o.calibration is not None]
+    done = list(dict.fromkeys([*written_since(jobs, start), *told]))
     names = f" ({', '.join(done)})" if done else ""
     _tell(
         f"fleet-calibrate: interrupted; {len(done)} of {len(jobs)} robots were finished and are kept{names}; "
@@ -114,16 +133,18 @@ def _interrupted(jobs: "list[Job]", start: float) -> int:
     return INTERRUPTED
 
 
-def _conclude(args: argparse.Namespace, jobs: "list[Job]", outcomes: "list[Outcome]", command: str) -> int:
+def _conclude(
+    args: argparse.Namespace, jobs: "list[Job]", outcomes: "list[Outcome]", command: str, place: "ResultsPlace"
+) -> int:
     """Write what is about the whole folder, then print results, errors against truth and failures."""
     from boxcal.calib.fleet.store import natural
 
     outcomes.sort(key=lambda o: natural(o.job.robot))
-    whole = _write_fleet(args, jobs[0], outcomes, command)
+    whole = _write_fleet(place, jobs[0], outcomes, command)
     good = [o.calibration for o in outcomes if o.calibration is not None]
     failed = [o for o in outcomes if o.calibration is None]
     if good:
-        _print_results(args, good, [o.job.robot for o in failed])
+        _print_results(place, good, [o.job.robot for o in failed])
     if args.truth:
         whole = _print_errors(outcomes) and whole
     for o in failed:
@@ -141,25 +162,26 @@ def _conclude(args: argparse.Namespace, jobs: "list[Job]", outcomes: "list[Outco
     return 0
 
 
-def _write_fleet(args: argparse.Namespace, job: "Job", outcomes: "list[Outcome]", command: str) -> bool:
+def _write_fleet(place: "ResultsPlace", job: "Job", outcomes: "list[Outcome]", command: str) -> bool:
     """Write what is about all robots of the folder; tell whether that worked."""
     from boxcal.calib.fleet.store import read_folder
     from boxcal.calib.fleet.write import write_fleet
     from boxcal.target.errors import BoxcalError
 
     try:
-        members = read_folder(args.out, job.target, outcomes)
-        write_fleet(args.out, members, job.target, command=command, report=job.settings.report)
+        members = read_folder(place.folder, job.target, outcomes)
+        write_fleet(place.folder, members, job.target, command=command, report=job.settings.report)
+        place.put_fleet()
     except BoxcalError as error:
         _tell(f"fleet-calibrate: {error}")
         return False
     except OSError as error:
-        _tell(f"fleet-calibrate: {args.out}: {error.strerror or error}; give another folder with --out")
+        _tell(f"fleet-calibrate: {place.said}: {error.strerror or error}; give another folder with --out")
         return False
     return True
 
 
-def _print_results(args: argparse.Namespace, results: "list[Calibration]", failed: list[str]) -> None:
+def _print_results(place: "ResultsPlace", results: "list[Calibration]", failed: list[str]) -> None:
     from boxcal.calib.console.judgement import judgement, own_notes
     from boxcal.calib.console.tables import results_tables, verdict_table
 
@@ -170,12 +192,12 @@ def _print_results(args: argparse.Namespace, results: "list[Calibration]", faile
             for note in own_notes(c):
                 print(note)
     print("\n" + results_tables(results))
-    print(f"\nwritten: {args.out}/<robot>/calibration.json and files for ROS and Kalibr")
-    if (args.out / "fleet.html").exists():
-        print(f"fleet:   {args.out}/fleet.html, {args.out}/fleet.xlsx, {args.out}/fleet.csv")
-        print(f"reports: {args.out}/<robot>/report.html")
+    print(f"\nwritten: {place.said}/<robot>/calibration.json and files for ROS and Kalibr")
+    if (place.folder / "fleet.html").exists():
+        print(f"fleet:   {place.said}/fleet.html, {place.said}/fleet.xlsx, {place.said}/fleet.csv")
+        print(f"reports: {place.said}/<robot>/report.html")
     else:
-        print(f"fleet:   {args.out}/fleet.csv, {args.out}/fleet.json")
+        print(f"fleet:   {place.said}/fleet.csv, {place.said}/fleet.json")
 
 
 def _print_errors(outcomes: "list[Outcome]") -> bool:

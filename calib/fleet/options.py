@@ -33,7 +33,7 @@ def options() -> argparse.ArgumentParser:
         nargs="+",
         type=Path,
         metavar="LOG",
-        help="recording (file or folder), or correspondences saved before (.npz)",
+        help="recording (file, folder or URL), correspondences saved before (.npz), or a manifest (.csv) of robots",
     )
     parser.add_argument(
         "--target",
@@ -42,7 +42,11 @@ def options() -> argparse.ArgumentParser:
         help="target.json of the box (the one beside or above the logs, there or in box/; else the default box)",
     )
     parser.add_argument(
-        "--out", type=Path, default=Path("calibration"), metavar="FOLDER", help="where results go (calibration)"
+        "--out",
+        type=Path,
+        default=Path("calibration"),
+        metavar="FOLDER",
+        help="where results go, a folder or URL (calibration)",
     )
     parser.add_argument(
         "--truth", action="store_true", help="print errors against <log stem>.truth.json beside the log"

@@ -14,6 +14,8 @@ from boxcal.calib.settings import CORRESPONDENCES, Job, Outcome, Settings, robot
 from boxcal.detect.correspondences import load_correspondences
 from boxcal.detect.errors import DetectError
 from boxcal.detect.log.containers.hashing import file_sha256
+from boxcal.detect.log.remote.store import store_of
+from boxcal.detect.log.remote.urls import is_url
 from boxcal.target.box import Target
 from boxcal.target.files.target_json import target_sha256
 
@@ -48,7 +50,8 @@ def check_options(args: Namespace) -> None:
     for option, path in (("--rerun", args.rerun), ("--results-mcap", args.results_mcap)):
         if path is not None:
             _check_writable(path.parent, option)
-    _check_writable(args.out, "--out")
+    if not is_url(args.out):
+        _check_writable(args.out, "--out")
 
 
 def _check_writable(folder: Path, option: str) -> None:
@@ -96,11 +99,11 @@ def plan(
     ]
 
 
-def finished_before(jobs: Sequence[Job]) -> list[Outcome]:
-    """Return the outcomes of jobs whose result is in their folder already: of the same logs, box and settings."""
+def finished_before(jobs: Sequence[Job], folder: Path) -> list[Outcome]:
+    """Return the outcomes of jobs whose result is in a folder already: of the same logs, box and settings."""
     found = []
     for job in jobs:
-        path = (job.out or Path()) / job.robot / CALIBRATION
+        path = folder / job.robot / CALIBRATION
         if job.out is None or not path.is_file():
             continue
         try:
@@ -117,7 +120,9 @@ def finished_before(jobs: Sequence[Job]) -> list[Outcome]:
 
 
 def _log_sha256(log: Path) -> str:
-    """Return the hash of a recording, empty for a folder of files; of saved correspondences that of their recording."""
+    """Return the hash of a recording (of a URL tag and size), empty for a folder; of saved ones their recording's."""
     if log.suffix == CORRESPONDENCES:
         return load_correspondences(log).source.sha256
+    if is_url(log):
+        return store_of(log).state().identity
     return "" if log.is_dir() else file_sha256(log)

@@ -16,7 +16,7 @@ from boxcal.detect.log.containers.plain_folder import PlainFolder, is_plain_fold
 from boxcal.detect.log.containers.ros1_bag import MAGIC as BAG_MAGIC
 from boxcal.detect.log.containers.ros1_bag import Ros1Bag
 from boxcal.detect.log.containers.sqlite import SqliteFile
-from boxcal.detect.log.remote.range_file import RangeFile
+from boxcal.detect.log.remote.range_file import opened_again
 from boxcal.detect.log.remote.store import fetched, store_of
 from boxcal.detect.log.remote.urls import is_url
 
@@ -93,7 +93,7 @@ def open_remote(path: Path) -> Container:
 
 
 def _remote_file(path: Path, name: str, *, packed: bool) -> Container:
-    remote = RangeFile(store_of(path))
+    remote = opened_again(store_of(path))
     file, digest = cast("BinaryIO", remote), remote.state.identity
     start = file.read(16)
     if start.startswith(_PACKED) or start == _SQLITE_MAGIC:

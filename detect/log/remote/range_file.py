@@ -1,6 +1,7 @@
 """A file behind a URL that reads like one on disk: by ranges, few and large, each fetched once."""
 
 import tempfile
+import weakref
 from bisect import bisect_right
 from collections.abc import Iterable
 from itertools import pairwise
@@ -74,12 +75,20 @@ class RangeFile:
         if self._store.state() != self.state:
             raise _changed(self._store.name)
 
+    def is_now(self, store: Store) -> bool:
+        """Tell whether this is the file at a store's place, as it is now."""
+        return store.place == self._store.place and store.client is self._store.client and store.state() == self.state
+
     def close(self) -> None:
+        """Do nothing: what was fetched stays for whoever opens the file again, until another is opened."""
+
+    def forget(self) -> None:
         """Forget what was fetched."""
         if self._spool is not None:
             self._spool.close()
             self._spool = None
         self._block, self._kept, self._starts = (0, b""), [], []
+        self._whole = False
 
     def _held(self, at: int, end: int) -> bytes:
         """Return what is held from a place on, nothing if nothing is."""
@@ -130,11 +139,28 @@ class RangeFile:
             return
         if self._spool is None:
             self._spool = tempfile.SpooledTemporaryFile(max_size=_IN_MEMORY)  # noqa: SIM115  (closed with the file)
+            weakref.finalize(self, self._spool.close)
         where = self._spool.seek(0, 2)
         self._spool.write(content)
         k = bisect_right(self._starts, start)
         self._starts.insert(k, start)
         self._kept.insert(k, (start, len(content), where))
+
+
+_last: list[RangeFile] = []
+"""The remote file that this process opened last."""
+
+
+def opened_again(store: Store) -> RangeFile:
+    """Return a remote file, with what was fetched of it if it was the last that was opened and did not change."""
+    if _last and _last[0].is_now(store):
+        _last[0].seek(0)
+        return _last[0]
+    file = RangeFile(store)
+    for before in _last:
+        before.forget()
+    _last[:] = [file]
+    return file
 
 
 def _changed(name: str) -> DetectError:

@@ -1,6 +1,7 @@
 """A store of files behind URLs, by fsspec's clients: look, list, read pieces, write whole; errors in one line."""
 
-from collections.abc import Iterator, Sequence
+import secrets
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
@@ -79,6 +80,11 @@ class Store:
         except Exception:
             return False
 
+    def exists(self) -> bool:
+        """Tell whether the file is there (DetectError if the store cannot be reached or does not say)."""
+        with said(self.name):
+            return bool(self.client.exists(self.place))
+
     def pieces(self, ranges: Sequence[tuple[int, int]]) -> list[bytes]:
         """Return the bytes of ranges (first, end), all asked for at once."""
         with said(self.name):
@@ -93,6 +99,32 @@ class Store:
         with said(self.name):
             self.client.invalidate_cache()
             return sorted(PurePosixPath(str(p)).name for p in self.client.ls(self.place, detail=False))
+
+    def contents(self, pattern: str) -> Iterator[tuple[str, bytes]]:
+        """Yield path below the place, and content, of the files that a pattern names."""
+        with said(self.name):
+            self.client.invalidate_cache()
+            root = self.place.rstrip("/")
+            found = [str(p) for p in self.client.glob(f"{root}/{pattern}")]
+            contents = self.client.cat(found) if len(found) > 1 else {p: self.client.cat_file(p) for p in found}
+        for path, content in contents.items():
+            yield "/".join(str(path).split("/")[-1 - pattern.count("/") :]), bytes(content)
+
+    def check_writable(self) -> None:
+        """Write and remove an empty file (DetectError if that is not allowed)."""
+        probe = f"{self.place.rstrip('/')}/.boxcal-{secrets.token_hex(4)}"
+        with said(self.name):
+            if "file" in _protocols(self.client):
+                self.client.makedirs(self.place, exist_ok=True)
+            self.client.pipe_file(probe, b"")
+            self.client.rm_file(probe)
+
+    def remove(self, name: str) -> None:
+        """Remove a file below the place, if it is there."""
+        place = f"{self.place.rstrip('/')}/{name}"
+        with said(f"{self.name}/{name}"):
+            if self.client.exists(place):
+                self.client.rm_file(place)
 
     def put(self, name: str, content: bytes) -> None:
         """Write a file below the place whole or not at all."""
@@ -131,6 +163,22 @@ def store_of(path: str | Path) -> Store:
             remedy=f"pip install 'boxcal[remote]' {client_package}",
         ) from error
     return Store(client=client, place=place, name=name)
+
+
+def put_folder(folder: Path, place: Path, *, last: str, stale: Iterable[str] = ()) -> None:
+    """Put the files of a folder to a place behind a URL, each whole, one of them last; remove what is stale there.
+
+    Raises
+    ------
+    DetectError
+        If the place cannot be reached or written.
+    """
+    store = store_of(place)
+    files = {path.relative_to(folder).as_posix(): path for path in folder.rglob("*") if path.is_file()}
+    for name in sorted(files, key=lambda name: (name == last, name)):
+        store.put(name, files[name].read_bytes())
+    for name in set(stale) - set(files):
+        store.remove(name)
 
 
 def expanded(path: str | Path) -> list[Path]:
