@@ -47,7 +47,7 @@ def test_a_good_picture_is_not_complained_of_and_tells_where_the_camera_is() -> 
     [
         (replace(SHARP, gain=0.02), "too dark"),
         (replace(SHARP, gain=5.0), "overexposed"),
-        (replace(SHARP, psf_px=2.3), "blurred"),
+        (replace(SHARP, psf_px=2.0), "blurred"),
     ],
     ids=["dark", "bright", "blurred"],
 )

@@ -12,7 +12,7 @@ from boxcal.calib.likelihood.estimate import Estimate
 _DARK, _LOW_CONTRAST = 45.0, 35.0
 _WHITE = 252.0
 _SMALL_PX, _TINY_PX = 18.0, 14.0
-_SOFT_PX, _BLURRED_PX = 3.5, 5.0
+_SOFT_PX, _BLURRED_PX = 2.8, 3.5
 _LEAN = 1.5
 """Tilt of the floor against the box, degrees, that is worth a word."""
 
