@@ -154,3 +154,18 @@ def test_a_phone_shows_each_robot_of_a_fleet_without_scrolling(browser: Browser,
     browser.evaluate("document.getElementById('filter-level').value = 'redo'")
     browser.evaluate("document.getElementById('filter-level').dispatchEvent(new Event('change'))")
     assert sorted(browser.evaluate(shown)) == [0, 0, 0, 7]
+
+
+@pytest.mark.parametrize("name", ["full", "fleet"])
+def test_no_figure_is_split_on_paper(name: str, browser: Browser, pages: dict[str, Path]) -> None:
+    """Each may not be broken and is lower than a page of A4 between margins of 1 cm, px of 1/96 inch."""
+    wide, high = 718, 1046
+    browser.open(pages[name], width=wide, height=high)
+    browser.send("Emulation.setEmulatedMedia", media="print")
+    browser.evaluate("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(() => done(1))))")
+    figures = browser.evaluate(
+        "[...document.querySelectorAll('figure, .verdict, .sure, tr, .note')].filter((f) => f.offsetHeight)"
+        ".map((f) => [f.className || f.tagName, getComputedStyle(f).breakInside, f.offsetHeight])"
+    )
+    assert len(figures) > 10
+    assert [f for f in figures if f[1] != "avoid" or f[2] > high] == []
