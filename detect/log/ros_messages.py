@@ -15,6 +15,7 @@ from boxcal.detect.errors import DetectError
 from boxcal.detect.log.containers.base import Channel
 from boxcal.detect.log.containers.packing import message_unpacked
 from boxcal.detect.log.safe_text import printable
+from boxcal.detect.log.signals import LATEST_NS
 from boxcal.target.arrays import Array
 
 _NS = 1_000_000_000
@@ -130,7 +131,7 @@ def stamp_of(message: Any) -> int | None:
         else:
             sec = getattr(found, "sec", getattr(found, "seconds", None))
             nanosec = getattr(found, "nanosec", getattr(found, "nanos", 0))
-        if isinstance(sec, int) and isinstance(nanosec, int):
+        if isinstance(sec, int) and isinstance(nanosec, int) and abs(sec * _NS + nanosec) < LATEST_NS:
             return sec * _NS + nanosec
     return None
 

@@ -11,6 +11,8 @@ from boxcal.target.arrays import Array, Ids
 
 _LARGEST = 1e15
 """Readings beyond this (rad, rad/s or ticks) are damage: a double holds no tenth of a unit there."""
+LATEST_NS = 1 << 62
+"""Times beyond this, ns (the year 2116), are damage: differences of two must not overflow."""
 _FEW = 4
 """Fewer readings in a piece tell no usual speed."""
 
@@ -61,7 +63,8 @@ class Signal:
 
     def add(self, t_ns: Ids, log_ns: Ids, values: Array) -> None:
         """Take readings: stamps (N,) ns, times of recording (N,) ns, values (N,); what is no number is left out."""
-        good = np.abs(values) < _LARGEST  # neither is NaN
+        good = (np.abs(values) < _LARGEST) & (t_ns > -LATEST_NS) & (t_ns < LATEST_NS)  # NaN is neither
+        log_ns = np.clip(log_ns, -LATEST_NS, LATEST_NS)
         if not np.all(good):
             t_ns, log_ns, values = t_ns[good], log_ns[good], values[good]
         if not values.size:

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import zstandard
 from mcap.writer import Writer
+from robot_logs import BLANKS, counters, images, write_mcap
 from small_logs import (
     CAMERA,
     JOINTS,
@@ -30,6 +31,7 @@ from boxcal.detect.log import scan
 from boxcal.detect.log.containers import base, mcap
 from boxcal.detect.log.containers.mcap import MAGIC
 from boxcal.detect.log.recording import Recording, open_recording
+from boxcal.detect.log.wheel_samples import JointUnit, WheelUnits
 
 
 def _record(opcode: int, body: bytes) -> bytes:
@@ -287,6 +289,17 @@ def test_a_chunk_of_a_ros1_bag_without_its_size_is_damage(tmp_path: Path) -> Non
         assert "\n" not in str(error)  # noqa: PT017
         return
     assert any("damaged" in note for note in found.notes)
+
+
+def test_times_beyond_all_measure_are_dropped(tmp_path: Path) -> None:
+    """Times of recording are unsigned in MCAP: the last message without a stamp claims the year 2335."""
+    angles = tuple(a[:200] for a in drive(step=0)[:3])
+    parts = list(counters(angles, "Int32", "/right_ticks", "/left_ticks"))  # type: ignore[arg-type]
+    late = [(topic, kind, (1 << 63) + (1 << 61), message) for topic, kind, _, message in parts[-1:]]
+    path = write_mcap(tmp_path / "a.mcap", [*parts, *late], images(BLANKS))
+    found = open_recording(path, units=WheelUnits(unit=JointUnit.TICKS, ticks_per_turn=1200))
+    assert found.wheels.t_ns[-1] == angles[0][-1]
+    assert np.max(np.diff(found.wheels.t_ns)) < 1e9
 
 
 def test_readings_beyond_all_measure_are_dropped_and_counted(tmp_path: Path) -> None:
