@@ -8,9 +8,9 @@ from typing import BinaryIO, cast
 from boxcal.detect.errors import DetectError
 from boxcal.detect.log.containers.bag_folder import MAX_METADATA_BYTES, METADATA, BagFolder, folder_parts
 from boxcal.detect.log.containers.base import Container
-from boxcal.detect.log.containers.mcap import MAGIC as MCAP_MAGIC
 from boxcal.detect.log.containers.mcap import McapFile
 from boxcal.detect.log.containers.mcap_indexed import IndexedMcap
+from boxcal.detect.log.containers.mcap_records import MAGIC as MCAP_MAGIC
 from boxcal.detect.log.containers.packing import unpacked_file
 from boxcal.detect.log.containers.plain_folder import PlainFolder, is_plain_folder
 from boxcal.detect.log.containers.ros1_bag import MAGIC as BAG_MAGIC

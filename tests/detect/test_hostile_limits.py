@@ -14,7 +14,7 @@ import pytest
 import zstandard
 
 from boxcal.detect.errors import DetectError
-from boxcal.detect.log.containers.mcap import MAGIC
+from boxcal.detect.log.containers.mcap_records import MAGIC
 from boxcal.detect.log.recording import open_recording
 
 MOST_MB, MOST_SECONDS = 500, 20

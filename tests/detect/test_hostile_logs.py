@@ -29,7 +29,7 @@ from boxcal.calib.simulate.mcap_writer import LogWriter
 from boxcal.detect.errors import DetectError
 from boxcal.detect.log import scan
 from boxcal.detect.log.containers import base, mcap
-from boxcal.detect.log.containers.mcap import MAGIC
+from boxcal.detect.log.containers.mcap_records import MAGIC
 from boxcal.detect.log.recording import Recording, open_recording
 from boxcal.detect.log.wheel_samples import JointUnit, WheelUnits
 

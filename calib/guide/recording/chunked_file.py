@@ -30,7 +30,7 @@ from mcap.records import (
 )
 
 from boxcal.detect.log.containers.base import Channel
-from boxcal.detect.log.containers.mcap import MAGIC
+from boxcal.detect.log.containers.mcap_records import MAGIC
 
 
 class ChunkedFile:

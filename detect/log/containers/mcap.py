@@ -9,8 +9,8 @@ Format: the MCAP specification, https://mcap.dev/spec.
 
 import struct
 import zlib
-from collections.abc import Callable, Generator, Iterable, Iterator
-from typing import BinaryIO, NamedTuple
+from collections.abc import Generator, Iterable, Iterator
+from typing import BinaryIO
 
 import numpy as np
 
@@ -25,50 +25,40 @@ from boxcal.detect.log.containers.base import (
     ros_type,
 )
 from boxcal.detect.log.containers.hashing import HashedFile
+from boxcal.detect.log.containers.mcap_records import (
+    CHANNEL,
+    CHUNK,
+    CHUNK_FIELDS,
+    CHUNK_INDEX,
+    FOOTER,
+    HEAD,
+    HEAD_TYPE,
+    LAST_OPCODE,
+    LENGTH,
+    MAGIC,
+    MESSAGE,
+    SCHEMA,
+    STATISTICS,
+    ChunkHead,
+    beginning,
+    chunk_head,
+    held_data,
+    is_chunk,
+    records_in,
+    text_in,
+    whole_records,
+)
 from boxcal.detect.log.containers.mcap_salvage import next_record, summary_of
-from boxcal.detect.log.containers.packing import ERRORS, unpacked, unpacked_beginning
+from boxcal.detect.log.containers.mcap_window import Window
+from boxcal.detect.log.containers.packing import ERRORS, unpacked
 from boxcal.detect.log.safe_text import printable
 from boxcal.target.arrays import Ids
 
-MAGIC = b"\x89MCAP0\r\n"
-FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, CHUNK_INDEX, STATISTICS = 2, 3, 4, 5, 6, 8, 11
-_LAST_OPCODE = 15
-
-_HEAD = struct.Struct("<BQ")
-_LENGTH = struct.Struct("<Q")
-_HEAD_TYPE = np.dtype(
-    [("op", "u1"), ("length", "<u8"), ("channel", "<u2"), ("seq", "<u4"), ("log", "<u8"), ("pub", "<u8")]
-)
-_CHUNK = struct.Struct("<QQQII")
-_RECORD_AND_HEAD = _HEAD.size
-_BODY_AT = _HEAD_TYPE.itemsize
+_RECORD_AND_HEAD = HEAD.size
+_BODY_AT = HEAD_TYPE.itemsize
 _MESSAGE_HEAD = np.arange(_BODY_AT)
 _BLOCK = 1 << 20
 _MAX_CHANNELS = 65_536
-
-
-class ChunkHead(NamedTuple):
-    """Header of an MCAP chunk: times (ns), unpacked size, checksum, compression, and where its data begins."""
-
-    start_ns: int
-    end_ns: int
-    size: int
-    crc: int
-    compression: str
-    data_at: int
-
-
-def chunk_head(body: bytes | memoryview) -> ChunkHead:
-    """Return a chunk record's fields (struct.error or ValueError if they are no chunk's)."""
-    start, end, size, crc, length = _CHUNK.unpack_from(body)
-    if length > 16:
-        raise ValueError(f"a compression of {length} characters")
-    at = _CHUNK.size + length
-    compression = bytes(body[_CHUNK.size : at]).decode()
-    (held,) = struct.unpack_from("<Q", body, at)
-    if held > len(body) - at - 8:
-        raise ValueError(f"{held} bytes of data claimed, {len(body) - at - 8} are there")
-    return ChunkHead(start, end, size, crc, compression, at + 8)
 
 
 class McapFile(HashedFile):
@@ -87,7 +77,7 @@ class McapFile(HashedFile):
 
     def batches(self) -> Iterator[list[Batch]]:
         """Yield all messages in file order: of each chunk a list with a batch a channel."""
-        walk = _Window(self._file, self._size, self._passed)
+        walk = Window(self._file, self._size, self._passed)
         walk.skip(len(MAGIC))
         while True:
             at = walk.at
@@ -95,7 +85,7 @@ class McapFile(HashedFile):
             if len(head) < _RECORD_AND_HEAD:
                 self.damage.add(f"truncated at byte {self._size}")
                 break
-            opcode, length = _HEAD.unpack(head)
+            opcode, length = HEAD.unpack(head)
             if opcode == FOOTER and length == 20:
                 if walk.left < _RECORD_AND_HEAD + length + len(MAGIC):
                     self.damage.add("truncated after its footer")
@@ -107,7 +97,7 @@ class McapFile(HashedFile):
                 yield from self._loose(walk)
             elif opcode in {CHUNK, MESSAGE, SCHEMA, CHANNEL}:
                 yield from self._record(walk, at, opcode, length)
-            elif opcode > _LAST_OPCODE and (body := self._chunk_by_another_name(walk, length)) is not None:
+            elif opcode > LAST_OPCODE and (body := self._chunk_by_another_name(walk, length)) is not None:
                 self.damage.add(f"the record at byte {at} is a chunk by another name (a flipped bit), it was read")
                 walk.skip(_RECORD_AND_HEAD + length)
                 yield from self._chunk(body, at)
@@ -126,7 +116,7 @@ class McapFile(HashedFile):
                 self._held = (record, self._chunk_content(record))
             data, at = (self._held[1], inner - _BODY_AT) if in_chunk else (self._loose_at(record + inner), 0)
             try:
-                opcode, length = _HEAD.unpack_from(data, at)
+                opcode, length = HEAD.unpack_from(data, at)
                 if (
                     opcode != MESSAGE
                     or length < _BODY_AT - _RECORD_AND_HEAD
@@ -143,13 +133,13 @@ class McapFile(HashedFile):
         """Return what the chunk at an offset of the file unpacks to, as an earlier pass saw it."""
         self._file.seek(record)
         head = self._file.read(_RECORD_AND_HEAD)
-        length = _HEAD.unpack(head)[1] if len(head) == _RECORD_AND_HEAD else 0
+        length = HEAD.unpack(head)[1] if len(head) == _RECORD_AND_HEAD else 0
         body = self._file.read(min(self._true_length.get(record, length), MAX_RECORD_BYTES))
         try:
             fields = chunk_head(body)
-            return unpacked(_held(body, fields), fields.compression, fields.size)
+            return unpacked(held_data(body, fields), fields.compression, fields.size)
         except (struct.error, DetectError, *ERRORS):
-            return _beginning(body)
+            return beginning(body)
 
     def _is_chunk_at(self, record: int) -> bool:
         """Tell whether a record is a chunk, of a file that was opened again."""
@@ -164,18 +154,18 @@ class McapFile(HashedFile):
         """Return the message record that stands in no chunk and whose content begins at an offset of the file."""
         self._file.seek(max(start - _BODY_AT, 0))
         head = self._file.read(_RECORD_AND_HEAD)
-        length = _HEAD.unpack(head)[1] if len(head) == _RECORD_AND_HEAD else 0
+        length = HEAD.unpack(head)[1] if len(head) == _RECORD_AND_HEAD else 0
         return head + self._file.read(min(length, MAX_RECORD_BYTES))
 
-    def _loose(self, walk: "_Window") -> Iterator[list[Batch]]:
+    def _loose(self, walk: "Window") -> Iterator[list[Batch]]:
         """Yield messages that stand in no chunk, many at a time."""
         base = walk.at
         data = walk.peek(_BLOCK)
-        end = _whole_records(data)
+        end = whole_records(data)
         walk.skip(end)
         yield from self._content(memoryview(data)[:end], base, chunk=False)
 
-    def _record(self, walk: "_Window", at: int, opcode: int, length: int) -> Iterator[list[Batch]]:
+    def _record(self, walk: "Window", at: int, opcode: int, length: int) -> Iterator[list[Batch]]:
         if length > MAX_RECORD_BYTES:
             self.damage.add(f"the record at byte {at} claims {length} bytes, at most {MAX_RECORD_BYTES} are read")
             walk.skip(_RECORD_AND_HEAD + length)
@@ -194,7 +184,7 @@ class McapFile(HashedFile):
         fields: ChunkHead | None = None
         try:
             fields = chunk_head(body)
-            data = unpacked(_held(body, fields), fields.compression, fields.size)
+            data = unpacked(held_data(body, fields), fields.compression, fields.size)
             if fields.crc and zlib.crc32(data) != fields.crc:
                 raise DetectError("its checksum does not match")
         except (struct.error, DetectError, *ERRORS) as error:
@@ -213,7 +203,7 @@ class McapFile(HashedFile):
         if chunk:
             self._chunks_seen.add(at)
         view = memoryview(data)
-        marks, problem = _records_in(view, self._budget.messages_left + _MAX_CHANNELS)
+        marks, problem = records_in(view, self._budget.messages_left + _MAX_CHANNELS)
         if problem and whole:
             self.damage.add(f"the {'chunk' if chunk else 'record'} at byte {at} is damaged inside: {problem}")
         yield self._batches_of(view, marks, at)
@@ -224,10 +214,10 @@ class McapFile(HashedFile):
         opcodes = memory[marks]
         for mark, opcode in zip(marks, opcodes, strict=True) if np.any(opcodes != MESSAGE) else ():
             if opcode in {SCHEMA, CHANNEL}:
-                (length,) = _LENGTH.unpack_from(view, mark + 1)
+                (length,) = LENGTH.unpack_from(view, mark + 1)
                 self.describe(int(opcode), view[mark + _RECORD_AND_HEAD : mark + _RECORD_AND_HEAD + length])
         marks = marks[(opcodes == MESSAGE) & (marks <= len(view) - _BODY_AT)]
-        heads = memory[marks[:, None] + _MESSAGE_HEAD].copy().view(_HEAD_TYPE)[:, 0]
+        heads = memory[marks[:, None] + _MESSAGE_HEAD].copy().view(HEAD_TYPE)[:, 0]
         lengths = heads["length"].astype(np.int64)
         good = lengths >= _BODY_AT - _RECORD_AND_HEAD
         if not np.all(good):
@@ -249,8 +239,8 @@ class McapFile(HashedFile):
         try:
             if opcode == SCHEMA:
                 (number,) = struct.unpack_from("<H", body)
-                name, at = _string(body, 2)
-                encoding, at = _string(body, at)
+                name, at = text_in(body, 2)
+                encoding, at = text_in(body, at)
                 (length,) = struct.unpack_from("<I", body, at)
                 text = bytes(body[at + 4 : at + 4 + length]) if length <= MAX_SCHEMA_BYTES else b""
                 self._schemas[number] = (checked_name(name, "type"), encoding, text)
@@ -258,8 +248,8 @@ class McapFile(HashedFile):
             number, schema = struct.unpack_from("<HH", body)
             if number in self._channels or len(self._channels) >= _MAX_CHANNELS:
                 return
-            topic, at = _string(body, 4)
-            encoding, at = _string(body, at)
+            topic, at = text_in(body, 4)
+            encoding, at = text_in(body, at)
         except (struct.error, ValueError) as error:
             self.damage.add(f"a {'schema' if opcode == SCHEMA else 'channel'} is damaged ({type(error).__name__})")
             return
@@ -295,7 +285,7 @@ class McapFile(HashedFile):
             self.damage.add(f"messages of channel {number}, which the file does not describe, were left out")
         return found
 
-    def _lost_place(self, walk: "_Window", at: int, opcode: int, length: int) -> Generator[list[Batch], None, bool]:
+    def _lost_place(self, walk: "Window", at: int, opcode: int, length: int) -> Generator[list[Batch], None, bool]:
         """Go on behind a record that cannot be one; return whether there is anything more."""
         left = walk.left - _RECORD_AND_HEAD
         claim = f"the record at byte {at} claims {length} bytes, the file has {left} more"
@@ -308,7 +298,7 @@ class McapFile(HashedFile):
                 return True
             if not _ends_whole(self._file, self._size):
                 self.damage.add(f"truncated: {claim}")
-                data = _beginning(memoryview(walk.peek(min(walk.left, MAX_RECORD_BYTES)))[_RECORD_AND_HEAD:])
+                data = beginning(memoryview(walk.peek(min(walk.left, MAX_RECORD_BYTES)))[_RECORD_AND_HEAD:])
                 if data:
                     yield from self._content(data, at, whole=False)
                 return False
@@ -320,12 +310,12 @@ class McapFile(HashedFile):
         walk.skip(found - walk.at)
         return True
 
-    def _chunk_by_another_name(self, walk: "_Window", length: int) -> memoryview | None:
+    def _chunk_by_another_name(self, walk: "Window", length: int) -> memoryview | None:
         """Return the content of a record that is a chunk in all but its opcode, else None."""
-        if not _CHUNK.size < length <= MAX_RECORD_BYTES:
+        if not CHUNK_FIELDS.size < length <= MAX_RECORD_BYTES:
             return None
         body = memoryview(walk.peek(_RECORD_AND_HEAD + length))[_RECORD_AND_HEAD:]
-        return body if _is_chunk(body) else None
+        return body if is_chunk(body) else None
 
     def _indexed_chunks(self) -> dict[int, int]:
         """Return the length of each chunk record by its offset, as the file's summary has them."""
@@ -346,7 +336,7 @@ class McapFile(HashedFile):
                 continue
             self._file.seek(at + _RECORD_AND_HEAD)
             body = memoryview(self._file.read(length - _RECORD_AND_HEAD))
-            if _is_chunk(body):
+            if is_chunk(body):
                 self.damage.add(f"the chunk at byte {at} has a damaged head, it was read by the file's index")
                 self._true_length[at] = length - _RECORD_AND_HEAD
                 yield from self._chunk(body, at)
@@ -364,116 +354,7 @@ class McapFile(HashedFile):
             self.damage.add(f"{claimed - seen} of its {claimed} messages are missing", messages=claimed - seen)
 
 
-def _held(body: bytes | memoryview, fields: ChunkHead) -> memoryview:
-    """Return the compressed data of a chunk record."""
-    (count,) = struct.unpack_from("<Q", body, fields.data_at - 8)
-    return memoryview(body)[fields.data_at : fields.data_at + count]
-
-
-def _is_chunk(body: memoryview) -> bool:
-    """Tell whether a record's content is a chunk with a right checksum."""
-    try:
-        fields = chunk_head(body)
-        data = unpacked(_held(body, fields), fields.compression, fields.size)
-    except (struct.error, DetectError, *ERRORS):
-        return False
-    return bool(fields.crc) and zlib.crc32(data) == fields.crc
-
-
-def _beginning(body: bytes | memoryview) -> bytes:
-    """Return what the data of a chunk record that was cut off unpacks to, as far as it is there."""
-    try:
-        _, _, size, _, length = _CHUNK.unpack_from(body)
-        at = _CHUNK.size + length
-        compression = bytes(body[_CHUNK.size : at]).decode()
-    except (struct.error, ValueError):
-        return b""
-    return unpacked_beginning(memoryview(body)[at + 8 :], compression, size)
-
-
 def _ends_whole(file: BinaryIO, size: int) -> bool:
     """Tell whether a file ends as an MCAP that was closed does."""
     file.seek(max(size - len(MAGIC), 0))
     return file.read(len(MAGIC)) == MAGIC
-
-
-def _string(body: memoryview, at: int) -> tuple[str, int]:
-    """Return the text that stands at an offset, behind its length, and where it ends."""
-    (length,) = struct.unpack_from("<I", body, at)
-    if length > len(body) - at - 4:
-        raise ValueError(f"a text of {length} bytes")
-    end = at + 4 + length
-    return bytes(body[at + 4 : end]).decode(), end
-
-
-def _whole_records(data: bytes | memoryview) -> int:
-    """Return where the last of the loose records that are whole in some memory ends."""
-    at = 0
-    while at + _RECORD_AND_HEAD <= len(data):
-        opcode, length = _HEAD.unpack_from(data, at)
-        stop = at + _RECORD_AND_HEAD + length
-        if opcode not in {MESSAGE, SCHEMA, CHANNEL} or stop > len(data):
-            break
-        at = stop
-    return at
-
-
-def _records_in(view: memoryview, most: int) -> tuple[Ids, str]:
-    """Return where the first records in memory begin, one behind the other, and what is wrong behind the last."""
-    at, end, unpack = 0, len(view), _LENGTH.unpack_from
-    marks: list[int] = []
-    mark = marks.append
-    while at + _RECORD_AND_HEAD <= end and len(marks) <= most:
-        (length,) = unpack(view, at + 1)
-        stop = at + _RECORD_AND_HEAD + length
-        if stop > end:
-            left = end - at - _RECORD_AND_HEAD
-            problem = f"a record in its chunk claims {length} bytes, the chunk has {left} more"
-            return np.array(marks, dtype=np.int64), problem
-        mark(at)
-        at = stop
-    return np.array(marks, dtype=np.int64), ""
-
-
-class _Window:
-    """A file read once from front to end, with a look ahead; all that passes is hashed."""
-
-    def __init__(self, file: BinaryIO, size: int, passed: Callable[[bytes], bytes]) -> None:
-        self._file, self._passed, self._buffer = file, passed, b""
-        self.at, self.size = 0, size
-        file.seek(0)
-        self._file_at = 0
-
-    @property
-    def left(self) -> int:
-        """Bytes from here to the end of the file."""
-        return self.size - self.at
-
-    def peek(self, count: int) -> bytes:
-        """Return the next bytes, fewer at the file's end, without passing them."""
-        held = len(self._buffer)
-        if held < count:
-            more = self._pull(count - held)
-            self._buffer = self._buffer + more if held else more
-        return self._buffer if len(self._buffer) <= count else self._buffer[:count]
-
-    def skip(self, count: int) -> None:
-        """Pass bytes."""
-        self.at += count
-        held = len(self._buffer)
-        self._buffer = self._buffer[count:] if count < held else b""
-        count -= held
-        while count > 0 and (passed := len(self._pull(min(count, _BLOCK)))):
-            count -= passed
-
-    def finish(self) -> None:
-        """Hash what was not passed."""
-        while self._pull(_BLOCK):
-            pass
-
-    def _pull(self, count: int) -> bytes:
-        if self._file.tell() != self._file_at:  # others looked elsewhere
-            self._file.seek(self._file_at)
-        block = self._file.read(count)
-        self._file_at += len(block)
-        return self._passed(block)

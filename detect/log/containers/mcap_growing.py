@@ -6,7 +6,8 @@ from typing import BinaryIO
 
 from boxcal.detect.errors import DetectError
 from boxcal.detect.log.containers.base import MAX_RECORD_BYTES, Batch
-from boxcal.detect.log.containers.mcap import CHANNEL, CHUNK, FOOTER, MAGIC, MESSAGE, SCHEMA, McapFile
+from boxcal.detect.log.containers.mcap import McapFile
+from boxcal.detect.log.containers.mcap_records import CHANNEL, CHUNK, FOOTER, MAGIC, MESSAGE, SCHEMA
 
 _HEAD = struct.Struct("<BQ")
 _AT_ONCE = 32 << 20

@@ -12,7 +12,8 @@ from enum import Enum
 from typing import BinaryIO, cast
 
 from boxcal.detect.log.containers.base import Batch, Channel
-from boxcal.detect.log.containers.mcap import CHANNEL, CHUNK, CHUNK_INDEX, SCHEMA, STATISTICS, McapFile
+from boxcal.detect.log.containers.mcap import McapFile
+from boxcal.detect.log.containers.mcap_records import CHANNEL, CHUNK, CHUNK_INDEX, SCHEMA, STATISTICS
 from boxcal.detect.log.containers.mcap_salvage import summary_of
 from boxcal.detect.log.remote.range_file import RangeFile
 from boxcal.target.arrays import Ids
