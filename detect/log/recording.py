@@ -15,30 +15,24 @@ import numpy as np
 
 from boxcal.detect.errors import DetectError
 from boxcal.detect.image.bit_depth import DeepGrey, bits_of, eight_bits, full_scale
-from boxcal.detect.log.clocks import LEAST_OFFSET_S, offset_by_recording, usable_stamps
 from boxcal.detect.log.containers.base import Container, Damage
 from boxcal.detect.log.containers.mcap_indexed import IndexedMcap
 from boxcal.detect.log.encoder import span
 from boxcal.detect.log.frame_cache import FrameCache
+from boxcal.detect.log.frame_times import frame_times
 from boxcal.detect.log.frames import FrameSource
-from boxcal.detect.log.images import Grey, ImageSeries, frame_id_of
+from boxcal.detect.log.images import Grey, frame_id_of
 from boxcal.detect.log.metadata import Metadata
 from boxcal.detect.log.opener import open_container
-from boxcal.detect.log.safe_text import printable
 from boxcal.detect.log.scan import Scan, problems_said
 from boxcal.detect.log.signals import Quantity
+from boxcal.detect.log.stand_images import fetch_stands
 from boxcal.detect.log.topics import Topics, choose_camera
-from boxcal.detect.log.wheel_assembly import AssembledWheels, assemble_wheels
+from boxcal.detect.log.wheel_assembly import assemble_wheels
 from boxcal.detect.log.wheel_choice import WheelChoice, choose_wheels
 from boxcal.detect.log.wheel_samples import WheelSamples, WheelUnits
-from boxcal.detect.stops import find_stops
 from boxcal.target.arrays import Ids
 
-_BEFORE_NS, _BEHIND_NS = 300_000_000, 1_000_000_000
-"""Images are recorded this soon before, and this long behind, what the wheels say of the same moment,"""
-_AROUND_NS = 150_000_000
-"""and where both clocks agree within this of the usual."""
-_EVER_NS = (1 << 63) - 1
 _DEPTH_ENCODINGS = {"16UC1", "32FC1", "16SC1", "64FC1"}
 
 
@@ -296,9 +290,9 @@ def _assembled(
     except DetectError as error:
         raise _with_losses(error, name, damage) from error
     if isinstance(container, IndexedMcap) and container.has_index:
-        _fetch_stands(scan, container, camera, wheels)
+        fetch_stands(scan, container, camera, wheels)
     images = scan.images_of(camera)
-    t_ns, numbers, offset, notes = _frame_times(images, wheels, camera)
+    t_ns, numbers, offset, notes = frame_times(images, wheels, camera)
     source = FrameSource(series=images, container=container, cache=scan.cache)
     return Recording(
         path=path,
@@ -347,52 +341,8 @@ def _chosen(scan: Scan, types: dict[str, str]) -> tuple[str, WheelChoice]:
     return camera, choice
 
 
-def _fetch_stands(scan: Scan, container: IndexedMcap, camera: str, wheels: AssembledWheels) -> None:
-    """Take the images that were recorded while the robot stood, and of a video all."""
-    images = scan.images_of(camera)
-    late = _lateness(wheels.stamp_ns, wheels.log_ns)
-    own = _lateness(np.array(images.t_ns, dtype=np.int64), np.array(images.log_ns, dtype=np.int64))
-    before, behind = late - _BEFORE_NS, late + _BEHIND_NS
-    if abs(own - late) < LEAST_OFFSET_S * 1e9:
-        before, behind = own - _AROUND_NS, own + _AROUND_NS
-    stands = [(s.t_start_ns + before, s.t_end_ns + behind) for s in find_stops(wheels.wheels)]
-    if images.is_video:
-        stands = [(0, _EVER_NS)]
-    for piece in container.batches_at(camera, np.array(stands, dtype=np.int64).reshape(-1, 2)):
-        scan.take([batch for batch in piece if batch.channel.topic == camera])
-    images.sort()
-    scan.cache.close()  # what was kept is numbered as it came
-    scan.cache = FrameCache()
-
-
-def _lateness(stamp_ns: Ids, log_ns: Ids) -> int:
-    """Return how long after their stamps messages were recorded, ns; 0 of none, and of those without stamps."""
-    return int(np.median(log_ns - stamp_ns)) if stamp_ns.size and np.median(stamp_ns) else 0
-
-
 def _several(scan: Scan) -> bool:
     return len({topic for topic, _ in scan.images}) > 1
-
-
-def _frame_times(images: ImageSeries, wheels: AssembledWheels, camera: str) -> tuple[Ids, Ids, int, tuple[str, ...]]:
-    """Return the frames' times on the wheels' clock, their numbers, the offset taken away, and what was done."""
-    stamps, log_ns = np.array(images.t_ns, dtype=np.int64), np.array(images.log_ns, dtype=np.int64)
-    times = usable_stamps(stamps, log_ns, f"the images in {printable(camera)}")
-    kept = np.flatnonzero(times.t_ns != 0) if np.any(times.t_ns != 0) else np.arange(stamps.size)
-    notes = [times.note] if times.note else []
-    if len(kept) < stamps.size:
-        notes.append(f"{stamps.size - len(kept)} images without stamps were left out")
-    t_ns, first = np.unique(times.t_ns[kept], return_index=True)
-    numbers = kept[first]
-    offset = 0
-    if not times.note:
-        offset = offset_by_recording(t_ns, log_ns[numbers], wheels.stamp_ns, wheels.log_ns)
-    if offset:
-        notes.append(
-            f"the camera's clock is {abs(offset) / 1e9:.1f} s {'ahead of' if offset > 0 else 'behind'} the wheels' (by "
-            "the times of recording); its stamps were put right by that"
-        )
-    return t_ns - offset, numbers, offset, tuple(notes)
 
 
 def _camera_frame(source: FrameSource) -> str:
