@@ -238,7 +238,8 @@ def test_a_bad_log_gets_one_clear_line_and_the_others_are_calibrated(
     assert not (tmp_path / "out" / "bad").exists()
     lines = [line for line in err.splitlines() if "bad.mcap" in line]
     assert len(lines) == 1, err
-    assert lines[0].startswith("fleet-calibrate: bad.mcap: ")
+    named = bad if case == "no such file" else bad.name  # what is not there is named with its whole path
+    assert lines[0].startswith(f"fleet-calibrate: {named}: ")
     for word in words:
         assert word in lines[0], lines[0]
     assert "Traceback" not in err
