@@ -30,6 +30,10 @@ class Backlash(OfWheels):
             travel[:, k, k] = -self.at.radii[k] * _reversals(problem.path.dphi[:, k], drive)
         return Columns(travel=travel)
 
+    def possible(self, solved: Solved) -> bool:
+        """Whether wheels lag behind their encoders: a backlash is not negative, and clearly there."""
+        return bool(np.sum(solved.values) > 2 * np.sqrt(np.sum(solved.cov)))
+
     def finding(self, solved: Solved, problem: Problem) -> Finding:  # noqa: ARG002
         """Return the backlash of both wheels and their mean."""
         right, left = np.degrees(solved.values)

@@ -57,6 +57,9 @@ class Cause(Explanation, Protocol):
     def unseen(self) -> dict[str, float]:
         """Standard deviations of what it may do besides that no drive can show, by reported parameter."""
 
+    def possible(self, solved: Solved) -> bool:
+        """Whether a size that was solved for is one that the cause can have."""
+
     def finding(self, solved: Solved, problem: Problem) -> Finding:
         """Return it in words, with its size."""
 
@@ -75,6 +78,10 @@ class OfWheels:
     def unseen(self) -> dict[str, float]:
         """Nothing."""
         return {}
+
+    def possible(self, solved: Solved) -> bool:  # noqa: ARG002 (any size is)
+        """Yes, whatever the size."""
+        return True
 
 
 class OfPictures(OfWheels):

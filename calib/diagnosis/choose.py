@@ -94,8 +94,10 @@ def explain(fit: Fit, needed: float = NEEDED) -> Explained:
         if more.cause is None or more.legs is None:
             return Explained(fit=here, adopted=adopted, doubts=more.doubts)
         start = replace(fit, weights=replace(fit.weights, legs=more.legs))
-        adopted = (*adopted, (more.cause, more.gain))
+        before, adopted = Explained(fit=here, adopted=adopted), (*adopted, (more.cause, more.gain))
         here = refit(start, [c for c, _ in adopted])
+        if not _shows(here, more.cause, more.gain):  # once faulty legs are left out again
+            return before
         kept = tuple(a for a in adopted if a[0] is more.cause or not _needless(_solved(here, *a)))
         if len(kept) < len(adopted):
             adopted = kept
@@ -120,7 +122,10 @@ def _next(fit: Fit, adopted: Sequence[tuple[Cause, float]], needed: float) -> _S
             break
         cause = ranked.cause
         held = replace(start, options=replace(fit.options, find_faults=False))
-        gain = log_evidence(refit(held, [cause])) - before - ranked.log_family
+        trial = refit(held, [cause])
+        gain = log_evidence(trial) - before - ranked.log_family
+        if not _shows(trial, cause, gain):  # what is gained is the legs that count again, not the cause
+            gain = min(gain, 0.0)
         if start is fit:
             known[id(ranked)] = gain
         if gain > most:
@@ -143,6 +148,12 @@ def _solved(fit: Fit, cause: Cause, gain: float) -> Solved:
     start = first - fit.problem.explained.start
     values = fit.state.explained[start : start + len(cause.names)]
     return Solved(values=values, cov=fit.cov[rows, rows], p_value=float(np.exp(-gain)))
+
+
+def _shows(fit: Fit, cause: Cause, gain: float) -> bool:
+    """Return whether a cause that was solved for has a size that is clearly there, and that it can have."""
+    solved = _solved(fit, cause, gain)
+    return not _needless(solved) and cause.possible(solved)
 
 
 def _needless(solved: Solved) -> bool:
