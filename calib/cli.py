@@ -5,10 +5,11 @@ import os
 import shlex
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack, closing, suppress
 from typing import TYPE_CHECKING
 
+from boxcal.calib.fleet.interrupts import interrupts_held, interrupts_remembered
 from boxcal.calib.fleet.options import options
 
 if TYPE_CHECKING:
@@ -25,7 +26,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     args = options().parse_args(argv)
     words = list(sys.argv[1:] if argv is None else argv)
     try:
-        return _run(args, command=shlex.join(["fleet-calibrate", *words]))
+        with interrupts_remembered() as stop_if_asked:
+            return _run(args, shlex.join(["fleet-calibrate", *words]), stop_if_asked)
     except BrokenPipeError:  # whoever read the output has closed it (| head); all files are written
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
@@ -34,7 +36,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return INTERRUPTED
 
 
-def _run(args: argparse.Namespace, command: str) -> int:
+def _run(args: argparse.Namespace, command: str, stop_if_asked: Callable[[], None]) -> int:
     if not args.quiet:  # before what takes a second to load
         _tell(f"fleet-calibrate: {len(args.logs)} log{'s' if len(args.logs) > 1 else ''}, starting ...")
     from boxcal.calib.fleet.plan import finished_before
@@ -51,34 +53,34 @@ def _run(args: argparse.Namespace, command: str) -> int:
         if not args.quiet:
             _tell(box)
         outcomes = finished_before(jobs, place.folder) if args.resume else []
-        return _work(args, jobs, outcomes, command, place)
+        stop_if_asked()
+        waiting, start = [job for job in jobs if all(job is not o.job for o in outcomes)], time.time()
+        interrupted = not _work(args, waiting, outcomes, stop_if_asked)
+        with interrupts_held():  # what is finished is put down, however often Ctrl-C is pressed
+            status = _conclude(args, jobs, outcomes, command, place)
+        return _interrupted(jobs, outcomes, start) if interrupted else status
 
 
 def _work(
-    args: argparse.Namespace, jobs: "list[Job]", outcomes: "list[Outcome]", command: str, place: "ResultsPlace"
-) -> int:
-    """Calibrate whoever waits, write and print; return the exit status."""
+    args: argparse.Namespace, waiting: "list[Job]", outcomes: "list[Outcome]", stop_if_asked: Callable[[], None]
+) -> bool:
+    """Calibrate whoever waits and append what comes of it; return whether all were done before Ctrl-C."""
     from boxcal.calib.console.progress import make_progress
     from boxcal.calib.fleet.batch import calibrate_fleet
-    from boxcal.calib.fleet.interrupts import interrupts_held
 
-    waiting = [job for job in jobs if all(job is not o.job for o in outcomes)]
-    interrupted, start = False, time.time()
     try:
         with (
             make_progress(len(waiting), quiet=args.quiet) as progress,
             closing(calibrate_fleet(waiting, workers=args.jobs, progress=progress.stage)) as running,
         ):
+            stop_if_asked()
             for outcome in running:
                 outcomes.append(outcome)
                 progress.done(outcome)
+                stop_if_asked()
     except KeyboardInterrupt:
-        interrupted = True
-    with interrupts_held():  # what is finished is put down, however often Ctrl-C is pressed
-        status = _conclude(args, jobs, outcomes, command, place)
-    if interrupted:
-        return _interrupted(jobs, outcomes, start)
-    return status
+        return False
+    return True
 
 
 def _tell(line: str) -> None:

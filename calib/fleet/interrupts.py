@@ -1,4 +1,4 @@
-"""Ctrl-C held back until the work is at a place where it can stop."""
+"""Ctrl-C held back until the work is at a place where it can stop, and never lost."""
 
 import signal
 import threading
@@ -25,6 +25,34 @@ def interrupts_held() -> Iterator[Callable[[], bool]]:
     before = signal.signal(signal.SIGINT, note)
     try:
         yield pressed.is_set
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+@contextmanager
+def interrupts_remembered() -> Iterator[Callable[[], None]]:
+    """Raise KeyboardInterrupt on Ctrl-C and remember it; gives a function that raises it again if it was lost.
+
+    In call-backs (of import locks, of compiled code that is loaded) Python prints what is raised and drops it: the
+    work would go on as if nothing had been pressed. Outside the main thread nothing is remembered.
+    """
+    pressed = threading.Event()
+
+    def again() -> None:
+        if pressed.is_set():
+            raise KeyboardInterrupt
+
+    if threading.current_thread() is not threading.main_thread():
+        yield again
+        return
+
+    def note(number: int, frame: FrameType | None) -> None:
+        pressed.set()
+        signal.default_int_handler(number, frame)
+
+    before = signal.signal(signal.SIGINT, note)
+    try:
+        yield again
     finally:
         signal.signal(signal.SIGINT, before)
 

@@ -104,7 +104,8 @@ class BoxAtStops:
         rejected, stops = sum(self.rejected), sum(count > 0 for count in self.rejected)
         if rejected:
             out.append(
-                f"{rejected} tags at {stops} stops were read but do not lie where the box has them, and were left out "
+                f"{rejected} tag{'s' if rejected > 1 else ''} at {stops} stop{'s' if stops > 1 else ''} "
+                f"{'were' if rejected > 1 else 'was'} read but not where the box has such a tag, and left out "
                 f"(beside {self.tags} that do)"
             )
         if self.odd_sizes:

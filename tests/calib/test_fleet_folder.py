@@ -10,6 +10,7 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -21,6 +22,7 @@ from boxcal.calib.cli import main
 from boxcal.calib.console.progress import make_progress
 from boxcal.calib.console.tables import columns, shortened, table
 from boxcal.calib.fleet.find_target import find_target
+from boxcal.calib.fleet.interrupts import interrupts_remembered
 from boxcal.calib.fleet.store import natural
 from boxcal.calib.settings import Stage
 from boxcal.calib.simulate.drive import DriveOptions, exact_correspondences, simulate_drive
@@ -203,10 +205,10 @@ def test_impossible_combinations_are_said_before_the_work(
     assert not out.exists()
 
 
-@pytest.mark.parametrize(("moment", "jobs"), [("starting", "2"), ("solving", "2"), ("[1/4]", "1"), ("[2/4]", "2")])
+@pytest.mark.parametrize(("moment", "jobs"), [("starting", "2"), ("solving", "2"), ("[1/8]", "1"), ("[2/8]", "2")])
 def test_ctrl_c_at_any_moment_leaves_a_readable_folder(moment: str, jobs: str, logs: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
-    names = [shutil.copy(logs / "r2.npz", logs / f"q{k:02d}.npz") for k in range(4)]
+    names = [shutil.copy(logs / "r2.npz", logs / f"q{k:02d}.npz") for k in range(8)]
     command = [sys.executable, "-m", "boxcal.calib.cli", *map(str, names), *PAPER, "--out", str(out), "--jobs", jobs]
     with subprocess.Popen(
         command, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True, process_group=0
@@ -231,9 +233,17 @@ def test_ctrl_c_at_any_moment_leaves_a_readable_folder(moment: str, jobs: str, l
         boxcal.load_calibration(out / robot / "calibration.json")
     again = subprocess.run([*command, "--resume"], capture_output=True, text=True, timeout=240, check=True)
     counted = re.findall(r"\[\d/(\d)\]", again.stderr)
-    assert len(counted) == 4 - len(finished)
+    assert len(counted) == 8 - len(finished)
     rows, document = _fleet(out)
-    assert set(rows) == set(document["robots"]) == {f"q{k:02d}" for k in range(4)}
+    assert set(rows) == set(document["robots"]) == {f"q{k:02d}" for k in range(8)}
+
+
+def test_ctrl_c_that_a_call_back_swallows_is_not_lost() -> None:
+    with interrupts_remembered() as again:
+        with suppress(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGINT)
+        with pytest.raises(KeyboardInterrupt):
+            again()
 
 
 def test_closed_output_loses_no_file(logs: Path, tmp_path: Path) -> None:

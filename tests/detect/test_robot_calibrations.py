@@ -52,7 +52,8 @@ def test_every_robots_log_gives_its_calibration(tmp_path: Path, plain: Array, ro
     assert np.all(np.abs(found[:3] - true / unit) < 4 * sigma)
     assert np.all(sigma * unit / true < 2e-3)
     assert c.verdict is not None
-    assert c.verdict.level == ("usable" if metres else "good")
+    allowed = {"usable"} if metres else {"good", "usable"} if row.tick else {"good"}  # coarse ticks may not tell enough
+    assert c.verdict.level in allowed
     jpeg = row.cameras[0][1] == "jpeg"
     if not row.tick and not jpeg:
         found[:3] *= unit

@@ -102,8 +102,8 @@ def _drive_as_the_page_says(browser: Browser, port: int, shots: Path) -> list[di
             after.append(page)
             browser.screenshot(shots / f"stop{stops}.png")
             sent = ""
-        if page.get("enough") == "true":
-            return after
+        if page.get("enough") == "true" and not sent:  # the robot may be on its way when the full solution comes
+            return [*after[:-1], page]
         next_stop = page["state"]["plan"]["next"] if page["state"] else []
         if stops and next_stop and not sent and page["state"]["banner"]["kind"] in {"go", "taken"}:
             sent = page["x"]
