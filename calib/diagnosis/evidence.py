@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from boxcal.calib.likelihood.fit import Fit
+from boxcal.calib.likelihood.fit import Fit, log_noise
 
 LEG_LEFT_OUT, CORNER_LEFT_OUT = 10.0, 12.0
 """What leaving out one of them costs, in log likelihood: about where their tests draw the line."""
@@ -17,7 +17,6 @@ def log_evidence(fit: Fit) -> float:
     """
     sigma = fit.components.prior_sigma(fit.problem)
     priors = float(np.sum(np.log(sigma[np.isfinite(sigma) & (sigma > 0)])))
-    noise = 2 * float(np.count_nonzero(fit.weights.corners)) * float(np.log(fit.components.noise_scale))
     legs = LEG_LEFT_OUT * float(np.sum(fit.problem.leg_known & (fit.weights.legs == 0)))
     corners = CORNER_LEFT_OUT * float(np.sum(fit.weights.corners == 0))
-    return fit.profile.log_evidence - priors - noise - legs - corners
+    return fit.profile.log_evidence - priors - log_noise(fit) - legs - corners

@@ -29,7 +29,7 @@ _ALIKE = 0.1
 
 
 def corner_floor(problem: Problem, at: Linearization) -> float:
-    """Return the floor of all corners' errors, px; 0 where it is not told."""
+    """Return the floor of all corners' errors, px; 0 where the residuals do not show one."""
     some = slice(None, None, 1 + len(problem.uv_px) // _CORNERS)
     told = problem.told_px2[some]
     x, y = np.linalg.solve(problem.whiten[some], at.residual_px[some, :, None])[:, :, 0].T
@@ -38,7 +38,7 @@ def corner_floor(problem: Problem, at: Linearization) -> float:
     floors = np.concatenate([[0.0], np.geomspace(_SMALLEST_SHARE * least, max(_LARGEST_PX, least), _LEVELS)])
     loss = np.array([_loss(x, y, (a + f**2, b, d + f**2)) for f in floors])
     best = int(np.argmin(loss))
-    if loss[0] - loss[best] < _CLEARLY:
+    if not np.isfinite(loss[0]) or loss[0] - loss[best] < _CLEARLY:  # errors that are no numbers, or zero, show none
         return 0.0
     if best in {1, len(floors) - 1}:
         return float(floors[best])

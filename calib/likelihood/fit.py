@@ -84,7 +84,12 @@ class Fit:
 
 
 def log_noise(fit: Fit) -> float:
-    """Return half the logarithm of the determinant of the covariance of all corners that counted."""
+    """Return how much corners err beyond their own covariances: half the log ratio of determinants.
+
+    Only corners that counted. Determinants in px^4 by themselves would make what leaving out a corner costs depend on
+    how many px it is known to.
+    """
     used = fit.weights.corners > 0
-    told = float(np.sum(np.log(np.linalg.det(fit.problem.whiten[used]))))
-    return 2 * float(np.count_nonzero(used)) * float(np.log(fit.components.noise_scale)) - told
+    told = fit.problem.told_px2[used]
+    floor = np.linalg.det(told + fit.problem.floor_px**2 * np.eye(2)) / np.linalg.det(told)
+    return float(np.sum(2 * np.log(fit.components.noise_scale) + 0.5 * np.log(floor)))
