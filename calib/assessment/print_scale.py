@@ -62,7 +62,10 @@ def find_print_scale(calibration: Calibration, seen: Sequence[SeenStop], target:
         R_cam_box = stop.result.T_box_cam[:3, :3].T
         by_scale = R_cam_box @ face[:, :3, :2] * p_face[:, None, :2]
         _, by_lens, by_point = project_with_jacobians(kind, values, p_cam)
-        whiten = np.linalg.inv(np.linalg.cholesky(stop.view.cov_px2[rows]))
+        cov_px2 = stop.view.cov_px2[rows]
+        if calibration.detail is not None:
+            cov_px2 = calibration.detail.corner_cov_px2(cov_px2)
+        whiten = np.linalg.inv(np.linalg.cholesky(cov_px2))
         shared = (whiten @ np.concatenate([by_lens, by_point @ by_scale], axis=2)).reshape(-1, n)
         own = (whiten @ by_point @ left_pose_jacobian(p_cam)).reshape(-1, 6)
         r = (whiten @ stop.error_px[rows][:, :, None]).ravel()

@@ -115,11 +115,12 @@ class _Look:
 def _look(calibration: Calibration, detail: Detail, stop: StopObservation) -> _Look:
     """Return where the camera says that the robot stood."""
     camera = calibration.camera
-    T = _pose(calibration, stop)
+    cov_px2 = detail.corner_cov_px2(stop.cov_px2)
+    T = _pose(calibration, stop, cov_px2)
     p_cam = transform(T, stop.p_box)
     uv_px, by_camera, by_point = project_with_jacobians(camera.kind, camera.values, p_cam)
     by_pose = by_point @ left_pose_jacobian(p_cam)
-    weight = np.linalg.inv(stop.cov_px2)
+    weight = np.linalg.inv(cov_px2)
     normal = np.einsum("lai,lab,lbj->ij", by_pose, weight, by_pose)
     pull = np.einsum("lai,lab,lbj->ij", by_pose, weight, by_camera)
 
@@ -137,9 +138,8 @@ def _look(calibration: Calibration, detail: Detail, stop: StopObservation) -> _L
     return _Look(
         pose=pose,
         by_camera=np.concatenate([-by_xi[:, :6] @ np.linalg.solve(normal, pull), by_xi[:, 6:]], axis=1),
-        corner_rms=square**0.5 / detail.noise.pixel_factor,
-        cov=detail.noise.pixel_factor**2 * by_xi[:, :6] @ np.linalg.solve(normal, by_xi[:, :6].T)
-        + _effects_covariance(calibration, detail, T, pose),
+        corner_rms=square**0.5,
+        cov=by_xi[:, :6] @ np.linalg.solve(normal, by_xi[:, :6].T) + _effects_covariance(calibration, detail, T, pose),
     )
 
 
@@ -166,14 +166,14 @@ def _effects_covariance(calibration: Calibration, detail: Detail, T_cam_box: Arr
     )
 
 
-def _pose(calibration: Calibration, stop: StopObservation) -> Array:
-    """Return T_cam_box (4, 4), m: least squares over the stop's corners, from OpenCV's SQPnP."""
+def _pose(calibration: Calibration, stop: StopObservation, cov_px2: Array) -> Array:
+    """Return T_cam_box (4, 4), m: least squares over corners of covariances (L, 2, 2), from OpenCV's SQPnP."""
     camera = calibration.camera
     xy = unproject(camera, stop.uv_px)
     seen = np.all(np.isfinite(xy), axis=1)
     _, rvec, tvec = cv2.solvePnP(stop.p_box[seen], xy[seen], np.eye(3), np.zeros(4), flags=cv2.SOLVEPNP_SQPNP)
     T = rigid(np.asarray(cv2.Rodrigues(rvec)[0], dtype=np.float64), np.ravel(tvec).astype(np.float64))
-    weight = np.linalg.inv(stop.cov_px2)
+    weight = np.linalg.inv(cov_px2)
     for _ in range(_REFINEMENTS):
         p_cam = transform(T, stop.p_box)
         uv, _, by_point = project_with_jacobians(camera.kind, camera.values, p_cam)

@@ -19,8 +19,8 @@ class NoiseLevels:
     Attributes
     ----------
     pixel_factor, pixel_factor_sigma
-        What the corners' own standard deviations were multiplied by: above 1, corners err by more than their frames
-        scatter. The sigma is 0 where the factor was given.
+        How much more corners err than their own standard deviations say (root mean squares, a floor included): above
+        1, corners err by more than their frames scatter. The sigma is 0 where the factor was given.
     pixel_px : px
         Standard deviation of a corner's coordinate that results (root mean square over the corners).
     slip, slip_sigma : m/sqrt(m)

@@ -8,6 +8,7 @@ import numpy as np
 from boxcal.calib.errors import CalibError
 from boxcal.calib.geometry.so3_se3 import exp_so3, inverse, rigid
 from boxcal.calib.likelihood.components import VarianceComponents
+from boxcal.calib.likelihood.corner_floor import with_floor
 from boxcal.calib.likelihood.estimate import Estimate
 from boxcal.calib.likelihood.levenberg_marquardt import Weights, equations, leg_information, linearize
 from boxcal.calib.likelihood.normal_equations import Normal, eliminate
@@ -142,7 +143,8 @@ def solved_by_calibration(calibration: Calibration, drives: Sequence[Corresponde
         values=detail.extra,
         flagged=tuple((c.drive, c.stop, c.landmark_id) for c in detail.flagged_corners),
         components=VarianceComponents(
-            noise_scale=detail.noise.pixel_factor,
+            noise_scale=detail.noise_scale,
+            corner_floor=detail.corner_floor_px / detail.noise_scale,
             slip=detail.noise.slip,
             lean=effects.get("lean_rad", 0.0),
             height=effects.get("height_m", 0.0),
@@ -191,6 +193,7 @@ def information_of(
     """
     options = EstimateOptions(lens=solved.camera.kind, target=target)
     problem = build_problem(drives, solved.stops, options, solved.encoder_step)
+    problem = with_floor(problem, solved.components.corner_floor)
     poses = np.concatenate([_floor_poses(T, t) for T, t in zip(solved.T_box_body, solved.tilt, strict=True)])
     state = resting(
         problem,

@@ -128,6 +128,7 @@ def leg_row(leg: DrivenLeg) -> LegRow:
 _EFFECTS = {
     "lean_rad": ("Lean of the robot", "°", 180 / pi, "roll and pitch, from stop to stop"),
     "height_m": ("Height of the robot", "mm", 1e3, "from stop to stop"),
+    "corner_floor_px": ("Floor of a corner's noise", "px", 1.0, "besides the scatter between frames"),
     "growth_px": ("Width of the tags' black", "px", 1.0, "from picture to picture"),
     "print": ("Scale of the sheets", "%", 100.0, "how well the box was made, by the data"),
     "place_m": ("Place of the faces", "mm", 1e3, "likewise"),

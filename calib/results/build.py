@@ -138,7 +138,14 @@ def _effects(estimate: Estimate) -> dict[str, float]:
     """Return the standard deviations of the random effects, named with their units."""
     c = estimate.components
     target = {f"{name}{_EFFECT_UNIT.get(name, '')}": float(value) for name, value in c.target.items()}
-    return {"lean_rad": float(c.lean), "height_m": float(c.height), "growth_px": float(c.growth), **target}
+    floor = float(c.corner_floor * c.noise_scale)
+    return {
+        "lean_rad": float(c.lean),
+        "height_m": float(c.height),
+        "growth_px": float(c.growth),
+        "corner_floor_px": floor,
+        **target,
+    }
 
 
 def _legs(d: int, drive: Correspondences, estimate: Estimate) -> list[Leg]:

@@ -18,6 +18,10 @@ SIDE = (
 )
 
 
+_MOST_FLOOR = 1 - 1e-6
+"""The largest share of the corners' noise that the floor may be: something of their own covariances is always left."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Covariance:
     """Covariance of named parameters.
@@ -177,7 +181,8 @@ class Detail:
         Standard deviations from leaving out stops and legs; None in files of before 0.2.
     effects
         Standard deviations of random effects by name with their unit: how much the robot leans from stop to stop, how
-        well the box was made. Those that the data say are none are zero.
+        well the box was made, by how much every corner errs besides its own covariance. Those that the data say are
+        none are zero.
     scale_sigma
         What the print's own size leaves open in every length, relative: it comes on top of every length's sigma.
     held_out
@@ -201,3 +206,19 @@ class Detail:
     leave_one_out: LeaveOneOut | None = None
     effects: dict[str, float] = field(default_factory=dict)
     scale_sigma: float | None = None
+
+    @property
+    def corner_floor_px(self) -> float:
+        """Standard deviation, px, of what every corner errs by besides its own covariance, less than the whole."""
+        return min(self.effects.get("corner_floor_px", 0.0), _MOST_FLOOR * self.noise.pixel_px)
+
+    @property
+    def noise_scale(self) -> float:
+        """Noise scale of the corners' own covariances: without the floor."""
+        if self.corner_floor_px == 0:
+            return self.noise.pixel_factor
+        return self.noise.pixel_factor * float(np.sqrt(1 - (self.corner_floor_px / self.noise.pixel_px) ** 2))
+
+    def corner_cov_px2(self, told_px2: Array) -> Array:
+        """Return the covariances of corners' errors, (L, 2, 2), px^2, from those that come with the corners."""
+        return self.noise_scale**2 * told_px2 + self.corner_floor_px**2 * np.eye(2)

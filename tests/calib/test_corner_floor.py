@@ -5,9 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from boxcal.calib.calibrate import calibrate
+from boxcal.calib.check_drive.by_box import check_drive
 from boxcal.calib.likelihood import EstimateOptions, estimate
 from boxcal.calib.likelihood.corner_floor import corner_floor, with_floor
 from boxcal.calib.likelihood.estimator import fit
+from boxcal.calib.likelihood.fit import log_noise
+from boxcal.calib.planning.drive_information import information_of, solved_by_calibration, solved_by_estimate
+from boxcal.calib.results.json_format import calibration_bytes, load_calibration
 from boxcal.calib.simulate.drive import DriveOptions, exact_correspondences, simulate_drive
 from boxcal.calib.simulate.robot import khepera
 from boxcal.target.box import make_target
@@ -60,3 +65,45 @@ def test_a_floor_is_part_of_the_reported_noise():
     assert found.noise.pixel_px == pytest.approx(np.hypot(told, 0.02), rel=0.05)
     assert found.noise.pixel_factor == pytest.approx(np.hypot(told, 0.02) / told, rel=0.05)
     assert with_floor(solution.problem, 0.0).sigma_px < solution.problem.sigma_px
+
+
+def test_errors_that_are_no_numbers_or_zero_show_no_floor():
+    solution = fit([seen(np.random.default_rng(2), 0.02)], None, EstimateOptions(target=TARGET))
+    assert corner_floor(solution.problem, solution.at) > 0
+    for value in (0.0, np.nan):
+        none = replace(solution.at.corners, residual=np.full_like(solution.at.residual_px, value))
+        assert corner_floor(solution.problem, replace(solution.at, corners=none)) == 0.0
+
+
+def test_log_noise_does_not_depend_on_how_many_px_corners_are_known_to():
+    solution = fit([seen(np.random.default_rng(2), 0.02)], None, EstimateOptions(target=TARGET))
+    problem = solution.problem
+    coarse = with_floor(replace(problem, told_px2=100 * problem.told_px2), 10 * problem.floor_px)
+    assert log_noise(replace(solution, problem=coarse)) == pytest.approx(log_noise(solution), rel=1e-9)
+    told = replace(solution, problem=with_floor(problem, 0.0))
+    scale = np.log(solution.components.noise_scale)
+    assert log_noise(told) == pytest.approx(2 * np.count_nonzero(solution.weights.corners) * scale, rel=1e-9)
+
+
+def test_a_floor_counts_wherever_a_calibration_is_used(tmp_path):
+    drive = seen(np.random.default_rng(5), 0.03)
+    found = calibrate(drive, TARGET)
+    (tmp_path / "calibration.json").write_bytes(calibration_bytes(found))
+    detail = load_calibration(tmp_path / "calibration.json").detail
+    told = np.array([0.004, 0.04])[:, None, None] ** 2 * np.eye(2)
+    sigma = np.sqrt(detail.corner_cov_px2(told)[:, 0, 0])
+    np.testing.assert_allclose(sigma, np.hypot([0.004, 0.04], 0.03), rtol=0.1)
+    options = EstimateOptions(target=TARGET, systematic_share=0.0)
+    estimated = estimate([drive], None, options)
+    for solved in (solved_by_estimate(estimated), solved_by_calibration(found, [drive])):
+        known = information_of(solved, [drive], TARGET)
+        cov = np.linalg.inv(known.chain)
+        rows = [known.names.index(name) for name in ("fu", "cu", "rx")]
+        expected = [estimated.sigma[name] for name in ("fu", "cu", "rx")]
+        np.testing.assert_allclose(np.sqrt(np.diag(cov)[rows]), expected, rtol=0.05)
+
+
+def test_a_check_drive_allows_for_the_floor():
+    found = calibrate(seen(np.random.default_rng(5), 0.03), TARGET)
+    legs = check_drive(found, seen(np.random.default_rng(6), 0.03))
+    assert np.mean([leg.corner_rms for leg in legs]) == pytest.approx(1.0, abs=0.1)
