@@ -11,7 +11,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from importlib import import_module
 from pathlib import Path
 
@@ -60,17 +60,27 @@ def prepare(tell: Tell | None = None, further: Sequence[str] = ()) -> None:
             return
         tell("compiling, once on this computer (some 10 s) ...")
         start = time.monotonic()
-        helper = subprocess.Popen([sys.executable, "-P", "-m", _MODULE, _HALVES[1], *further])  # noqa: S603 - this module
-        compile_half(_HALVES[0])
-        try:
-            helper.wait(PATIENCE_S)
-        except subprocess.TimeoutExpired:
-            helper.kill()
+        with _helper(further):
+            compile_half(_HALVES[0])
         for half in _HALVES:
             compile_half(half, further)
         for folder in kept:
             _complete(folder).touch()
         tell(f"compiled in {time.monotonic() - start:.0f} s")
+
+
+@contextmanager
+def _helper(further: Sequence[str]) -> Iterator[None]:
+    """Have the second half compiled meanwhile; what comes early, such as Ctrl-C, ends the helper, which does not hear it."""
+    words = [sys.executable, "-P", "-m", _MODULE, _HALVES[1], *further]
+    helper = subprocess.Popen(words, stdin=subprocess.DEVNULL, process_group=0)  # noqa: S603 - this module
+    try:
+        yield
+        with suppress(subprocess.TimeoutExpired):
+            helper.wait(PATIENCE_S)
+    finally:
+        helper.kill()
+        helper.wait()
 
 
 def _complete(folder: Path) -> Path:

@@ -238,6 +238,23 @@ def test_ctrl_c_at_any_moment_leaves_a_readable_folder(moment: str, jobs: str, l
     assert set(rows) == set(document["robots"]) == {f"q{k:02d}" for k in range(8)}
 
 
+def test_ctrl_c_while_code_compiles_ends_both_processes_in_one_line(logs: Path, tmp_path: Path) -> None:
+    cache, out = tmp_path / "cache", tmp_path / "out"
+    command = [sys.executable, "-m", "boxcal.calib.cli", str(logs / "r2.npz"), *PAPER, "--out", str(out)]
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(cache)}
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, env=environment, process_group=0) as process:
+        assert process.stderr is not None
+        assert any("compiling, once" in line for line in process.stderr)
+        time.sleep(1.0)  # the helper is on its way
+        os.killpg(process.pid, signal.SIGINT)
+        said = process.stderr.read()  # to the end that the last process makes of it
+        process.wait(60)
+    assert process.returncode == 130
+    assert "Traceback" not in said
+    assert said.splitlines()[-1].startswith("fleet-calibrate: interrupted")
+    assert not list(cache.rglob("complete"))
+
+
 def test_ctrl_c_that_a_call_back_swallows_is_not_lost() -> None:
     with interrupts_remembered() as again:
         with suppress(KeyboardInterrupt):
