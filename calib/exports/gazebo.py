@@ -1,7 +1,7 @@
 """``gazebo_diff_drive.xacro``: the wheels as Gazebo's DiffDrive takes them."""
 
 from boxcal.calib.exports.names import Names
-from boxcal.calib.exports.text import heading, ros_name, sigma_line, xml_comment
+from boxcal.calib.exports.text import heading, ros_name, sigma_line, usage, xml_comment
 from boxcal.calib.results.calibration import Calibration
 
 
@@ -16,8 +16,11 @@ def gazebo_xacro(calibration: Calibration, names: Names | None = None) -> str:
         *heading(calibration, "wheels for Gazebo's DiffDrive (gz-sim)"),
         "m; wheel_separation is between the wheels' contact points; the plugin takes one radius, the mean",
         sigma_line(calibration, ("rR", "rL", "b")),
-        "include this file in the robot's xacro and call the macro calibrated_diff_drive; the properties are for the",
-        "robot's own links: with them the simulated robot drives as the real one does",
+        *usage(
+            calibration,
+            "include this file in the robot's xacro and call the macro calibrated_diff_drive; the properties are for",
+            "the robot's own links: with them the simulated robot drives as the real one does",
+        ),
     ]
     values = {"separation": w.b, "radius_left": w.rL, "radius_right": w.rR}
     properties = "".join(

@@ -6,7 +6,7 @@ of the way. Slip grows with the way, not with its square, so the coefficients ar
 """
 
 from boxcal.calib.exports.odometry_noise import odometry_noise
-from boxcal.calib.exports.text import comment, heading, number, sigma_line
+from boxcal.calib.exports.text import comment, heading, number, sigma_line, usage
 from boxcal.calib.results.calibration import Calibration
 
 UPDATE_WAY, UPDATE_TURN = 0.25, 0.2
@@ -38,7 +38,8 @@ def amcl_yaml(calibration: Calibration) -> str | None:
         f"for updates of {UPDATE_WAY:g} m and {UPDATE_TURN:g} rad; variances from calibration and slip of this",
         "drive: the least that is justified. AMCL's default is 0.2 each; give more for rougher floors",
         sigma_line(calibration, ("rR", "rL", "b")),
-        "x forward, y left, z up; give this file after your own parameters",
+        "x forward, y left, z up",
+        *usage(calibration, "give this file after your own parameters"),
     ]
     values = "".join(f"      {name}: {number(value)}\n" for name, value in alphas.items())
     return f"{comment(lines)}/**:\n  amcl:\n    ros__parameters:\n{values}"

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from boxcal.calib.exports.names import Names
 from boxcal.calib.exports.odometry_noise import odometry_noise
-from boxcal.calib.exports.text import comment, heading, in_comment, number, numbers, sigma_line
+from boxcal.calib.exports.text import comment, heading, in_comment, number, numbers, sigma_line, usage
 from boxcal.calib.results.calibration import Calibration, Wheels
 from boxcal.calib.settings import Nominal
 
@@ -59,7 +59,7 @@ def diff_drive_yaml(calibration: Calibration, nominal: Nominal | None = None, na
         f"m; multipliers are against {against}",
         "positive wheel angles roll the robot forward; separation is between the wheels' contact points",
         sigma_line(calibration, ("rR", "rL", "b")),
-        f"give this file after your own parameters; it reaches the node {in_comment(controller)}",
+        *usage(calibration, f"give this file after your own parameters; it reaches the node {in_comment(controller)}"),
         *_covariance_lines(calibration),
     ]
     return comment(lines) + (

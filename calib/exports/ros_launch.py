@@ -1,7 +1,7 @@
 """``calibrated.launch.xml``: one ROS 2 launch file that puts a calibration on its robot."""
 
 from boxcal.calib.exports.names import Names
-from boxcal.calib.exports.text import heading, sigma_line, xml_comment
+from boxcal.calib.exports.text import heading, sigma_line, usage, xml_comment
 from boxcal.calib.geometry.euler import quaternion
 from boxcal.calib.results.calibration import Calibration
 
@@ -19,8 +19,11 @@ def launch_xml(calibration: Calibration, names: Names | None = None) -> str:
     frames = f"--frame-id $(var prefix){names.bare_base} --child-frame-id $(var prefix){names.bare_optical}"
     lines = [
         *heading(calibration, "its calibration, launched"),
-        "ros2 launch calibrated.launch.xml prefix:=r01_ namespace:=r01",
-        "start_controller:=true parameters:=/path/to/own.yaml also starts the wheels' controller (Jazzy and later)",
+        *usage(
+            calibration,
+            "ros2 launch calibrated.launch.xml prefix:=r01_ namespace:=r01",
+            "start_controller:=true parameters:=/path/to/own.yaml also starts the wheels' controller (Jazzy and later)",
+        ),
         "m; maps points of the camera (x right, y down, z forward) to the base (x forward, y left, z up)",
         sigma_line(calibration, ("rx", "ry", "rz", "tx", "ty", "tz")),
         "leave it out where the robot's description holds the camera (camera.urdf.xacro)",

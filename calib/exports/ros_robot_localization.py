@@ -2,7 +2,7 @@
 
 from boxcal.calib.exports.names import Names
 from boxcal.calib.exports.odometry_noise import OdometryNoise, odometry_noise
-from boxcal.calib.exports.text import comment, heading, number, sigma_line
+from boxcal.calib.exports.text import comment, heading, number, sigma_line, usage
 from boxcal.calib.results.calibration import Calibration
 
 SPEED = 0.5
@@ -30,14 +30,15 @@ def robot_localization_yaml(calibration: Calibration, names: Names | None = None
     if noise is None:
         return None
     names = names or Names()
-    controller = names.controller.strip("/")
+    controller = names.controller.rstrip("/")
     lines = [
         *heading(calibration, "the wheels' odometry for robot_localization"),
         "odom0: speeds ahead, sideways (none) and of turning; their variances come with each message",
         "(diff_drive_controller.yaml sets them from the calibration's sigmas and the slip)",
         f"process noise, per second: x, y and yaw are the slip at {SPEED:g} m/s, the rest the filter's defaults",
         sigma_line(calibration, ("rR", "rL", "b")),
-        "x forward, y left, z up; add your other sensors",
+        "x forward, y left, z up",
+        *usage(calibration, "add your other sensors"),
     ]
     diagonal = process_noise(noise)
     rows = [[diagonal[k] if k == j else 0.0 for k in range(len(diagonal))] for j in range(len(diagonal))]

@@ -5,7 +5,7 @@ That driver knows one radius for both wheels: what they differ by stays in its o
 
 from math import degrees
 
-from boxcal.calib.exports.text import comment, heading, number, sigma_line
+from boxcal.calib.exports.text import comment, heading, number, sigma_line, usage
 from boxcal.calib.results.calibration import Calibration
 
 
@@ -18,7 +18,7 @@ def turtlebot3_yaml(calibration: Calibration) -> str:
         "m; separation is between the wheels' contact points; one radius serves both wheels, the mean of theirs,",
         f"which leaves {drift:+.2f} deg a metre ahead in the odometry (diff_drive_controller.yaml leaves nothing)",
         sigma_line(calibration, ("rR", "rL", "b")),
-        "give this file after the driver's own (burger.yaml, waffle_pi.yaml)",
+        *usage(calibration, "give this file after the driver's own (burger.yaml, waffle_pi.yaml)"),
     ]
     return comment(lines) + (
         "/**:\n"

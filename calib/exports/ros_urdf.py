@@ -1,7 +1,7 @@
 """The camera in a robot's description: its mount link and its optical frame, as URDF and as a xacro macro."""
 
 from boxcal.calib.exports.names import Names
-from boxcal.calib.exports.text import heading, ros_name, sigma_line, xml_comment
+from boxcal.calib.exports.text import heading, ros_name, sigma_line, usage, xml_comment
 from boxcal.calib.geometry.euler import OPTICAL_RPY, link_pose, roll_pitch_yaw
 from boxcal.calib.results.calibration import Calibration
 from boxcal.target.arrays import Array
@@ -19,13 +19,16 @@ def urdf(calibration: Calibration, names: Names | None = None) -> str:
 def xacro(calibration: Calibration, names: Names | None = None) -> str:
     """Return a xacro file whose macro ``calibrated_camera`` puts the camera on a robot that has a base link."""
     names = names or Names()
-    usage = (
-        f'<!-- in the robot\'s xacro: <xacro:include filename="camera.urdf.xacro"/> <xacro:calibrated_camera/>\n'
-        f"     parent: a link on the floor below the middle of the axle ({names.base});\n"
-        "     prefix: for several cameras -->\n"
-    )
+    include = 'in the robot\'s xacro: <xacro:include filename="camera.urdf.xacro"/> <xacro:calibrated_camera/>'
+    lines = [
+        "macro calibrated_camera",
+        *usage(calibration, include),
+        f"parent: a link on the floor below the middle of the axle ({names.base});",
+        "prefix: for several cameras",
+    ]
+    arguments = "<!-- " + "\n     ".join(lines) + " -->\n"
     return (
-        f'<?xml version="1.0"?>\n{_comment(calibration, names)}{usage}<robot xmlns:xacro="http://www.ros.org/wiki/xacro">\n'
+        f'<?xml version="1.0"?>\n{_comment(calibration, names)}{arguments}<robot xmlns:xacro="http://www.ros.org/wiki/xacro">\n'
         f'  <xacro:macro name="calibrated_camera" params="parent:={names.base} prefix:=\'\'">\n'
         f"{_links(calibration.T_body_cam, '${parent}', '${prefix}', '    ', names)}  </xacro:macro>\n</robot>\n"
     )

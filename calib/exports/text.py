@@ -6,6 +6,7 @@ from zlib import crc32
 
 from boxcal.calib.console.judgement import header_lines
 from boxcal.calib.results.calibration import Calibration
+from boxcal.calib.results.verdict import Level
 from boxcal.detect.log.safe_text import printable
 
 MAX_ROS_NAME = 60
@@ -60,6 +61,12 @@ def heading(calibration: Calibration, what: str) -> list[str]:
     p = calibration.provenance
     first = in_comment(calibration.robot) + f": {what}, by boxcal {in_comment(p.version)}, {in_comment(p.created)}"
     return [first, *(in_comment(line) for line in header_lines(calibration.verdict))]
+
+
+def usage(calibration: Calibration, *lines: str) -> tuple[str, ...]:
+    """Return lines on how a file is used; none for a result whose verdict forbids use."""
+    forbidden = calibration.verdict is not None and calibration.verdict.level is Level.REDO
+    return () if forbidden else lines
 
 
 def sigma_line(calibration: Calibration, names: Iterable[str]) -> str:

@@ -71,7 +71,7 @@ def prepare(tell: Tell | None = None, further: Sequence[str] = ()) -> None:
 
 @contextmanager
 def _helper(further: Sequence[str]) -> Iterator[None]:
-    """Have the second half compiled meanwhile; what comes early, such as Ctrl-C, ends the helper, which does not hear it."""
+    """Have the second half compiled meanwhile, by a process that Ctrl-C does not reach: it is ended with this one."""
     words = [sys.executable, "-P", "-m", _MODULE, _HALVES[1], *further]
     helper = subprocess.Popen(words, stdin=subprocess.DEVNULL, process_group=0)  # noqa: S603 - this module
     try:

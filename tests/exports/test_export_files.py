@@ -243,6 +243,8 @@ def test_every_file_says_in_its_head_whether_it_may_be_used(level: Level) -> Non
         assert f"verdict: {level.upper()} - So it is." in head, name
         assert ("Drive slower." in head) == (level is not Level.GOOD), name
         assert ("The wheels slip" in head) == (level is not Level.GOOD), name
+        invited = re.search(r"ros2 launch|give this file|include|add your", content.decode())
+        assert not invited or level is not Level.REDO, name
     ET.fromstring(files["camera.urdf"])  # two hyphens would end its comment
 
 

@@ -121,6 +121,8 @@ def test_robot_localizations_filter_gets_the_slip_as_process_noise() -> None:
     made = calibration(detail=detail())
     found = node_parameters("/ekf_filter_node", files_of(made, controller="wheels")["robot_localization.yaml"])
     assert found["odom0"] == "wheels/odom"
+    absolute = node_parameters("/ekf_filter_node", files_of(made, controller="/r01/wheels")["robot_localization.yaml"])
+    assert absolute["odom0"] == "/r01/wheels/odom"
     assert [k for k, used in enumerate(found["odom0_config"]) if used] == [6, 7, 11]  # vx, vy, vyaw
     Q = np.reshape(found["process_noise_covariance"], (15, 15))
     assert made.detail is not None
