@@ -77,9 +77,10 @@ outputs: $(INSTALLED)
 walk:
 	PYTHON=$(PYTHON) tests/walk/walk
 
-# Pictures of the tutorial.
-pictures: $(INSTALLED)
+# Pictures of the tutorial, and of the first screen of a report of the demo.
+pictures: demo
 	$(BIN)/python docs/site/tutorial_pictures.py
+	$(BIN)/python docs/site/report_picture.py
 
 # JSON Schemas of the files that are written, as they are kept in the repository.
 schemas: $(INSTALLED)
