@@ -12,10 +12,10 @@ def interrupts_held() -> Iterator[Callable[[], bool]]:
     """Hold Ctrl-C back; gives a function that tells whether it was pressed meanwhile.
 
     Without this, Python raises KeyboardInterrupt between any two instructions, those of other people's clean-up
-    included. Outside the main thread nothing is held back, for signals do not arrive there.
+    included. Outside the main thread nothing is held back, for signals do not arrive there; nor where they are ignored.
     """
     pressed = threading.Event()
-    if threading.current_thread() is not threading.main_thread():
+    if not _arrives():
         yield pressed.is_set
         return
 
@@ -34,7 +34,8 @@ def interrupts_remembered() -> Iterator[Callable[[], None]]:
     """Raise KeyboardInterrupt on Ctrl-C and remember it; gives a function that raises it again if it was lost.
 
     In call-backs (of import locks, of compiled code that is loaded) Python prints what is raised and drops it: the
-    work would go on as if nothing had been pressed. Outside the main thread nothing is remembered.
+    work would go on as if nothing had been pressed. Outside the main thread nothing is remembered, nor where Ctrl-C is
+    ignored.
     """
     pressed = threading.Event()
 
@@ -42,7 +43,7 @@ def interrupts_remembered() -> Iterator[Callable[[], None]]:
         if pressed.is_set():
             raise KeyboardInterrupt
 
-    if threading.current_thread() is not threading.main_thread():
+    if not _arrives():
         yield again
         return
 
@@ -55,6 +56,11 @@ def interrupts_remembered() -> Iterator[Callable[[], None]]:
         yield again
     finally:
         signal.signal(signal.SIGINT, before)
+
+
+def _arrives() -> bool:
+    """Tell whether Ctrl-C arrives here: in the main thread, unless it is ignored as in a shell's background jobs."""
+    return threading.current_thread() is threading.main_thread() and signal.getsignal(signal.SIGINT) != signal.SIG_IGN
 
 
 @contextmanager

@@ -22,7 +22,7 @@ from boxcal.calib.cli import main
 from boxcal.calib.console.progress import make_progress
 from boxcal.calib.console.tables import columns, shortened, table
 from boxcal.calib.fleet.find_target import find_target
-from boxcal.calib.fleet.interrupts import interrupts_remembered
+from boxcal.calib.fleet.interrupts import interrupts_held, interrupts_remembered
 from boxcal.calib.fleet.store import natural
 from boxcal.calib.settings import Stage
 from boxcal.calib.simulate.drive import DriveOptions, exact_correspondences, simulate_drive
@@ -261,6 +261,17 @@ def test_ctrl_c_that_a_call_back_swallows_is_not_lost() -> None:
             signal.raise_signal(signal.SIGINT)
         with pytest.raises(KeyboardInterrupt):
             again()
+
+
+def test_ctrl_c_stays_ignored_where_a_shell_ignores_it() -> None:
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        with interrupts_remembered() as again, interrupts_held() as pressed:
+            signal.raise_signal(signal.SIGINT)
+            assert not pressed()
+            again()
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def test_closed_output_loses_no_file(logs: Path, tmp_path: Path) -> None:
