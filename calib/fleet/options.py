@@ -4,7 +4,7 @@ import argparse
 import re
 from pathlib import Path
 
-from boxcal.command_line import CommandParser
+from boxcal.command_line import CommandParser, number, whole_number
 
 _EPILOG = """\
 example:
@@ -18,6 +18,8 @@ goes to calibration/r01/calibration.json.
 exit status: 0 all robots calibrated, 1 some robot failed (its reason is printed), 2 wrong usage, 3 with --strict if
 some verdict is not good, 130 interrupted (what was finished is kept)
 """
+_SIZE = number(0, 1e3)
+"""What reads a size from an option."""
 
 
 def options() -> argparse.ArgumentParser:
@@ -25,7 +27,7 @@ def options() -> argparse.ArgumentParser:
     parser = CommandParser(
         "fleet-calibrate",
         usage="fleet-calibrate LOG [LOG ...] [options]",
-        description="Calibrate the camera, the wheels and the camera's mounting of every robot from its log.",
+        description="Calibrate the camera, the wheels and the camera extrinsics of every robot from its log.",
         epilog=_EPILOG,
     )
     parser.add_argument(
@@ -62,7 +64,9 @@ def options() -> argparse.ArgumentParser:
     _model(parser)
     parser.add_argument("--strict", action="store_true", help="exit with 3 unless every verdict is good")
     parser.add_argument("--resume", action="store_true", help="skip robots whose result is in the folder already")
-    parser.add_argument("--jobs", type=_positive, metavar="N", help="robots worked on at once (as many as cores)")
+    parser.add_argument(
+        "--jobs", type=whole_number(1, 4096), metavar="N", help="robots worked on at once (as many as cores)"
+    )
     parser.add_argument("--quiet", action="store_true", help="no progress, only results and errors")
     return parser
 
@@ -101,7 +105,7 @@ def _names(parser: argparse.ArgumentParser) -> None:
         help="node that drives the wheels (diff_drive_controller)",
     )
     names.add_argument(
-        "--bits", type=int, choices=(8, 10, 12, 14, 16), help="used bits of 16-bit frames (told from the frames)"
+        "--bits", type=int, choices=(8, 10, 12, 14, 16), help="used bits of 16-bit frames (estimated from the frames)"
     )
 
 
@@ -138,49 +142,35 @@ def _model(parser: argparse.ArgumentParser) -> None:
         help="the robot leans a little from stop to stop, by how much the data say, or stands on one plane exactly, "
         "as in the paper (uneven)",
     )
-    model.add_argument("--tilt-prior-deg", type=_size, default=1.0, metavar="DEG", help="floor against box (1)")
-    model.add_argument("--ink-prior-mm", type=_size, default=0.1, metavar="MM", help="spread of the print's ink (0.1)")
+    model.add_argument("--tilt-prior-deg", type=_SIZE, default=1.0, metavar="DEG", help="floor against box (1)")
+    model.add_argument("--ink-prior-mm", type=_SIZE, default=0.1, metavar="MM", help="spread of the print's ink (0.1)")
     model.add_argument(
         "--scale-prior-percent",
-        type=_size,
+        type=_SIZE,
         metavar="PERCENT",
         help="scale of the print in x and y; 0: exact (the data say how well the box was made)",
     )
     model.add_argument(
         "--face-prior-mm",
-        type=_size,
+        type=_SIZE,
         metavar="MM",
         help="places of the faces, and as much over a face's half width in angle; 0: exact (the data say)",
     )
     model.add_argument(
-        "--bow-prior-mm", type=_size, metavar="MM", help="outward bow of each face; 0: flat (the data say)"
+        "--bow-prior-mm", type=_SIZE, metavar="MM", help="outward bow of each face; 0: flat (the data say)"
     )
     model.add_argument(
         "--size-prior-mm",
-        type=_size,
+        type=_SIZE,
         default=0.0,
         metavar="MM",
         help="to what the box' width and depth were measured (not)",
     )
-    model.add_argument("--encoder-step-deg", type=_size, metavar="DEG", help="found from the samples if not given")
-    model.add_argument("--slip-mm", type=_size, metavar="MM", help="of a wheel per root metre; estimated if not given")
+    model.add_argument("--encoder-step-deg", type=_SIZE, metavar="DEG", help="found from the samples if not given")
+    model.add_argument("--slip-mm", type=_SIZE, metavar="MM", help="of a wheel per root metre; estimated if not given")
 
 
 def _frame(text: str) -> str:
     if not re.fullmatch(r"/?[A-Za-z][A-Za-z0-9_]*(/[A-Za-z0-9_]+)*/?", text):
         raise argparse.ArgumentTypeError(f"{text!r} is no name for ROS: letters, digits, _ and / are, a letter first")
     return text
-
-
-def _positive(text: str) -> int:
-    value = int(text)
-    if value < 1:
-        raise argparse.ArgumentTypeError(f"{value} is not a positive number")
-    return value
-
-
-def _size(text: str) -> float:
-    value = float(text)
-    if not 0 <= value < 1e3:
-        raise argparse.ArgumentTypeError(f"{value} is not a number from 0 on")
-    return value

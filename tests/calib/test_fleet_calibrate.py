@@ -456,7 +456,7 @@ def test_no_report_is_written_when_none_is_wanted(
     [
         (["--tagret", "x.json"], 2, "--tagret"),
         ([], 2, "LOG"),
-        (["x.mcap", "--jobs", "0"], 2, "not a positive number"),
+        (["x.mcap", "--jobs", "0"], 2, "a whole number from 1"),
         (["x.mcap", "--target", "none.json"], 2, "none.json: cannot be read"),
         (["a/x.mcap", "b/x.mcap"], 2, "several logs are named x"),
         (["a/...mcap"], 2, "no name for a robot"),
