@@ -15,7 +15,7 @@ from boxcal.detect.log.wheel_samples import WheelUnits
 
 MOST = 24
 """Photographs of one robot; of more stops those that fit worst are taken."""
-_WIDTH_PX, _QUALITY = 560, 55
+_SIDE_PX, _QUALITY = 560, 55
 
 
 def photographs(
@@ -68,7 +68,8 @@ def photographs(
 
 
 def small_jpeg(image: Grey) -> bytes:
-    """Return an image as a JPEG of at most 560 pixels across."""
-    k = min(1.0, _WIDTH_PX / image.shape[1])
-    small = image if k == 1.0 else cv2.resize(image, None, fx=k, fy=k, interpolation=cv2.INTER_AREA)
+    """Return an image as a JPEG whose longer side has at most 560 pixels."""
+    k = min(1.0, _SIDE_PX / max(image.shape[:2]))
+    size = [max(1, round(k * side)) for side in image.shape[1::-1]]
+    small = image if k == 1.0 else cv2.resize(image, size, interpolation=cv2.INTER_AREA)
     return cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])[1].tobytes()
