@@ -6,7 +6,7 @@ from math import isfinite, pi
 from boxcal.calib.results.calibration import Calibration
 
 _STRAIGHT = 10.0
-"""Way that the calibration's ground uncertainty is given for, m."""
+"""Distance that the calibration's ground uncertainty is given for, m."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -16,11 +16,11 @@ class OdometryNoise:
     Attributes
     ----------
     along
-        Relative standard deviation of the way from the calibration.
+        Relative standard deviation of the distance driven, from the calibration.
     heading_per_m, heading_per_rad : rad/m, 1
-        Standard deviation of the heading from the calibration, over the way and over the turn on the spot.
+        Standard deviation of the heading from the calibration, over the distance and over the turn on the spot.
     slip : m
-        Of each wheel over its first metre; variances grow with the way.
+        Of each wheel over its first metre; variances grow with the distance.
     b : m
         Wheel separation.
     """
@@ -32,13 +32,13 @@ class OdometryNoise:
     b: float
 
     def straight(self, way: float) -> tuple[float, float, float]:
-        """Return the variances of x, y (m^2) and heading (rad^2) after a way straight ahead, m."""
+        """Return the variances of x, y (m^2) and heading (rad^2) after a distance straight ahead, m."""
         x = (self.along * way) ** 2 + self.slip**2 * way / 2
         heading = (self.heading_per_m * way) ** 2 + 2 * self.slip**2 * way / self.b**2
         return x, heading * way**2 / 3, heading
 
     def turn(self, angle: float) -> tuple[float, float]:
-        """Return the variances of the way (m^2) and of the heading (rad^2) after a turn on the spot, rad."""
+        """Return the variances of the distance (m^2) and of the heading (rad^2) after a turn on the spot, rad."""
         rolled = self.b * angle / 2
         return self.slip**2 * rolled / 2, (self.heading_per_rad * angle) ** 2 + 2 * self.slip**2 * rolled / self.b**2
 

@@ -1,8 +1,9 @@
 """``nav2_amcl.yaml``: the noise of the odometry as AMCL's differential motion model takes it.
 
 Its rule (nav2_amcl, DifferentialMotionModel; Thrun, Burgard, Fox, Probabilistic Robotics, table 5.6): a motion is a
-turn, a way and a turn; variances are ``alpha1 turn^2 + alpha2 way^2`` of each turn and ``alpha3 way^2 + alpha4 turn^2``
-of the way. Slip grows with the way, not with its square, so the coefficients are those at the size of one update.
+turn, a translation and a turn; variances are ``alpha1 turn^2 + alpha2 translation^2`` of each turn and ``alpha3
+translation^2 + alpha4 turn^2`` of the translation. The variance of slip grows with the distance, not with its square,
+so the coefficients are those at the size of one update.
 """
 
 from boxcal.calib.exports.odometry_noise import odometry_noise
