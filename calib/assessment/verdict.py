@@ -36,7 +36,7 @@ Drives = Correspondences | Sequence[Correspondences]
 """One drive, or all that were solved together, in their order."""
 
 
-def judge(calibration: Calibration, drives: Drives, target: Target) -> Verdict:
+def judge(calibration: Calibration, drives: Drives, target: Target, *, compute_stops: bool = True) -> Verdict:
     """Return whether a calibration can be used, with what the corners of its drives say about the print.
 
     Parameters
@@ -47,6 +47,8 @@ def judge(calibration: Calibration, drives: Drives, target: Target) -> Verdict:
         What it was made from.
     target
         The landmark table that it was made with.
+    compute_stops
+        Whether advice on the next stops is computed where more of them help; else the rules' own advice stands.
     """
     all_drives = (drives,) if isinstance(drives, Correspondences) else tuple(drives)
     seen = stops_seen(calibration, all_drives, target)
@@ -54,7 +56,7 @@ def judge(calibration: Calibration, drives: Drives, target: Target) -> Verdict:
     told = scale is not None or target.measured is not None
     unchecked = () if told else (_print_unchecked(seen),)
     found = verdict(calibration, scale, unchecked=unchecked)
-    if not calls_for_stops(found.reasons):
+    if not (compute_stops and calls_for_stops(found.reasons)):
         return found
     return verdict(calibration, scale, unchecked=unchecked, more_stops=more_stops(calibration, all_drives, target))
 

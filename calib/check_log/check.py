@@ -6,11 +6,12 @@ from pathlib import Path
 import numpy as np
 
 from boxcal.calib.check_log.drive import drive_findings
-from boxcal.calib.check_log.findings import Grade, LogFinding, look, wrong
+from boxcal.calib.check_log.findings import LogFinding, look, refused, sentence
 from boxcal.calib.check_log.recorded import recording_findings
 from boxcal.calib.check_log.stops import light_at_stops, stop_findings
 from boxcal.calib.planning.floor import Floor
 from boxcal.calib.planning.goal import Goal
+from boxcal.calib.results.verdict import Level
 from boxcal.detect.correspondences import Correspondences, load_correspondences
 from boxcal.detect.errors import DetectError
 from boxcal.detect.extract import ExtractSettings, extract_recording
@@ -54,10 +55,9 @@ class LogCheck:
     drive: Correspondences | None
 
     @property
-    def worst(self) -> Grade:
-        """The gravest grade among the findings."""
-        order = list(Grade)
-        return max((f.grade for f in self.findings), key=order.index, default=Grade.FINE)
+    def worst(self) -> Level:
+        """The gravest level among the findings."""
+        return max((f.level for f in self.findings), key=lambda level: level.rank, default=Level.GOOD)
 
 
 @one_thread()
@@ -90,31 +90,34 @@ def check_log(
         recording = open_recording(path, topics, units, hashed=False)
     except DetectError as error:
         return _unread(path, error)
-    found, drive = _of_recording(recording, target, goal, floor)
+    stands = find_stops(recording.wheels)
+    drive, findings = None, []
+    try:
+        drive = extract_recording(recording, target, settings=ExtractSettings(max_frames=_FRAMES))
+    except DetectError as error:
+        findings.append(refused("recording", error))
+    else:
+        recording = _with_clock_of(recording, drive)
+        light = light_at_stops(recording, drive)
+        findings += stop_findings(drive, target, light, len(stands))
+        known = set(recording.notes)
+        notes = [note for note in drive.source.notes if note not in known and "left out" in note]
+        findings += [look("recording", sentence(note)) for note in notes]
+        findings += drive_findings(drive, target, goal, floor)
     return LogCheck(
         name=path.name,
-        findings=tuple(found),
+        findings=(*recording_findings(recording), *findings),
         wheels=recording.wheels,
         frame_t_ns=recording.frame_t_ns,
-        stands=find_stops(recording.wheels),
+        stands=stands,
         drive=drive,
     )
 
 
-def _of_recording(
-    recording: Recording, target: Target, goal: Goal | None, floor: Floor | None
-) -> tuple[list[LogFinding], Correspondences | None]:
-    found = recording_findings(recording)
-    try:
-        drive = extract_recording(recording, target, settings=ExtractSettings(max_frames=_FRAMES))
-    except DetectError as error:
-        return [*found, _refused(error)], None
-    light = light_at_stops(recording, drive)
-    stands = len(find_stops(recording.wheels))
-    found += stop_findings(drive, target, light, stands)
-    known = set(recording.notes)
-    found += [look("recording", f"{note}.") for note in drive.source.notes if note not in known and "left out" in note]
-    return [*found, *drive_findings(drive, target, goal, floor).findings], drive
+def _with_clock_of(recording: Recording, drive: Correspondences) -> Recording:
+    """Return a recording with its images' times as they were put right when the drive was extracted from it."""
+    offset = round(drive.source.clock_offset * 1e9) - recording.clock_offset_ns
+    return recording.with_clock_offset(offset) if offset else recording
 
 
 def _of_correspondences(path: Path, target: Target, goal: Goal | None, floor: Floor | None) -> LogCheck:
@@ -124,7 +127,7 @@ def _of_correspondences(path: Path, target: Target, goal: Goal | None, floor: Fl
         return _unread(path, error)
     return LogCheck(
         name=path.name,
-        findings=(*stop_findings(drive, target), *drive_findings(drive, target, goal, floor).findings),
+        findings=(*stop_findings(drive, target), *drive_findings(drive, target, goal, floor)),
         wheels=drive.wheels,
         frame_t_ns=np.zeros(0, dtype=np.int64),
         stands=find_stops(drive.wheels),
@@ -135,19 +138,9 @@ def _of_correspondences(path: Path, target: Target, goal: Goal | None, floor: Fl
 def _unread(path: Path, error: DetectError) -> LogCheck:
     return LogCheck(
         name=path.name,
-        findings=(_refused(error),),
+        findings=(refused("recording", error),),
         wheels=None,
         frame_t_ns=np.zeros(0, dtype=np.int64),
         stands=(),
         drive=None,
     )
-
-
-def _refused(error: DetectError) -> LogFinding:
-    what = error.found + (f"; {error.needed}" if error.needed else "")
-    advice = error.remedy or ""
-    return wrong("recording", _sentence(what), _sentence(advice))
-
-
-def _sentence(text: str) -> str:
-    return text[:1].upper() + text[1:] + ("" if not text or text.endswith(".") else ".")

@@ -16,7 +16,8 @@ Look at a recording while the robot is still on the floor: topics, rates, gaps, 
 sharpness, light, what the drive determines already, what is missing and where to stop next. One finding a line:
 ok, look or wrong, what it is about, and what was found.
 
-exit status: 0 nothing is wrong, 1 something is worth a look, 2 wrong usage, 3 the drive must be done again
+exit status: 0 nothing is wrong, 1 something is worth a look, 2 wrong usage, 3 something is wrong: as it is, the
+recording gives no calibration to rely on (each finding says what to do; not all need another drive)
 """
 
 
@@ -34,10 +35,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     topic_options(parser)
     args = parser.parse_args(argv)
     from boxcal.calib.check_log.check import check_log
-    from boxcal.calib.check_log.findings import Grade
     from boxcal.calib.check_log.timeline import timeline_bytes
     from boxcal.calib.fleet.chosen_settings import chosen_topics, chosen_units
     from boxcal.calib.fleet.find_target import find_target
+    from boxcal.calib.results.verdict import Level
     from boxcal.target.errors import BoxcalError
     from boxcal.target.files.atomic_write import write_atomically
 
@@ -55,7 +56,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     print(box.said, file=sys.stderr)
     for finding in found.findings:
         print(finding.line)
-    return {Grade.FINE: 0, Grade.LOOK: 1, Grade.WRONG: 3}[found.worst]
+    return {Level.GOOD: 0, Level.USABLE: 1, Level.REDO: 3}[found.worst]
 
 
 if __name__ == "__main__":

@@ -2,15 +2,11 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from enum import StrEnum
 
+from boxcal.calib.results.verdict import Level
+from boxcal.target.errors import BoxcalError
 
-class Grade(StrEnum):
-    """Weight of a finding: as it should be, worth a look, or wrong."""
-
-    FINE = "ok"
-    LOOK = "look"
-    WRONG = "wrong"
+_WORDS = {Level.GOOD: "ok", Level.USABLE: "look", Level.REDO: "wrong"}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -19,8 +15,8 @@ class LogFinding:
 
     Attributes
     ----------
-    grade
-        Its weight.
+    level
+        Its weight: as it should be (good), worth a look (usable), or wrong (redo).
     topic
         What it is about, in a word: ``camera``, ``wheels``, ``clock``, ``stops``, ``box``, ``sharpness``, ``light``,
         ``drive``, ``known`` or ``missing``; for programs.
@@ -30,7 +26,7 @@ class LogFinding:
         What to do about it; empty where nothing is to be done.
     """
 
-    grade: Grade
+    level: Level
     topic: str
     text: str
     advice: str = ""
@@ -38,22 +34,33 @@ class LogFinding:
     @property
     def line(self) -> str:
         """The finding in one line."""
-        return f"{self.grade:<5}  {self.topic:<9}  {self.text}" + (f" {self.advice}" if self.advice else "")
+        return f"{_WORDS[self.level]:<5}  {self.topic:<9}  {self.text}" + (f" {self.advice}" if self.advice else "")
 
 
 def fine(topic: str, text: str) -> LogFinding:
     """Return a finding that is as it should be."""
-    return LogFinding(grade=Grade.FINE, topic=topic, text=text)
+    return LogFinding(level=Level.GOOD, topic=topic, text=text)
 
 
 def look(topic: str, text: str, advice: str = "") -> LogFinding:
     """Return a finding that is worth a look."""
-    return LogFinding(grade=Grade.LOOK, topic=topic, text=text, advice=advice)
+    return LogFinding(level=Level.USABLE, topic=topic, text=text, advice=advice)
 
 
 def wrong(topic: str, text: str, advice: str = "") -> LogFinding:
     """Return a finding that spoils the drive."""
-    return LogFinding(grade=Grade.WRONG, topic=topic, text=text, advice=advice)
+    return LogFinding(level=Level.REDO, topic=topic, text=text, advice=advice)
+
+
+def refused(topic: str, error: BoxcalError) -> LogFinding:
+    """Return an error as a finding that spoils the drive: what was found, what was needed, and what to do."""
+    what = error.found + (f"; {error.needed}" if error.needed else "")
+    return wrong(topic, sentence(what), sentence(error.remedy or ""))
+
+
+def sentence(text: str) -> str:
+    """Return a text with a capital letter and a full stop."""
+    return text[:1].upper() + text[1:] + ("" if not text or text.endswith(".") else ".")
 
 
 def listed_stops(numbers: Iterable[int], most: int = 8) -> str:

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from boxcal.calib.check_log.findings import LogFinding, fine, look
+from boxcal.calib.check_log.findings import LogFinding, fine, look, sentence
+from boxcal.detect.log.clocks import LEAST_OFFSET_S
 from boxcal.detect.log.recording import Recording
 from boxcal.detect.log.safe_text import listed, printable
 from boxcal.target.arrays import Ids
@@ -12,6 +13,8 @@ _GAP = 5.0
 _LEAST_GAP_NS = 300_000_000
 _SLOW_WHEELS_HZ = 8.0
 _BELATED_NS = 5_000_000
+_CLOCK_NOTE = "the camera's clock is"
+"""Notes that begin so are said as findings on the clock."""
 
 
 def gaps(t_ns: Ids) -> tuple[tuple[int, int], ...]:
@@ -31,9 +34,8 @@ def rate_hz(t_ns: Ids) -> float:
 def recording_findings(recording: Recording) -> list[LogFinding]:
     """Return what topics, rates, gaps and clocks of a recording say."""
     found = [*_wheels(recording), *_camera(recording), *_clock(recording)]
-    said = {"clock is", "stamp"}
-    notes = [note for note in recording.notes if not any(word in note for word in said)]
-    return [*found, *(look("recording", _sentence(note)) for note in notes)]
+    notes = [note for note in recording.notes if not note.startswith(_CLOCK_NOTE)]
+    return [*found, *(look("recording", sentence(note)) for note in notes)]
 
 
 def _wheels(recording: Recording) -> list[LogFinding]:
@@ -91,10 +93,8 @@ def _clock(recording: Recording) -> list[LogFinding]:
             )
         ]
     images, wheels = recording.frame_t_ns, recording.wheels.t_ns
-    late = max(int(images[0]) - int(wheels[0]), int(wheels[-1]) - int(images[-1])) / 1e9
-    text = "Images and wheels are stamped by one clock."
+    if max(images[0], wheels[0]) > min(images[-1], wheels[-1]):  # refused for that
+        return []
+    late = (max(int(images[0]) - int(wheels[0]), 0) + max(int(wheels[-1]) - int(images[-1]), 0)) / 1e9
+    text = f"No difference of {LEAST_OFFSET_S:g} s or more between the clocks of images and wheels is seen."
     return [fine("clock", text if late < 5 else f"{text} Images cover all but {late:.0f} s of the wheels' time.")]
-
-
-def _sentence(text: str) -> str:
-    return text[:1].upper() + text[1:] + ("" if text.endswith(".") else ".")

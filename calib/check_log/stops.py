@@ -64,6 +64,8 @@ def stop_findings(
     stands
         How often the robot stood, with or without the box in view.
     """
+    if not drive.stops:
+        return [wrong("stops", "No stop sees the box.", "Stop at a dozen places around it.")]
     return [
         *_count(drive, stands),
         *_box(drive, target),
@@ -133,11 +135,19 @@ def _sharpness(drive: Correspondences) -> list[LogFinding]:
     text = f"Corners are seen to {usual:.3f} px."
     found = [fine("sharpness", text)]
     if usual > limit:
-        found = [look("sharpness", f"{text} The pictures are blurred or noisy.", "Focus the lens; more light.")]
+        found = [
+            look(
+                "sharpness", f"{text} That is a lot.", "Look for blur, noise, little light, and tags that are far away."
+            )
+        ]
     odd = np.flatnonzero((sigma > _BLURRED * usual) & (sigma > limit / 2))
     if len(odd):
         found.append(
-            look("sharpness", f"{listed_stops(odd)}: much less sharp than the others.".capitalize(), "Stand still.")
+            look(
+                "sharpness",
+                f"{listed_stops(odd)}: much less sharp than the others.".capitalize(),
+                "Stand still, no farther away.",
+            )
         )
     return found
 

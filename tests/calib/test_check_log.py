@@ -8,13 +8,15 @@ import pytest
 
 from boxcal.calib.check_log.check import LogCheck, check_log
 from boxcal.calib.check_log.cli import main
-from boxcal.calib.check_log.findings import Grade, listed_stops
-from boxcal.calib.check_log.recorded import gaps
+from boxcal.calib.check_log.findings import listed_stops
+from boxcal.calib.check_log.recorded import gaps, recording_findings
 from boxcal.calib.check_log.timeline import timeline_bytes
+from boxcal.calib.results.verdict import Level
 from boxcal.calib.simulate.drive import DriveOptions, exact_correspondences, simulate_drive
 from boxcal.calib.simulate.recorder import RecordOptions, write_log
 from boxcal.calib.simulate.robot import turtlebot
 from boxcal.detect.correspondences import Correspondences
+from boxcal.detect.log.recording import open_recording
 from boxcal.target.box import make_target
 
 TARGET = make_target()
@@ -33,7 +35,7 @@ def checked(seen: Correspondences, tmp_path: Path) -> LogCheck:
 
 
 def texts(check: LogCheck, topic: str, *, fine: bool = False) -> str:
-    return " ".join(f.text for f in check.findings if f.topic == topic and (f.grade is Grade.FINE) == fine)
+    return " ".join(f.text for f in check.findings if f.topic == topic and (f.level is Level.GOOD) == fine)
 
 
 @pytest.fixture(scope="module")
@@ -47,7 +49,7 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_a_good_drive_has_nothing_wrong_and_says_what_is_known(tmp_path: Path) -> None:
     check = checked(drive(14), tmp_path)
-    assert check.worst is Grade.FINE, [f.line for f in check.findings if f.grade is not Grade.FINE]
+    assert check.worst is Level.GOOD, [f.line for f in check.findings if f.level is not Level.GOOD]
     assert "Position after 10 m" in texts(check, "known", fine=True)
     assert "14 stops" in texts(check, "stops", fine=True)
 
@@ -89,7 +91,7 @@ def test_exchanged_wheels_are_wrong_not_unsure(tmp_path: Path) -> None:
     wheels = replace(seen.wheels, phi_R=seen.wheels.phi_L, phi_L=seen.wheels.phi_R)
     stops = tuple(replace(s, phi_R=s.phi_L, phi_L=s.phi_R) for s in seen.stops)
     check = checked(replace(seen, wheels=wheels, stops=stops), tmp_path)
-    assert check.worst is Grade.WRONG
+    assert check.worst is Level.REDO
     assert "swapped" in texts(check, "drive")
 
 
@@ -102,6 +104,30 @@ def test_a_recording_is_checked_and_drawn(log: Path, tmp_path: Path, capsys: pyt
         assert any(line.split()[1] == topic for line in lines), topic
     assert "joint_states: positions at 50 Hz" in "\n".join(lines)
     assert "face 3" in picture.read_text()
+
+
+def test_a_note_on_stamps_is_said_and_no_clock_is_vouched_for(log: Path) -> None:
+    note = "the images in /camera carry no stamps, the times of their recording were taken"
+    recording = open_recording(log)
+    found = recording_findings(replace(recording, notes=(note,)))
+    assert [f.text for f in found if f.topic == "recording"] == [f"T{note[1:]}."]
+    apart = replace(recording, frame_t_ns=recording.frame_t_ns + 10**12)
+    assert not [f for f in recording_findings(apart) if f.topic == "clock"]
+
+
+@pytest.mark.parametrize("stops", [0, 1, 2])
+def test_too_few_stops_are_wrong_and_it_is_said_how_many_are_needed(stops: int, tmp_path: Path) -> None:
+    seen = drive(4)
+    check = checked(replace(seen, stops=seen.stops[:stops]), tmp_path)
+    assert check.worst is Level.REDO
+    assert "at least 3 are needed" in texts(check, "drive")
+
+
+def test_what_the_verdict_calls_useless_is_wrong(tmp_path: Path) -> None:
+    seen = drive(14, slip=3e-2)
+    check = checked(seen, tmp_path)
+    missing = [f for f in check.findings if f.topic == "missing"]
+    assert any(f.level is Level.REDO and "10 m" in f.text for f in missing), [f.line for f in check.findings]
 
 
 def test_what_cannot_be_read_is_one_wrong_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -133,5 +159,5 @@ def test_gaps_are_much_longer_than_usual_and_stops_are_listed_as_people_count() 
 )
 def test_faults_of_path_traced_logs_are_named(shared_data: Path, log_name: str, words: str) -> None:
     check = check_log(shared_data / "rooms" / f"{log_name}.mcap", TARGET)
-    assert check.worst is not Grade.FINE
+    assert check.worst is not Level.GOOD
     assert words in texts(check, "drive")

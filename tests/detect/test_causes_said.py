@@ -11,6 +11,8 @@ from robot_logs import BLANKS, STORE, Message, header, images, joints, write_mca
 from small_logs import LEFT, RIGHT, drive
 
 from boxcal.calib.calibrate import calibrate
+from boxcal.calib.check_log.check import check_log
+from boxcal.calib.results.verdict import Level
 from boxcal.detect.errors import DetectError
 from boxcal.detect.extract import extract
 from boxcal.detect.log.recording import open_recording
@@ -66,6 +68,10 @@ def test_a_clock_that_only_the_pictures_tell_is_put_right_and_said(tmp_path: Pat
     assert len(found.stops) == len(session().pictures)
     side = "ahead of" if offset_s > 0 else "behind"
     assert any(f"s {side} the wheels' (its pictures stand still that much apart" in n for n in found.source.notes)
+    check = check_log(path, TARGET)
+    assert [(f.level, side in f.text) for f in check.findings if f.topic == "clock"] == [(Level.USABLE, True)]
+    assert check.drive is not None
+    assert np.all([check.frame_t_ns[0] < stop.t_end_ns < check.frame_t_ns[-1] for stop in check.drive.stops[:-1]])
 
 
 def test_of_two_topics_that_whose_pixels_are_distances_is_no_camera(tmp_path: Path) -> None:
