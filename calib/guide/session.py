@@ -347,7 +347,7 @@ class Session:
     def _took(self, usable: bool, new: bool) -> None:
         if not usable:
             return
-        now, count = time.monotonic(), len(self.drive.taken.stops)
+        now, count = time.monotonic(), self.drive.stops_taken
         self.outlook.latency = now - self._measure_due
         if new:
             self.outlook.taken_at = (now, count)
@@ -411,7 +411,7 @@ class Session:
         return (
             reached(self.outlook.bars)
             and verdict.get("level") == "good"
-            and verdict.get("stops") == len(self.drive.taken.stops)
+            and verdict.get("stops") == self.drive.stops_taken
         )
 
     def _answer_requests(self) -> None:

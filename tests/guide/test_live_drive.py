@@ -12,12 +12,15 @@ from live_messages import CAMERA, STORE, T0, WHEELS, heard, picture, wheels
 
 from boxcal.calib.guide.drive.frames_at_rest import MOST_BYTES, MOST_FRAMES, FramesAtRest, HeldFrame
 from boxcal.calib.guide.drive.live_drive import LiveDrive
+from boxcal.calib.guide.drive.taken_stops import TakenStop, TakenStops
 from boxcal.calib.guide.recording.chunked_file import ChunkedFile
 from boxcal.calib.guide.sources.inbox import LiveMessage
 from boxcal.calib.settings import Settings
 from boxcal.detect.correspondences import Correspondences
 from boxcal.detect.extract import extract
 from boxcal.detect.log.containers.base import Channel
+from boxcal.detect.stops import Stop
+from boxcal.detect.tags.averaging import AveragedCorners
 
 
 @pytest.fixture(scope="module")
@@ -99,10 +102,49 @@ def test_pictures_that_do_not_decode_are_said_and_passed_over() -> None:
     assert drive.taken.undecoded
 
 
-def _stop(first: int, last: int) -> object:
-    from boxcal.detect.stops import Stop  # noqa: PLC0415
-
+def _stop(first: int, last: int) -> Stop:
     return Stop(t_start_ns=first, t_end_ns=last, first_sample=0, last_sample=1, phi_R=0.0, phi_L=0.0)
+
+
+def _taken(first: int, last: int, rejected: int = 0) -> TakenStop:
+    corners = AveragedCorners(
+        landmark_ids=np.arange(16),
+        uv_px=np.zeros((16, 2)),
+        sigma_px=np.full(16, 0.05),
+        cov_px2=np.tile(0.05**2 * np.eye(2), (16, 1, 1)),
+        counts=np.ones(16, dtype=np.int64),
+        scatter_px2=np.zeros((2, 2)),
+        normalised=0.0,
+        freedom=0,
+        frames=1,
+    )
+    return TakenStop(
+        t_start_ns=first,
+        t_end_ns=last,
+        numbers=(0,),
+        corners=corners,
+        left_out="",
+        rejected_tags=rejected,
+        camera=None,
+    )
+
+
+def test_tags_that_do_not_lie_where_the_box_has_them_are_counted_as_a_reader_of_the_recording_counts_them() -> None:
+    taken = TakenStops(target=TARGET)
+    taken.stops = [_taken(0, 10, rejected=3), _taken(20, 30)]
+    assert [s.rejected_tags for s in taken.observations([_stop(0, 10), _stop(20, 30)])] == [3, 0]
+
+
+def test_a_measurement_belongs_to_one_stop_and_a_stop_has_one_measurement() -> None:
+    taken = TakenStops(target=TARGET)
+    first, second = _taken(0, 10), _taken(20, 30)
+    taken.stops = [first, second]
+    both, early, late = _stop(0, 29), _stop(0, 4), _stop(5, 10)
+    assert taken.matched([both]) == [(both, first)], "two stands that are one: the longer measurement"
+    assert taken.matched([early, late, _stop(20, 30)])[0] == (late, first), "one that is two: the longer stand"
+    assert len(taken.matched([early, late, _stop(20, 30)])) == 2
+    assert taken.matched([_stop(12, 18)]) == [], "a nudge, and a longer stand after it: measured anew"
+    assert taken.matched([]) == []
 
 
 def test_a_long_stand_holds_few_pictures_and_little_memory() -> None:

@@ -186,7 +186,7 @@ def _taken(first: int, last: int) -> Any:
     from boxcal.calib.guide.drive.taken_stops import TakenStop  # noqa: PLC0415
     from boxcal.detect.tags.averaging import combine  # noqa: PLC0415
 
-    return TakenStop(t_start_ns=first, t_end_ns=last, numbers=(0,), corners=combine([]), left_out="", camera=None)
+    return TakenStop(t_start_ns=first, t_end_ns=last, numbers=(0,), corners=combine([]), left_out="", rejected_tags=0, camera=None)
 
 
 def test_thirty_4k_pictures_a_second_keep_memory_flat_and_lose_no_wheel_reading(tmp_path: Path) -> None:

@@ -110,6 +110,11 @@ class LiveDrive:
             self._frames.forget_before(min([*needed, self.stands.now_ns - BEFORE_NS]))
 
     @property
+    def stops_taken(self) -> int:
+        """Number of stops of the wheels that were measured: those that a calibration is made from."""
+        return 0 if self.stands is None else len(self.taken.matched(self.stands.stops))
+
+    @property
     def clock_offset(self) -> float:
         """Time by which the camera's clock is ahead of the wheels', s; 0 if it is not."""
         return self._clock_ns / 1e9

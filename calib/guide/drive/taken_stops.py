@@ -32,6 +32,8 @@ class TakenStop:
         What they show.
     left_out
         Pictures that were left out and why; empty if none was.
+    rejected_tags
+        How many tags of the box were read that do not lie where the box has them.
     camera
         What the stop before told of the camera, so that measuring again begins alike.
     """
@@ -41,6 +43,7 @@ class TakenStop:
     numbers: tuple[int, ...]
     corners: AveragedCorners
     left_out: str
+    rejected_tags: int
     camera: KnownCamera | None
 
 
@@ -100,6 +103,7 @@ class TakenStops:
             numbers=numbers,
             corners=found.corners,
             left_out=found.left_out,
+            rejected_tags=len(found.rejected_ids),
             camera=before,
         )
         if again is None:
@@ -116,11 +120,26 @@ class TakenStops:
         stops
             All stops that the wheels show.
         """
-        pairs = [(stop, taken) for stop in stops for taken in self.stops if _overlap(taken, stop)]
+        pairs = self.matched(stops)
         covs = covariances([taken.corners for _, taken in pairs], self.settings.floor_px)
         return tuple(
-            observation(stop, taken.corners, cov, self.target) for (stop, taken), cov in zip(pairs, covs, strict=True)
+            observation(stop, taken.corners, cov, self.target, taken.rejected_tags)
+            for (stop, taken), cov in zip(pairs, covs, strict=True)
         )
+
+    def matched(self, stops: Sequence[Stop]) -> list[tuple[Stop, TakenStop]]:
+        """Return the stops of the wheels that were taken, each with its measurement.
+
+        As samples come, a stand may turn out to be two, two to be one, or none (a nudge, and a longer stand after it).
+        Each measurement belongs to the one stop with which it shares most time, and a stop has one measurement.
+        """
+        found: dict[int, TakenStop] = {}
+        for taken in self.stops:
+            shared = [_shared_ns(taken, stop) for stop in stops]
+            k = int(np.argmax(shared)) if shared else 0
+            if shared and shared[k] >= 0 and (k not in found or shared[k] > _shared_ns(found[k], stops[k])):
+                found[k] = taken
+        return [(stops[k], found[k]) for k in sorted(found)]
 
     @property
     def camera(self) -> KnownCamera | None:
@@ -154,4 +173,9 @@ class TakenStops:
 
 def _overlap(taken: TakenStop, stop: Stop) -> bool:
     """Tell whether a stop that was taken is this one of the wheels."""
-    return taken.t_start_ns <= stop.t_end_ns and stop.t_start_ns <= taken.t_end_ns
+    return _shared_ns(taken, stop) >= 0
+
+
+def _shared_ns(taken: TakenStop, stop: Stop) -> int:
+    """Return the time, ns, that both have in common; negative if none."""
+    return min(taken.t_end_ns, stop.t_end_ns) - max(taken.t_start_ns, stop.t_start_ns)

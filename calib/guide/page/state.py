@@ -43,7 +43,7 @@ def state_of(session: Session) -> dict[str, Any]:
         "said": session.link.said,
         "compiling": session.compiling,
         "banner": _banner(session, places),
-        "stops": len(drive.taken.stops),
+        "stops": drive.stops_taken,
         "picture": _picture(session),
         "plan": _plan(session, here, places),
         "bars": [_bar(bar) for bar in outlook.bars],
@@ -54,7 +54,7 @@ def state_of(session: Session) -> dict[str, Any]:
         "calibrating": session.busy_calibrating,
         "failed": outlook.failed,
         "enough": session.enough,
-        "can_calibrate": len(drive.taken.stops) >= MIN_STOPS,
+        "can_calibrate": drive.stops_taken >= MIN_STOPS,
         "recording": _recording(session),
         "latency_ms": round(1000 * outlook.latency),
         "update_ms": round(1000 * session.running.seconds),
@@ -79,7 +79,7 @@ def _banner(session: Session, places: list[dict[str, Any]]) -> dict[str, Any]:
 
 def _at_the_end(session: Session) -> dict[str, Any] | None:
     """Return that it is enough, that the calibration is under way, or what came of it, if anything."""
-    finished, count = session.outlook.finished, len(session.drive.taken.stops)
+    finished, count = session.outlook.finished, session.drive.stops_taken
     if session.busy_calibrating:
         return _said("wait", "Calibrating", f"{count} stops are solved in full")
     if finished and finished["stops"] == count:
