@@ -301,8 +301,7 @@ def _assembled(
         camera_topic=camera,
         camera_frame=_camera_frame(source),
         odometry_frame=next((o.base_frame for o in scan.odometry.values() if o.base_frame), ""),
-        wheel_topics=tuple(dict.fromkeys(s.topic for s in (*choice.right, *choice.left)))
-        or (() if choice.odometry is None else (choice.odometry.topic,)),
+        wheel_topics=choice.topics,
         quantity=choice.quantity,
         nominal=wheels.nominal,
         wheels=wheels.wheels,
@@ -358,9 +357,7 @@ def _camera_frame(source: FrameSource) -> str:
 
 def _problems_of(scan: Scan, camera: str, choice: WheelChoice) -> dict[str, tuple[str, int]]:
     """Return the problems in the topics that are used; an arm's broken topic harms nothing."""
-    used = {camera, *(s.topic for s in (*choice.right, *choice.left))}
-    if choice.odometry is not None:
-        used.add(choice.odometry.topic)
+    used = {camera, *choice.topics}
     return {topic: problem for topic, problem in scan.problems.items() if topic in used}
 
 

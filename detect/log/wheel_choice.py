@@ -44,6 +44,13 @@ class WheelChoice:
         """Kind of the chosen signals' numbers."""
         return Quantity.ODOMETRY if self.odometry is not None else self.right[0].quantity
 
+    @property
+    def topics(self) -> tuple[str, ...]:
+        """Topics of the chosen signals, each once."""
+        if self.odometry is not None:
+            return (self.odometry.topic,)
+        return tuple(dict.fromkeys(s.topic for s in (*self.right, *self.left)))
+
 
 def choose_wheels(
     name: str,

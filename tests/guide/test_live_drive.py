@@ -61,6 +61,8 @@ def test_stops_measured_while_driving_are_those_of_the_recording_to_the_last_bit
     assert live.image_size == read.image_size
     assert live.source.camera_topic == read.source.camera_topic
     assert live.source.camera_frame == read.source.camera_frame
+    assert live.source.wheel_topics == read.source.wheel_topics == ("/joint_states",)
+    assert live.source.wheel_quantity == read.source.wheel_quantity
 
 
 @pytest.mark.slow

@@ -175,7 +175,7 @@ class LiveDrive:
         radius, separation = samples.nominal or about.nominal_wheels() or (0.0, 0.0)
         odometry = next((o.base_frame for o in self.wheels.scan.odometry.values() if o.base_frame), "")
         base = odometry or about.base_frame()
-        T_base_cam = about.fixed_transform(base, self._camera[1])
+        T_base_cam, choice = about.fixed_transform(base, self._camera[1]), self.wheels.choice
         return Source(
             log=log,
             target_sha256=target_sha256(self._target),
@@ -183,6 +183,8 @@ class LiveDrive:
             camera_topic=self._camera[0],
             camera_frame=self._camera[1],
             base_frame=base,
+            wheel_topics=() if choice is None else choice.topics,
+            wheel_quantity="positions" if choice is None else str(choice.quantity),
             nominal_radius=radius,
             nominal_separation=separation,
             nominal_T_base_cam=() if T_base_cam is None else tuple(float(v) for v in T_base_cam.ravel()),

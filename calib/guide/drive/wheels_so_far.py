@@ -10,7 +10,7 @@ from boxcal.detect.log.containers.base import Batch, Channel
 from boxcal.detect.log.scan import Scan, problems_said
 from boxcal.detect.log.topics import Topics
 from boxcal.detect.log.wheel_assembly import AssembledWheels, assemble_wheels
-from boxcal.detect.log.wheel_choice import choose_wheels
+from boxcal.detect.log.wheel_choice import WheelChoice, choose_wheels
 from boxcal.detect.log.wheel_samples import WheelUnits
 
 
@@ -21,12 +21,15 @@ class WheelsSoFar:
     ----------
     scan
         What was heard; its metadata describe the robot.
+    choice
+        The signals that the last samples came from; None before the first.
     problem
         Sentence about why there are no samples, empty if there are.
     """
 
     def __init__(self, name: str, topics: Topics, units: WheelUnits, nominal: tuple[float, float] | None) -> None:
         self.scan = Scan(name=name, topics=topics)
+        self.choice: WheelChoice | None = None
         self.problem = ""
         self._units, self._nominal = units, nominal
 
@@ -61,7 +64,7 @@ class WheelsSoFar:
         except DetectError as error:
             self.problem = str(error).removeprefix(f"{scan.name}: ")
             return None
-        self.problem = ""
+        self.choice, self.problem = choice, ""
         return found
 
     @property
