@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING
 from boxcal.command_line import CommandParser
 
 if TYPE_CHECKING:
-    from boxcal.calib.guide.session import GuideOptions, Session
+    from boxcal.calib.guide.outlook import GuideOptions
+    from boxcal.calib.guide.session import Session
     from boxcal.calib.guide.sources.link import Link
 
 _EPILOG = """\
@@ -125,7 +126,7 @@ def _run(args: argparse.Namespace, command: str) -> int:
 
 
 def _options(args: argparse.Namespace, command: str) -> "GuideOptions":
-    from boxcal.calib.guide.session import GuideOptions
+    from boxcal.calib.guide.outlook import GuideOptions
     from boxcal.calib.settings import Settings
     from boxcal.detect.log.topics import Topics
     from boxcal.detect.log.wheel_samples import JointUnit, WheelUnits

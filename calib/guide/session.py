@@ -4,9 +4,6 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable
-from concurrent.futures import CancelledError, Future
-from concurrent.futures.process import BrokenProcessPool
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -17,20 +14,19 @@ from boxcal.calib.errors import CalibError
 from boxcal.calib.guide.drive.glance import Glance, glance
 from boxcal.calib.guide.drive.live_drive import LiveDrive
 from boxcal.calib.guide.estimate.advice import Place, bars, first_places, next_places, reached
+from boxcal.calib.guide.estimate.full_solution import FullSolution
 from boxcal.calib.guide.estimate.running import RunningEstimate
-from boxcal.calib.guide.estimate.solver import LONGEST_S, Solver
+from boxcal.calib.guide.estimate.solver import Solver
+from boxcal.calib.guide.outlook import GuideOptions, Outlook
 from boxcal.calib.guide.recording.recorder import Recorder
 from boxcal.calib.guide.sources.inbox import LiveMessage
 from boxcal.calib.guide.sources.link import Link
 from boxcal.calib.guide.worker import Worker
 from boxcal.calib.likelihood.compiled.compilation import prepare_all
-from boxcal.calib.planning.goal import Bar, Goal
-from boxcal.calib.settings import Settings
 from boxcal.detect.correspondences import Correspondences
 from boxcal.detect.errors import DetectError
 from boxcal.detect.image.bit_depth import DeepGrey, full_scale
 from boxcal.detect.log.images import VideoPacket, decode_frame
-from boxcal.target.box import Target
 from boxcal.target.camera.camera_model import CameraModel
 from boxcal.target.errors import BoxcalError
 
@@ -47,69 +43,6 @@ _JUDGED_FROM = 4
 """Stops from which on the full calibration is worth its time."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class GuideOptions:
-    """Options of a session.
-
-    Attributes
-    ----------
-    robot
-        Name of the robot, of its recording and of its results.
-    target
-        The box.
-    settings
-        Topics, units and nominal wheels.
-    recordings, out
-        Folders of the recording and of the results.
-    goal
-        Standard deviations that are enough.
-    command
-        The command line, for the provenance of the results.
-    """
-
-    robot: str
-    target: Target
-    settings: Settings
-    recordings: Path
-    out: Path
-    goal: Goal = field(default_factory=Goal)
-    command: str = ""
-
-
-@dataclass(slots=True, kw_only=True, eq=False)
-class Outlook:
-    """The state of the drive as the driver needs it: what is known and what comes next.
-
-    Attributes
-    ----------
-    seen
-        The last look at a picture.
-    bars
-        How far the goals are.
-    places
-        Where to stop next.
-    verdict
-        Of the last full calibration, and of how many stops; empty before.
-    finished
-        Of the calibration that was written; empty before.
-    failed
-        Sentence about why a full calibration failed; empty if none did.
-    taken_at
-        Steady time, s, at which the last stop was taken, and how many stops then were.
-    latency
-        Time from a stop's being due to its bars' being known, s.
-    """
-
-    seen: Glance | None = None
-    bars: tuple[Bar, ...] = ()
-    places: tuple[Place, ...] = ()
-    verdict: dict[str, Any] = field(default_factory=dict)
-    finished: dict[str, Any] = field(default_factory=dict)
-    failed: str = ""
-    taken_at: tuple[float, int] = (0.0, 0)
-    latency: float = 0.0
-
-
 class Session:
     """One drive with a guide.
 
@@ -119,8 +52,12 @@ class Session:
         What was asked for, and where messages come from.
     drive, running, outlook
         What was heard, what is estimated, what to tell.
+    full
+        The full calibration, with its verdict.
     recorder
         Keeps the messages; None before the first.
+    problems
+        Sentences about what could not be done, by what it was; empty where it could.
     said
         Lines for the terminal that were not printed yet.
     compiling
@@ -144,9 +81,8 @@ class Session:
         self.running = RunningEstimate(self.options.target)
         self.outlook = Outlook()
         self.recorder: Recorder | None = None
-        self.problem = ""
-        self._full: Future[dict[str, Any]] | None = None
-        self._full_since, self._full_stops, self._full_written = 0.0, 0, False
+        self.full = FullSolution(self._solver)
+        self.problems = dict.fromkeys(("recording", "messages", "stop", "estimate", "plan"), "")
         self._wants = {"advise": True, "solve": False, "judge": False, "calibrate": False}
         self._measure_due = 0.0
         self._glanced = -1
@@ -197,7 +133,7 @@ class Session:
         try:
             self.drive.take(kept)
         except DetectError as error:
-            self.problem = str(error)
+            self.problems["messages"] = str(error)
 
     def _is_idle(self, log_ns: int) -> bool:
         """Tell whether a picture shows nothing new: the robot has stood for long at a stop that was taken."""
@@ -220,7 +156,9 @@ class Session:
             why = error.strerror
         except OSError as error:
             why = error.strerror or str(error)
-        self.problem = f"{folder}: nothing can be recorded there ({why}); name another folder with --record"
+        self.problems["recording"] = (
+            f"{folder}: nothing can be recorded there ({why}); name another folder with --record"
+        )
         return None
 
     def _prepare(self) -> None:
@@ -252,18 +190,18 @@ class Session:
         elif self._wants["advise"] and not self.compiling:
             self._wants["advise"] = False
             self._worker.begin("advise", self._advice)
-        elif self._wants["solve"] and self.running.drive is not None:
+        elif self._wants["solve"] and self.running.estimate is not None:
             self._wants["solve"] = False
-            drive = self.running.drive
-            self._worker.begin("solve", lambda: self.running.solve(drive))
+            self._worker.begin("solve", self._solved)
         elif self.drive.newest is not None and self.drive.newest.number != self._glanced and now >= self._next_glance:
             self._glanced = self.drive.newest.number
             self._next_glance = now + _GLANCE_S
             frame, camera = self.drive.newest, self.camera
             self._worker.begin("glance", lambda: self._looked_at(frame, camera))
-        if self._wants["judge"] and self._full is None and self.running.drive is not None:
+        seen = self.running.seen
+        if self._wants["judge"] and self.full.idle and seen is not None and self.running.estimate is not None:
             self._wants["judge"] = False
-            self._begin_full(self.running.drive, written=False)
+            self.full.judge(seen)
 
     @property
     def _log_name(self) -> str:
@@ -297,30 +235,56 @@ class Session:
         try:
             taken = self.drive.taken.take(*due)
         except (BoxcalError, *_NUMERIC) as error:
-            self.problem = f"a stop could not be measured ({error}); it is left out"
+            self.problems["stop"] = f"a stop could not be measured ({error}); it is left out"
             return False, False
         if taken is None:
             return False, False
-        drive = self.drive.correspondences(log)
-        if drive is not None and self.running.grow(drive) and self.running.estimate is not None:
-            self.outlook.bars = bars(self.running.estimate, self.options.goal, drive.image_size)
-        elif drive is not None:
-            self.outlook.bars = ()
+        self.problems["stop"] = ""
+        self._estimate(lambda: self._grown(log))
         return True, len(self.drive.taken.stops) > before
+
+    def _grown(self, log: str) -> None:
+        drive = self.drive.correspondences(log)
+        if drive is not None:
+            self.running.grow(drive)
+
+    def _solved(self) -> None:
+        """Solve all that was seen anew."""
+        drive = self.running.seen
+        if drive is not None:
+            self._estimate(lambda: self.running.solve(drive))
+
+    def _estimate(self, update: Callable[[], object]) -> None:
+        """Update the estimate, and put the goals beside what is estimated then."""
+        try:
+            update()
+            found, drive = self.running.estimate, self.running.drive
+            self.outlook.bars = (
+                bars(found, self.options.goal, drive.image_size) if found is not None and drive is not None else ()
+            )
+            self.problems["estimate"] = ""
+        except (BoxcalError, *_NUMERIC) as error:
+            self.problems["estimate"] = f"the estimate could not be updated ({error})"
 
     def _all_seen(self, last: Any, log: str) -> Correspondences | None:
         """Return all that was seen, the stand that still goes on with its newest pictures."""
-        if last is not None:
-            self.drive.taken.take(*last)
-        return self.drive.correspondences(log)
+        try:
+            if last is not None:
+                self.drive.taken.take(*last)
+            return self.drive.correspondences(log)
+        except (BoxcalError, *_NUMERIC) as error:
+            self.problems["stop"] = f"the last stop could not be measured ({error})"
+            return None
 
     def _advice(self) -> tuple[Place, ...]:
         found, drive = self.running.estimate, self.running.drive
         try:
             if found is not None and drive is not None:
-                return next_places(found, drive, self.options.target, self.options.goal)
+                places = next_places(found, drive, self.options.target, self.options.goal)
+                self.problems["plan"] = ""
+                return places
         except (CalibError, *_NUMERIC) as error:
-            self.problem = f"no next stop could be planned ({error}); drive on around the box"
+            self.problems["plan"] = f"no next stop could be planned ({error}); drive on around the box"
             return ()
         return first_places(self.options.target, len(self.drive.taken.stops), self.drive.taken.image_size)
 
@@ -333,16 +297,16 @@ class Session:
                 self.outlook.seen = result
             elif name == "advise":
                 self.outlook.places = result
-            elif name == "solve" and self.running.estimate is not None and self.running.drive is not None:
-                drive = self.running.drive
-                self.outlook.bars = bars(self.running.estimate, self.options.goal, drive.image_size)
+            elif name == "solve":
                 self._wants["advise"] = True
             elif name == "measure":
                 self._took(*result)
             elif name == "finish":
                 self._finish(result)
-        if self._full is not None:
-            self._collect_full(self._full)
+        if self.full.collect():
+            result = self.full.written
+            self.said.append(f"{self.options.robot}: {str(result['level']).upper()} - {result['headline']}")
+            self.said.append(f"written: {self.options.out / self.options.robot}")
 
     def _took(self, usable: bool, new: bool) -> None:
         if not usable:
@@ -359,55 +323,22 @@ class Session:
     def _finish(self, drive: Correspondences | None) -> None:
         """Begin the calibration that is written."""
         if drive is None:
-            self.outlook.failed = "nothing to calibrate from yet: let the robot drive, and stand still before the box"
+            nothing = "nothing to calibrate from yet: let the robot drive, and stand still before the box"
+            self.full.failed = self.problems["stop"] or nothing
             return
-        if self._full is not None:
-            self._solver.give_up()
-        self._begin_full(drive, written=True)
-
-    def _begin_full(self, drive: Correspondences, *, written: bool) -> None:
         log = self.recorder.path if self.recorder is not None else Path("drive")
-        self._full = (
-            self._solver.write(drive, self.options.out, log, self.options.command)
-            if written
-            else self._solver.judge(drive)
-        )
-        self._full_since, self._full_stops, self._full_written = time.monotonic(), len(drive.stops), written
-
-    def _collect_full(self, full: "Future[dict[str, Any]]") -> None:
-        if not full.done():
-            if time.monotonic() - self._full_since > LONGEST_S:
-                self._solver.give_up()
-                self._full = None
-                self.outlook.failed = f"{self._full_stops} stops were not solved within {LONGEST_S:.0f} s; drive on"
-            return
-        self._full = None
-        try:
-            result = {**full.result(), "stops": self._full_stops}
-        except (BoxcalError, OSError) as error:
-            self.outlook.failed = str(error)
-            return
-        except (BrokenProcessPool, CancelledError):
-            self._solver.give_up()
-            self.outlook.failed = "the solver ended unexpectedly; it is started again with the next stop"
-            return
-        self.outlook.failed = ""
-        self.outlook.verdict = result
-        if self._full_written:
-            self.outlook.finished = result
-            self.said.append(f"{self.options.robot}: {str(result['level']).upper()} - {result['headline']}")
-            self.said.append(f"written: {self.options.out / self.options.robot}")
+        self.full.write(drive, self.options.out, log, self.options.command)
 
     @property
     def busy_calibrating(self) -> bool:
         """Whether the calibration that was asked for is under way."""
         asked = self._wants["calibrate"] or (not self._worker.idle and self._worker.name == "finish")
-        return asked or (self._full is not None and self._full_written)
+        return asked or self.full.is_writing
 
     @property
     def enough(self) -> bool:
         """Whether all goals are reached and the last full calibration of these stops is good."""
-        verdict = self.outlook.verdict
+        verdict = self.full.verdict
         return (
             reached(self.outlook.bars)
             and verdict.get("level") == "good"
@@ -418,7 +349,7 @@ class Session:
         while self._requests:
             what = self._requests.popleft()
             if what == "calibrate" and not self.busy_calibrating:
-                self.outlook.finished = {}
+                self.full.written = {}
                 self._wants["calibrate"] = True
             elif what == "again" and not self._worker.idle:
                 self._requests.append(what)
@@ -426,7 +357,7 @@ class Session:
             elif what == "again":
                 if self.recorder is not None:
                     self.recorder.close()
-                self._solver.give_up()
+                self.full.give_up()
                 self._begin()
 
     def _tell_changes(self) -> None:
@@ -436,8 +367,8 @@ class Session:
             "recorder": self.recorder.problem if self.recorder is not None else "",
             "wheels": self.drive.wheels.problem if self.drive.stands is None and self.drive.wheels.heard else "",
             "pictures": self.drive.damaged or self.drive.taken.undecoded,
-            "session": self.problem,
-            "full": self.outlook.failed,
+            **self.problems,
+            "full": self.full.failed,
         }
         for what, text in state.items():
             if text and self._told.get(what) != text:

@@ -80,3 +80,41 @@ def test_a_running_estimate_says_what_it_lacks_and_then_grows() -> None:
     assert not running.problem
     assert running.drive is not None
     assert len(running.estimate.drives[0].stops) == 7
+
+
+def test_a_picture_that_froze_is_left_out_while_the_drive_grows() -> None:
+    """Stops of a frozen picture are left out of what is solved; those after it keep their own pictures."""
+    drive = seen(9)
+    third, fourth = drive.stops[2:4]
+    frozen = replace(
+        fourth,
+        landmark_ids=third.landmark_ids,
+        faces=third.faces,
+        p_box=third.p_box,
+        uv_px=third.uv_px,
+        cov_px2=third.cov_px2,
+    )
+    drive = replace(drive, stops=(*drive.stops[:3], frozen, *drive.stops[4:]))
+    running = RunningEstimate(TARGET)
+    for n in range(3, 10):
+        running.grow(replace(drive, stops=drive.stops[:n]))
+    sound = replace(drive, stops=(*drive.stops[:3], *drive.stops[4:]))
+    full = reported(fit([sound], None, _OPTIONS), [sound], _OPTIONS)
+    assert running.estimate is not None
+    assert abs(running.estimate.b - full.b) < 0.2 * full.sigma["b"]
+    assert running.drive is not None
+    assert running.seen is not None
+    assert (len(running.drive.stops), len(running.seen.stops)) == (8, 9)
+
+
+def test_a_stop_that_the_wheels_no_longer_show_is_no_longer_solved_for() -> None:
+    """A nudge takes back a stop in the middle: those after it move up, and their poses with them."""
+    drive = seen(9)
+    running = RunningEstimate(TARGET)
+    for n in range(3, 8):
+        running.grow(replace(drive, stops=drive.stops[:n]))
+    fewer = replace(drive, stops=(*drive.stops[:3], *drive.stops[4:]))
+    assert running.grow(fewer)
+    full = reported(fit([fewer], None, _OPTIONS), [fewer], _OPTIONS)
+    assert running.estimate is not None
+    assert abs(running.estimate.b - full.b) < 1e-6 * full.b

@@ -12,9 +12,10 @@ from drives import TARGET, logged, messages
 from live_messages import CAMERA, T0, WHEELS, Server, advertised, data_message, heard, picture, until, wheels
 from websockets.asyncio.server import ServerConnection
 
+from boxcal.calib.guide.outlook import GuideOptions
 from boxcal.calib.guide.page.state import state_of
 from boxcal.calib.guide.recording import recorder as recording
-from boxcal.calib.guide.session import GuideOptions, Session
+from boxcal.calib.guide.session import Session
 from boxcal.calib.guide.sources.inbox import Inbox, LiveMessage
 from boxcal.calib.guide.sources.link import Link
 from boxcal.calib.settings import Settings
@@ -186,7 +187,9 @@ def _taken(first: int, last: int) -> Any:
     from boxcal.calib.guide.drive.taken_stops import TakenStop  # noqa: PLC0415
     from boxcal.detect.tags.averaging import combine  # noqa: PLC0415
 
-    return TakenStop(t_start_ns=first, t_end_ns=last, numbers=(0,), corners=combine([]), left_out="", rejected_tags=0, camera=None)
+    return TakenStop(
+        t_start_ns=first, t_end_ns=last, numbers=(0,), corners=combine([]), left_out="", rejected_tags=0, camera=None
+    )
 
 
 def test_thirty_4k_pictures_a_second_keep_memory_flat_and_lose_no_wheel_reading(tmp_path: Path) -> None:

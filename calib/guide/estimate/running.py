@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from boxcal.calib.diagnosis.first_look import first_look
+from boxcal.calib.diagnosis.frozen import frozen_stops
 from boxcal.calib.errors import CalibError
 from boxcal.calib.likelihood.estimate import Estimate
 from boxcal.calib.likelihood.estimator import MIN_STOPS, fit, reported
@@ -23,8 +24,10 @@ class RunningEstimate:
     ----------
     estimate
         The last one; None as long as there is none.
+    seen
+        The drive as it was seen last; None before the first.
     drive
-        What it was made from, its landmarks where they are.
+        What the estimate was made from: without stops of frozen pictures, its landmarks where they are.
     problem
         Sentence about why there is none; empty if there is.
     seconds
@@ -33,18 +36,21 @@ class RunningEstimate:
 
     def __init__(self, target: Target) -> None:
         self.estimate: Estimate | None = None
+        self.seen: Correspondences | None = None
         self.drive: Correspondences | None = None
         self.problem = f"{MIN_STOPS} stops are needed for a first estimate"
         self.seconds = 0.0
         self._target = target
         self._fit: Fit | None = None
-        self._as_described = True
+        self._as_seen = True
 
     def grow(self, drive: Correspondences) -> bool:
         """Take the drive with a further stop; return whether there is an estimate now."""
         begun = time.perf_counter()
-        known = self._fit
-        if known is None or not self._as_described or len(drive.stops) < len(known.problem.stop):
+        known, self.seen = self._fit, drive
+        if known is None or self.drive is None or not self._as_seen:
+            return self.solve(drive)
+        if not _continues(self.drive, drive) or frozen_stops(drive.stops):
             return self.solve(drive)
         try:
             self._take(grown_fit(known, drive), drive, known.options)
@@ -55,7 +61,7 @@ class RunningEstimate:
 
     def solve(self, drive: Correspondences) -> bool:
         """Solve a drive anew, with camera model, variances and faults; return whether there is an estimate."""
-        begun = time.perf_counter()
+        begun, self.seen = time.perf_counter(), drive
         if len(drive.stops) < MIN_STOPS:
             self.estimate, self._fit = None, None
             self.problem = f"{len(drive.stops)} of {MIN_STOPS} stops that a first estimate needs"
@@ -63,7 +69,7 @@ class RunningEstimate:
         try:
             look = first_look([drive], self._target)
             options = EstimateOptions(lens=None, target=look.target)
-            self._as_described = look.target is self._target
+            self._as_seen = look.drives[0] is drive
             self._take(fit(look.drives, look.steps, options), look.drives[0], options)
         except (CalibError, np.linalg.LinAlgError) as error:
             self.problem = str(error)
@@ -73,3 +79,10 @@ class RunningEstimate:
     def _take(self, found: Fit, drive: Correspondences, options: EstimateOptions) -> None:
         estimate = reported(found, [drive], replace(options, slip=None))
         self._fit, self.drive, self.estimate, self.problem = found, drive, estimate, ""
+
+
+def _continues(before: Correspondences, now: Correspondences) -> bool:
+    """Tell whether a drive begins with the stops that it had before, perhaps measured anew."""
+    pairs = zip(before.stops, now.stops, strict=False)
+    same = all(a.t_start_ns <= b.t_end_ns and b.t_start_ns <= a.t_end_ns for a, b in pairs)
+    return same and len(before.stops) <= len(now.stops)

@@ -2,6 +2,7 @@
 
 import multiprocessing
 from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 
 from boxcal.calib.settings import Job, Settings
@@ -44,11 +45,15 @@ class Solver:
         if self._pool is None:
             self._others = set(multiprocessing.active_children())
             self._pool = ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn"))
-        return self._pool.submit(solved, job, drive)
+        try:
+            return self._pool.submit(solved, job, drive)
+        except BrokenProcessPool:  # it was ended from outside while it waited
+            self.give_up()
+            return self._submit(job, drive)
 
 
 def solved(job: Job, drive: Correspondences) -> dict[str, object]:
-    """Return what a page shows of a solved drive: level, headline and sentences of the verdict, and the figures.
+    """Return what a page shows of a solved drive: level, headline and sentences of its verdict.
 
     Raises
     ------
@@ -67,6 +72,4 @@ def solved(job: Job, drive: Correspondences) -> dict[str, object]:
         "level": str(verdict.level),
         "headline": verdict.headline,
         "lines": [list(line) for line in verdict.lines()],
-        "stops": len(found.stops),
-        "checks": verdict.count,
     }

@@ -23,7 +23,7 @@ def page_server(session: Session, board: Board, host: str, port: int) -> PageSer
 
     async def report(_: Request) -> Response:
         path = session.options.out / session.options.robot / "report.html"
-        if not session.outlook.finished or not path.is_file():
+        if not session.full.written or not path.is_file():
             return PlainTextResponse("There is no report yet.\n", 404)
         return FileResponse(path, headers={"content-security-policy": _REPORT_POLICY})
 

@@ -49,10 +49,10 @@ def state_of(session: Session) -> dict[str, Any]:
         "bars": [_bar(bar) for bar in outlook.bars],
         "bars_note": "" if outlook.bars else session.running.problem,
         "warnings": [w._asdict() for w in _warnings(session)],
-        "verdict": outlook.verdict,
-        "finished": {**outlook.finished, "report": "report/"} if outlook.finished else {},
+        "verdict": session.full.verdict,
+        "finished": {**session.full.written, "report": "report/"} if session.full.written else {},
         "calibrating": session.busy_calibrating,
-        "failed": outlook.failed,
+        "failed": session.full.failed,
         "enough": session.enough,
         "can_calibrate": drive.stops_taken >= MIN_STOPS,
         "recording": _recording(session),
@@ -79,7 +79,7 @@ def _banner(session: Session, places: list[dict[str, Any]]) -> dict[str, Any]:
 
 def _at_the_end(session: Session) -> dict[str, Any] | None:
     """Return that it is enough, that the calibration is under way, or what came of it, if anything."""
-    finished, count = session.outlook.finished, session.drive.stops_taken
+    finished, count = session.full.written, session.drive.stops_taken
     if session.busy_calibrating:
         return _said("wait", "Calibrating", f"{count} stops are solved in full")
     if finished and finished["stops"] == count:
@@ -220,12 +220,11 @@ def _warnings(session: Session) -> list[Warned]:
     recorder = session.recorder
     if recorder is not None and recorder.problem:
         found.append(Warned("bad", recorder.problem))
-    if session.problem:
-        found.append(Warned("bad", session.problem))
+    found += [Warned("bad", text) for text in session.problems.values() if text]
     if session.link.connected and session.link.said:
         found.append(Warned("bad", session.link.said))
-    if outlook.failed:
-        found.append(Warned("care", outlook.failed))
+    if session.full.failed:
+        found.append(Warned("care", session.full.failed))
     if drive.damaged or drive.taken.undecoded:
         found.append(Warned("care", drive.damaged or drive.taken.undecoded))
     found += [Warned("care", note) for note in drive.wheels.notes]
@@ -241,8 +240,8 @@ def _warnings(session: Session) -> list[Warned]:
         )
     if session.running.estimate is not None:
         found += warnings_of_estimate(session.running.estimate)
-    if outlook.verdict and outlook.verdict["level"] != "good":
-        found += [Warned("care", text) for label, text in outlook.verdict["lines"] if label == "why"]
+    if session.full.verdict and session.full.verdict["level"] != "good":
+        found += [Warned("care", text) for label, text in session.full.verdict["lines"] if label == "why"]
     return list(dict.fromkeys(found))
 
 

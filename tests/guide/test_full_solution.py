@@ -1,0 +1,87 @@
+"""The full calibration beside the drive: its verdict, and a solver that fails, ends or takes too long."""
+
+from concurrent.futures import Future
+from concurrent.futures.process import BrokenProcessPool
+from pathlib import Path
+from typing import Any
+
+import pytest
+from drives import TARGET, seen
+from live_messages import until
+
+from boxcal.calib.errors import CalibError
+from boxcal.calib.guide.estimate import full_solution
+from boxcal.calib.guide.estimate.full_solution import FullSolution
+from boxcal.calib.guide.estimate.solver import Solver
+
+DRIVE = seen(4)
+
+
+class _Scripted(Solver):
+    """A solver whose answers are given by the test."""
+
+    def __init__(self) -> None:
+        super().__init__("r01", TARGET)
+        self.answer: Future[dict[str, Any]] = Future()
+        self.ended = 0
+
+    def _submit(self, *_: object) -> "Future[dict[str, Any]]":
+        self.answer = Future()
+        return self.answer
+
+    def give_up(self) -> None:
+        self.ended += 1
+
+
+def test_a_verdict_that_was_good_is_gone_when_the_same_stops_measured_anew_fail() -> None:
+    solver = _Scripted()
+    full = FullSolution(solver)
+    full.judge(DRIVE)
+    solver.answer.set_result({"level": "good"})
+    assert not full.collect()
+    assert full.verdict == {"level": "good", "stops": 4}
+    full.judge(DRIVE)
+    solver.answer.set_exception(CalibError("no wheels fit"))
+    full.collect()
+    assert full.failed == "no wheels fit"
+    assert not full.verdict
+    assert full.idle
+
+
+def test_a_solver_that_takes_too_long_is_ended(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(full_solution, "LONGEST_S", -1.0)
+    solver = _Scripted()
+    full = FullSolution(solver)
+    full.judge(DRIVE)
+    full.collect()
+    assert solver.ended == 1
+    assert "4 stops were not solved" in full.failed
+    assert full.idle
+
+
+def test_what_is_written_ends_what_is_judged_and_is_told_once(tmp_path: Path) -> None:
+    solver = _Scripted()
+    full = FullSolution(solver)
+    full.judge(DRIVE)
+    full.write(DRIVE, tmp_path, Path("r01.mcap"), "guide")
+    assert solver.ended == 1
+    assert full.is_writing
+    solver.answer.set_result({"level": "usable"})
+    assert full.collect()
+    assert full.written == {"level": "usable", "stops": 4}
+    assert not full.collect()
+
+
+def test_a_process_that_was_ended_from_outside_is_started_again() -> None:
+    solver = Solver("r01", TARGET)
+    try:
+        ended = solver.judge(seen(2))
+        until(lambda: solver._pool is not None and solver._pool._processes, 20)
+        for process in list(solver._pool._processes.values()):  # type: ignore[union-attr]
+            process.kill()
+        with pytest.raises(BrokenProcessPool):
+            ended.result(60)
+        with pytest.raises(CalibError):
+            solver.judge(seen(2)).result(120)
+    finally:
+        solver.give_up()
