@@ -168,11 +168,14 @@ def _write_fleet(place: "ResultsPlace", job: "Job", outcomes: "list[Outcome]", c
     """Write what is about all robots of the folder; tell whether that worked."""
     from boxcal.calib.fleet.store import read_folder
     from boxcal.calib.fleet.write import write_fleet
+    from boxcal.calib.report.fleet_tables import REPORT
     from boxcal.target.errors import BoxcalError
 
     try:
         members = read_folder(place.folder, job.target, outcomes)
-        write_fleet(place.folder, members, job.target, command=command, report=job.settings.report)
+        report = job.settings.report
+        reported = place.with_file(REPORT) if report else ()
+        write_fleet(place.folder, members, job.target, command=command, report=report, reported=reported)
         place.put_fleet()
     except BoxcalError as error:
         _tell(f"fleet-calibrate: {error}")

@@ -17,7 +17,10 @@ from boxcal.calib.exports.ros_urdf import urdf, xacro
 from boxcal.calib.results.calibration import Calibration
 from boxcal.calib.settings import Nominal
 
-STALE_FILES = ("camchain.yaml", "camchain-missing.txt", "nav2_amcl.yaml", "robot_localization.yaml", "FAILED.txt")
+STALE_FILES = (
+    *("camchain.yaml", "camchain-missing.txt", "nav2_amcl.yaml", "robot_localization.yaml"),
+    *("report.html", "FAILED.txt"),
+)
 """What an earlier calibration of a robot may have left that this one does not write."""
 
 

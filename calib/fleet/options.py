@@ -111,7 +111,11 @@ def _names(parser: argparse.ArgumentParser) -> None:
 
 def _files(parser: argparse.ArgumentParser) -> None:
     files = parser.add_argument_group("what is written besides calibration.json and the files for ROS and Kalibr")
-    files.add_argument("--no-report", action="store_true", help="no report.html of every robot and fleet.html")
+    files.add_argument(
+        "--no-report",
+        action="store_true",
+        help="no report.html, fleet.html and fleet.xlsx; those of earlier runs are removed",
+    )
     files.add_argument("--draw", action="store_true", help="each stop's picture with detected and reprojected corners")
     files.add_argument(
         "--nominal", type=Path, metavar="FILE", help="data sheet's wheels (YAML, JSON or URDF), for the multipliers"

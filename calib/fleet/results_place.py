@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from boxcal.calib.fleet.store import FLEET
+from boxcal.calib.fleet.store import FLEET, PAGES
 from boxcal.calib.results.json_format import CALIBRATION
 from boxcal.detect.log.remote.store import Store, store_of
 from boxcal.detect.log.remote.urls import url_of
@@ -36,6 +36,12 @@ class ResultsPlace:
         """The place, for messages."""
         return url_of(self.out) or str(self.out)
 
+    def with_file(self, name: str) -> set[str]:
+        """Return the robots in whose folders a file of that name is (DetectError if a store cannot be reached)."""
+        if self.folder == self.out:
+            return {path.parent.name for path in self.out.glob(f"*/{name}")}
+        return {relative.partition("/")[0] for relative in store_of(self.out).matching(f"*/{name}")}
+
     def put_fleet(self) -> None:
         """Put what was written about all robots; nothing is to be done for a folder (DetectError if it fails)."""
         if self.folder != self.out:
@@ -43,6 +49,9 @@ class ResultsPlace:
             kept = [p for p in self.folder.rglob("*") if p.is_file() and p.name != CALIBRATION]
             for path in sorted(kept, key=lambda p: p.name == FLEET):
                 store.put(path.relative_to(self.folder).as_posix(), path.read_bytes())
+            for name in PAGES:
+                if not (self.folder / name).exists():
+                    store.remove(name)
 
 
 @contextmanager

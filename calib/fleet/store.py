@@ -24,6 +24,8 @@ from boxcal.version import installed_version
 
 FLEET = "fleet.json"
 """What a folder of results says of itself."""
+PAGES = ("fleet.html", "fleet.xlsx")
+"""Written with reports only; those of an earlier run do not know of this one and are removed."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -1,13 +1,12 @@
 """Files about all robots of a folder: ``fleet.json``, ``fleet.csv``, ``fleet.xlsx``, ``fleet.html``."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 
 from boxcal.calib.exports.fleet_csv import columns_csv, fleet_csv, fleet_rows
 from boxcal.calib.exports.fleet_xlsx import fleet_xlsx
-from boxcal.calib.fleet.store import FLEET, Member, fleet_record
+from boxcal.calib.fleet.store import FLEET, PAGES, Member, fleet_record
 from boxcal.calib.report.fleet import fleet_report
-from boxcal.calib.report.fleet_tables import REPORT
 from boxcal.target.box import Target
 from boxcal.target.files.atomic_write import write_atomically
 
@@ -15,7 +14,9 @@ FAILED = "FAILED.txt"
 """Stands in the folder of a robot whose last log gave no calibration, beside what an earlier one gave."""
 
 
-def write_fleet(out: Path, members: Sequence[Member], target: Target, *, command: str, report: bool) -> None:
+def write_fleet(
+    out: Path, members: Sequence[Member], target: Target, *, command: str, report: bool, reported: Collection[str]
+) -> None:
     """Write the files about a folder's robots.
 
     Parameters
@@ -29,7 +30,10 @@ def write_fleet(out: Path, members: Sequence[Member], target: Target, *, command
     command
         The command line.
     report
-        Whether to write ``fleet.html`` and ``fleet.xlsx`` too: they need the extra ``report``.
+        Whether to write ``fleet.html`` and ``fleet.xlsx`` too: they need the extra ``report``. Else those of an
+        earlier run are removed.
+    reported
+        Robots that have a report of their own, to which ``fleet.html`` links.
 
     Raises
     ------
@@ -47,8 +51,11 @@ def write_fleet(out: Path, members: Sequence[Member], target: Target, *, command
     write_atomically(out / "fleet.csv", fleet_csv(rows))
     write_atomically(out / "fleet-columns.csv", columns_csv())
     if report:
-        without_page = [c.robot for c in results if not (out / c.robot / REPORT).exists()]
+        without_page = [c.robot for c in results if c.robot not in reported]
         failures = [m.error for m in members if m.error is not None]
         write_atomically(out / "fleet.html", fleet_report(results, failures, stale, without_page))
         write_atomically(out / "fleet.xlsx", fleet_xlsx(rows))
+    else:
+        for name in PAGES:
+            (out / name).unlink(missing_ok=True)
     write_atomically(out / FLEET, fleet_record(members, target, command))

@@ -61,6 +61,19 @@ def test_results_behind_a_url_are_those_of_a_folder(drives: list[str], place: st
     assert json.loads(found["fleet.json"])["robots"].keys() == {"r01", "r02"}
 
 
+def test_pages_link_to_reports_wherever_they_are_and_go_with_a_run_without(
+    drives: list[str], place: str, tmp_path: Path
+) -> None:
+    plain = [word for word in OPTIONS if word != "--no-report"]
+    for out in (place, str(tmp_path / "local")):
+        assert main([drives[0], "--out", out, *plain]) == 0
+        found = _files(out)
+        assert b'href="./r01/report.html"' in found["fleet.html"]
+        assert {"fleet.xlsx", "r01/report.html"} <= set(found)
+        assert main([drives[0], "--out", out, *OPTIONS]) == 0  # what the report says is not of this run
+        assert not {"fleet.html", "fleet.xlsx", "r01/report.html"} & set(_files(out))
+
+
 def test_a_folder_behind_a_url_grows_and_is_resumed(
     drives: list[str], place: str, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -104,11 +104,19 @@ class Store:
         """Yield path below the place, and content, of the files that a pattern names."""
         with said(self.name):
             self.client.invalidate_cache()
-            root = self.place.rstrip("/")
-            found = [str(p) for p in self.client.glob(f"{root}/{pattern}")]
+            found = self._glob(pattern)
             contents = self.client.cat(found) if len(found) > 1 else {p: self.client.cat_file(p) for p in found}
         for path, content in contents.items():
-            yield "/".join(str(path).split("/")[-1 - pattern.count("/") :]), bytes(content)
+            yield _below(path, pattern), bytes(content)
+
+    def matching(self, pattern: str) -> list[str]:
+        """Return the paths, below the place, of the files that a pattern names."""
+        with said(self.name):
+            self.client.invalidate_cache()
+            return [_below(path, pattern) for path in self._glob(pattern)]
+
+    def _glob(self, pattern: str) -> list[str]:
+        return [str(path) for path in self.client.glob(f"{self.place.rstrip('/')}/{pattern}")]
 
     def check_writable(self) -> None:
         """Write and remove an empty file (DetectError if that is not allowed)."""
@@ -163,6 +171,11 @@ def store_of(path: str | Path) -> Store:
             remedy=f"pip install 'boxcal[remote]' {client_package}",
         ) from error
     return Store(client=client, place=place, name=name)
+
+
+def _below(path: str, pattern: str) -> str:
+    """Return a path that a pattern named from where the pattern begins."""
+    return "/".join(path.split("/")[-1 - pattern.count("/") :])
 
 
 def put_folder(folder: Path, place: Path, *, last: str, stale: Iterable[str] = ()) -> None:
