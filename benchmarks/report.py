@@ -15,8 +15,8 @@ from pathlib import Path
 import numpy as np
 
 from boxcal.calib.assessment.verdict import judge
-from boxcal.calib.calibrate import solve
 from boxcal.calib.diagnosis.first_look import first_look
+from boxcal.calib.one_robot.solving import solve
 from boxcal.calib.report.fleet import fleet_report
 from boxcal.calib.report.robot import robot_report
 from boxcal.calib.settings import Job, Settings

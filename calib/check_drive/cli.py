@@ -75,9 +75,9 @@ def _run(args: argparse.Namespace) -> int:
 
 
 def _by_box(calibration: "Calibration", args: argparse.Namespace) -> tuple[str, bool]:
-    from boxcal.calib.calibrate import read
     from boxcal.calib.check_drive.by_box import check_drive
     from boxcal.calib.check_drive.text import by_box
+    from boxcal.calib.one_robot.reading import read
     from boxcal.calib.settings import Job
     from boxcal.target.box import make_target
     from boxcal.target.files.target_json import load_target

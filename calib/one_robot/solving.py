@@ -1,0 +1,125 @@
+"""The calibration that the drives of one robot give: by the likelihood, or by the closed form alone."""
+
+from collections.abc import Sequence
+from dataclasses import asdict, replace
+
+import numpy as np
+
+from boxcal.calib.diagnosis.explained_estimate import estimate_explained
+from boxcal.calib.diagnosis.first_look import FirstLook
+from boxcal.calib.diagnosis.last_look import last_look
+from boxcal.calib.errors import CalibError
+from boxcal.calib.four_steps.procedure import FourSteps
+from boxcal.calib.likelihood import Estimate, EstimateOptions
+from boxcal.calib.likelihood.estimator import negative_wheels, unsolvable
+from boxcal.calib.results.build import closed_form, refined
+from boxcal.calib.results.calibration import Calibration
+from boxcal.calib.results.provenance import provenance
+from boxcal.calib.settings import Job, listed
+from boxcal.calib.uncertainty.box_size import box_notes
+from boxcal.calib.uncertainty.convergence import grow
+from boxcal.calib.uncertainty.cross_validation import validate
+from boxcal.detect.correspondences import Correspondences
+
+_SAME_FOCAL, _SAME_SEPARATION = 0.03, 0.4
+"""How far focal length and wheel separation of one robot's drives may differ, relative; slip makes the closed form's
+wheels rough."""
+
+_NOT_TOLD = 0.3
+"""Relative standard deviation of a wheel's size from which on an estimate tells nothing of the wheels."""
+
+
+def solve(job: Job, look: FirstLook) -> Calibration:
+    """Return the calibration that drives of one robot give after the four steps: by the likelihood, unless it is off.
+
+    Raises
+    ------
+    CalibError
+        If they do not determine it.
+    """
+    settings, drives, steps = job.settings, look.drives, look.steps
+    _check_one_robot(job, steps)
+    origin = provenance(job.command, drives, asdict(settings))
+    if settings.closed_form:
+        return closed_form(job.robot, drives, steps, origin, findings=look.findings)
+    try:
+        found, options = _likelihood(replace(job, target=look.target), drives, steps)
+    except np.linalg.LinAlgError as error:
+        raise unsolvable(sum(len(drive.stops) for drive in drives), error) from error
+    except CalibError as error:
+        raise _said_with_start(error, steps) from error
+    _check_told(found, steps)
+    found = replace(found, findings=(*look.findings, *found.findings, *last_look(look, found)))
+    held_out = validate(drives, steps, options, found) if settings.validate else None
+    grown = grow(drives[0], steps[0], found, options) if settings.report and len(drives) == 1 else ()
+    return refined(job.robot, drives, steps, found, origin, validation=held_out, growth=grown)
+
+
+def _said_with_start(error: CalibError, steps: Sequence[FourSteps]) -> CalibError:
+    """Return why the likelihood fails, after why the four steps did where they found no answer either."""
+    why = _why_replaced(steps)
+    if not why:
+        return error
+    return CalibError(
+        f"{why}; the likelihood, started from consecutive stops instead: {error.found}",
+        source=error.source,
+        needed=error.needed,
+        remedy=error.remedy,
+    )
+
+
+def _why_replaced(steps: Sequence[FourSteps]) -> str:
+    return next((step.replaced for step in steps if step.replaced), "")
+
+
+def _check_told(found: Estimate, steps: Sequence[FourSteps]) -> None:
+    """Refuse wheels of no size, and those of which nothing is told where the four steps found no answer before."""
+    why = _why_replaced(steps)
+    wheels = {"rR": found.rR, "rL": found.rL, "b": found.b}
+    if min(wheels.values()) <= 0:
+        raise _said_with_start(negative_wheels(sum(len(drive.stops) for drive in found.drives)), steps)
+    sigma = max(found.sigma[name] / value for name, value in wheels.items())
+    if why and not sigma < _NOT_TOLD:
+        raise CalibError(
+            f"{why}; the likelihood, started from consecutive stops instead, tells the wheels to "
+            f"{min(sigma, 1e3):.0%} only",
+            remedy="check that wheels and pictures are of the same drive, that the box stood still, and drive again",
+        )
+
+
+def _likelihood(
+    job: Job, drives: Sequence[Correspondences], steps: Sequence[FourSteps]
+) -> tuple[Estimate, EstimateOptions]:
+    """Return the maximum likelihood estimate, and the options that it was made with."""
+    settings = job.settings
+    options = EstimateOptions(
+        lens=settings.lens,
+        rigid_floor=settings.rigid_floor,
+        tilt_sigma=settings.tilt_prior,
+        ink_sigma=settings.ink_prior,
+        scale_sigma=settings.scale_prior,
+        size_sigma=settings.size_prior,
+        face_sigma=settings.face_prior,
+        bow_sigma=settings.bow_prior,
+        encoder_step=settings.encoder_step,
+        slip=settings.slip,
+        target=job.target,
+    )
+    found, options = estimate_explained(drives, steps, options)
+    return replace(found, notes=found.notes + box_notes(job.target)), options
+
+
+def _check_one_robot(job: Job, steps: Sequence[FourSteps]) -> None:
+    """Refuse drives of different robots: what the four steps find in each is too far apart for one."""
+    for log, step in zip(job.logs[1:], steps[1:], strict=True):
+        for what, found, first, limit in (
+            ("focal length", step.camera.camera.fu, steps[0].camera.camera.fu, _SAME_FOCAL),
+            ("wheel separation", step.mounting.b, steps[0].mounting.b, _SAME_SEPARATION),
+        ):
+            if abs(found / first - 1) > limit:
+                raise CalibError(
+                    f"not drives of one robot with one lens setting: {what} {found:.4g}, "
+                    f"{listed(job.logs[:1])} has {first:.4g}",
+                    source=listed([log]),
+                    remedy="leave it out or calibrate each by itself",
+                )
