@@ -4,7 +4,7 @@ import numpy as np
 
 from boxcal.calib.likelihood.finding import Finding
 from boxcal.detect.log.wheel_samples import WheelSamples
-from boxcal.target.arrays import Array
+from boxcal.target.arrays import Array, Ids
 
 JUMP_RAD = 0.5
 """Wheel travel within one sample (20 ms, usually) that no motor makes."""
@@ -12,6 +12,8 @@ MANY_TIMES = 5.0
 """And so many times as much as the largest but a few of its kind."""
 _ALIKE = 0.2
 _LARGE_SHARE = 0.95
+_NEIGHBOURS = 3
+"""A jump is compared with so many samples before it and after it."""
 
 
 def largest_steps(wheels: WheelSamples) -> Array:
@@ -21,10 +23,15 @@ def largest_steps(wheels: WheelSamples) -> Array:
     return np.asarray(travel * np.minimum(1.0, np.median(dt) / dt)) if dt.size else travel
 
 
-def jump_limit(steps: Array) -> float:
-    """Return the travel within one sample, rad, beyond which readings jump."""
+def jumps(steps: Array) -> Ids:
+    """Return the samples in which readings jump: more than a motor turns, than usual in the log, and than around them.
+
+    A log that mostly stands has a usual travel of nought, so wheels that are sampled seldom need the neighbours.
+    """
     usual = float(np.quantile(steps, _LARGE_SHARE)) if steps.size else 0.0
-    return max(JUMP_RAD, MANY_TIMES * usual)
+    large = np.flatnonzero(steps > max(JUMP_RAD, MANY_TIMES * usual))
+    around = np.clip(large[:, None] + np.arange(-_NEIGHBOURS, _NEIGHBOURS + 1), 0, max(steps.size - 1, 0))
+    return np.asarray(large[steps[large] > MANY_TIMES * np.median(steps[around], axis=1)], dtype=np.int64)
 
 
 WRAPS = 3
@@ -34,12 +41,12 @@ WRAPS = 3
 def counter_finding(wheels: WheelSamples, least: int = 1) -> Finding | None:
     """Return what is said of readings that jump, as often as given or more; None if they do not."""
     steps = largest_steps(wheels)
-    jumps = steps[steps > jump_limit(steps)]
-    if jumps.size < max(least, 1):
+    jumped = steps[jumps(steps)]
+    if jumped.size < max(least, 1):
         return None
-    size = float(np.median(jumps))
-    alike = jumps.size > 1 and float(np.ptp(jumps)) < _ALIKE * size
-    often = "once" if jumps.size == 1 else f"{jumps.size} times"
+    size = float(np.median(jumped))
+    alike = jumped.size > 1 and float(np.ptp(jumped)) < _ALIKE * size
+    often = "once" if jumped.size == 1 else f"{jumped.size} times"
     why = "counters that wrap around" if alike else "counters that begin anew, or lost messages"
     return Finding(
         cause="encoder-restart",

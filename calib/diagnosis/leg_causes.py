@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from boxcal.calib.diagnosis.counters import jump_limit, largest_steps
+from boxcal.calib.diagnosis.counters import jumps, largest_steps
 from boxcal.calib.diagnosis.leg_likelihoods import LegCause, leg_log_evidences, slip_of
 from boxcal.calib.likelihood.estimate import Estimate, FlaggedLeg
 from boxcal.calib.likelihood.finding import Finding
@@ -124,8 +124,9 @@ def _jump(drive: Correspondences, leg: FlaggedLeg) -> tuple[float | None, float 
     t_ns = drive.wheels.t_ns
     every = largest_steps(drive.wheels)
     first, last = drive.stops[leg.leg].last_sample, drive.stops[leg.next_stop].first_sample
-    largest = float(every[first:last].max(initial=0.0))
+    at = jumps(every)
+    jumped = every[at[(at >= first) & (at < last)]]
     dt = np.diff(t_ns[first : last + 1]) * 1e-9
     longest = float(dt.max(initial=0.0))
     silent = longest if longest > max(_SILENT_S, _MISSING * float(np.median(np.diff(t_ns))) * 1e-9) else None
-    return (largest if largest > jump_limit(every) else None), silent
+    return (float(jumped.max()) if jumped.size else None), silent
