@@ -20,25 +20,43 @@ def frozen_stops(stops: Sequence[StopObservation]) -> tuple[int, ...]:
 
 
 def without_frozen(drive: Correspondences) -> tuple[Correspondences, Finding | None]:
-    """Return a drive without stops whose picture is an older one, and what is said of them; None if there are none."""
+    """Return a drive without the corners of pictures that are older ones, and what is said of them; None if none are.
+
+    The stops stay, so that all stops keep their numbers; a stop without corners is not used.
+    """
     frozen = frozen_stops(drive.stops)
     if not frozen:
         return drive, None
-    stops = tuple(stop for j, stop in enumerate(drive.stops) if j not in frozen)
+    stops = tuple(_unseen(stop) if j in frozen else stop for j, stop in enumerate(drive.stops))
     numbers = ", ".join(str(j + 1) for j in frozen)
     finding = Finding(
         cause="pictures-frozen",
-        text=f"the camera's picture does not change while the robot drives on (stops {numbers} of {len(drive.stops)} "
+        text=f"the camera's picture does not change while the wheels turn (stops {numbers} of {len(drive.stops)} "
         "show the picture of the stop before): these stops were left out",
-        advice="Look for a camera driver that hangs and repeats its last frame.",
+        advice="Look for a camera driver that hangs and repeats its last frame, and for wheels that turn on the spot.",
         adopted=True,
         stops=frozen,
     )
     return replace(drive, stops=stops), finding
 
 
+def _unseen(stop: StopObservation) -> StopObservation:
+    """Return a stop without corners."""
+    none = slice(0, 0)
+    return replace(
+        stop,
+        landmark_ids=stop.landmark_ids[none],
+        faces=stop.faces[none],
+        p_box=stop.p_box[none],
+        uv_px=stop.uv_px[none],
+        cov_px2=stop.cov_px2[none],
+    )
+
+
 def _same(a: StopObservation, b: StopObservation) -> bool:
-    return np.array_equal(a.landmark_ids, b.landmark_ids) and bool(np.all(np.abs(a.uv_px - b.uv_px) < SAME_PX))
+    if not len(a.landmark_ids) or not np.array_equal(a.landmark_ids, b.landmark_ids):
+        return False
+    return bool(np.all(np.abs(a.uv_px - b.uv_px) < SAME_PX))
 
 
 def _moved(a: StopObservation, b: StopObservation) -> bool:
