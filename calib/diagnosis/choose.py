@@ -87,27 +87,29 @@ def explain(fit: Fit, needed: float = NEEDED) -> Explained:
     """
     if np.count_nonzero(fit.problem.leg_known) < _LEAST_LEGS:
         return Explained(fit=fit)
-    adopted: tuple[tuple[Cause, float], ...] = ()
-    here = fit
+    found = Explained(fit=fit)
+    vanished: tuple[str, ...] = ()
     for _ in range(MOST):
-        more = _next(here, adopted, needed)
+        more = _next(found, vanished, needed)
         if more.cause is None or more.legs is None:
-            return Explained(fit=here, adopted=adopted, doubts=more.doubts)
+            return replace(found, doubts=more.doubts)
         start = replace(fit, weights=replace(fit.weights, legs=more.legs))
-        before, adopted = Explained(fit=here, adopted=adopted), (*adopted, (more.cause, more.gain))
+        adopted = (*found.adopted, (more.cause, more.gain))
         here = refit(start, [c for c, _ in adopted])
         if not _shows(here, more.cause, more.gain):  # once faulty legs are left out again
-            return before
+            vanished = (*vanished, more.cause.family)
+            continue
         kept = tuple(a for a in adopted if a[0] is more.cause or not _needless(_solved(here, *a)))
         if len(kept) < len(adopted):
-            adopted = kept
-            here = refit(start, [c for c, _ in adopted])
-    return Explained(fit=here, adopted=adopted)
+            here = refit(start, [c for c, _ in kept])
+        found = Explained(fit=here, adopted=kept)
+    return replace(found, doubts=_next(found, vanished, np.inf).doubts)
 
 
-def _next(fit: Fit, adopted: Sequence[tuple[Cause, float]], needed: float) -> _Search:
+def _next(found: Explained, vanished: Sequence[str], needed: float) -> _Search:
     """Return the explanation that is needed most; where none is, those that are nearly needed."""
-    have = {cause.family for cause, _ in adopted}
+    fit = found.fit
+    have = {*vanished, *(cause.family for cause, _ in found.adopted)}
     every = [cause for cause in candidates(fit) if cause.family not in have]
     here = rank(fit, every)
     tried: list[tuple[Ranked, Fit]] = [(best, fit) for best in here]
