@@ -1,6 +1,6 @@
 """Explanations that are nearly needed: too uncertain to be solved for, too likely for sigmas that know nothing of them.
 
-A cause that the drive cannot quite tell from nothing may move a parameter by many of its sigmas (a scrub on the spot
+A cause that the drive can hardly distinguish from none may move a parameter by many of its sigmas (a scrub on the spot
 correlates by -.98 with the wheel separation). So solutions with and without it are averaged (Bayesian model averaging,
 Hoeting et al. 1999, DOI 10.1214/ss/1009212519): the estimate stays, its covariance holds what the cause would change,
 weighed by how probable the cause is.
@@ -58,15 +58,16 @@ class Doubt:
         return np.asarray(self.probability * (self.shift_cov + np.outer(self.shift, self.shift)))
 
     def finding(self, fit: Fit) -> Finding | None:
-        """Return what is said of it; None where it is too improbable for words."""
-        if self.probability < NAMED:
-            return None
+        """Return what is said of it; None where it is too improbable for words, or its size is not one it can have."""
         solved = Solved(values=self.values, cov=self.cov, p_value=float(np.exp(-self.log_bayes)))
+        if self.probability < NAMED or not self.cause.possible(solved):
+            return None
         told = self.cause.finding(solved, fit.problem)
         return Finding(
             cause=told.cause,
-            text=f"perhaps {told.text} (probability {self.probability:.0%}: the standard deviations allow for it)",
-            advice=f"{told.advice} More stops would tell.",
+            text=f"perhaps {told.text} (probability {self.probability:.0%} among the causes that were tried: the "
+            "standard deviations allow for it)",
+            advice=f"More stops would show whether it is that. {told.advice}",
             stops=told.stops,
             size=told.size,
             sigma=told.sigma,
