@@ -48,7 +48,7 @@ class FirstLook:
     findings: tuple[Finding, ...]
 
 
-_NO_WHEELS = "turns seen and turns rolled fit no wheels that roll forward"
+_NO_WHEELS = "rotations by the images and by the wheels fit no wheels that roll forward"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -129,7 +129,7 @@ def _steps(drive: Correspondences, target: Target, mode: CameraMode) -> FourStep
     legs = legs_between(drive, camera.kept)
     try:
         steps = solve_motion(camera, legs)
-        return steps if agree(steps) else _sheets_elsewhere(drive, target, mode) or steps
+        return steps if agree(steps) else _sheets_elsewhere(drive, target, mode, steps) or steps
     except CalibError as error:
         cause = _cause(drive, camera, target, mode)
         if isinstance(cause, _Relaid):
@@ -196,9 +196,11 @@ def _no_wheels(camera: CameraStep, tried: str) -> CalibError:
     )
 
 
-def _sheets_elsewhere(drive: Correspondences, target: Target, mode: CameraMode) -> _Relaid | None:
-    """Return sheets exchanged or upside down with which wheels and pictures agree, as described they do not."""
-    elsewhere = gluing_by_wheels(drive, target, mode, _placed)
+def _sheets_elsewhere(
+    drive: Correspondences, target: Target, mode: CameraMode, described: FourSteps | None = None
+) -> _Relaid | None:
+    """Return sheets exchanged or upside down if wheels and images agree with them; as described they do not."""
+    elsewhere = gluing_by_wheels(drive, target, mode, _placed, described)
     if elsewhere is None:
         return None
     gluing, figures = elsewhere

@@ -6,9 +6,13 @@ wheels tell: each arrangement with one thing wrong is tried, and the one that fi
 
 from collections.abc import Callable
 
+import numpy as np
+
+from boxcal.calib.diagnosis.joint_units import LEAST, MOST
 from boxcal.calib.diagnosis.sheets import Gluing
 from boxcal.calib.diagnosis.wheel_signs import LEAST_STOPS, agreement, fitting
 from boxcal.calib.errors import CalibError
+from boxcal.calib.four_steps.procedure import FourSteps
 from boxcal.calib.four_steps.step1_camera import CameraMode, calibrate_camera
 from boxcal.calib.geometry.diff_drive import legs_between
 from boxcal.detect.correspondences import Correspondences
@@ -23,7 +27,7 @@ GLUINGS = (
 )
 """Arrangements with one thing wrong."""
 CLEARLY = 3.0
-"""Places agree so many times better under the arrangement that is taken than under any other that fits."""
+"""Positions agree so many times better under the arrangement that is taken than under any other, or as described."""
 
 
 def gluing_by_wheels(
@@ -31,8 +35,12 @@ def gluing_by_wheels(
     target: Target,
     mode: CameraMode,
     placed: Callable[[Correspondences, Target], Correspondences],
+    described: FourSteps | None,
 ) -> tuple[Gluing, str] | None:
-    """Return the arrangement under which wheels and pictures agree, with the figures of the fit; None if none does.
+    """Return the arrangement under which wheels and images agree, with the misfits in words; None if none does.
+
+    A few stops after a leg that went wrong fit some arrangement by chance: with wheels that no robot has, or hardly
+    better than the box as described.
 
     Parameters
     ----------
@@ -44,6 +52,8 @@ def gluing_by_wheels(
         For the camera's calibration.
     placed
         Gives a drive with its landmarks where another target has them.
+    described
+        The four steps' solution with the box as described; None if they fail.
     """
     if len(drive.stops) < LEAST_STOPS:
         return None
@@ -55,9 +65,10 @@ def gluing_by_wheels(
         except CalibError:
             continue
         steps = fitting(camera, legs_between(there, camera.kept)) if len(camera.kept) >= LEAST_STOPS else None
-        if steps is not None:
+        if steps is not None and LEAST < steps.mounting.rR / steps.mounting.b < MOST:
             fits.append((steps.mounting.misfit, gluing, steps))
     fits.sort(key=lambda fit: fit[0])
-    if not fits or (len(fits) > 1 and fits[1][0] < CLEARLY * fits[0][0]):
+    others = [misfit for misfit, *_ in fits[1:]] + ([] if described is None else [described.mounting.misfit])
+    if not fits or min(others, default=np.inf) < CLEARLY * fits[0][0]:
         return None
     return fits[0][1], agreement(fits[0][2])

@@ -54,9 +54,10 @@ class Explained:
 
 
 def agreement(steps: FourSteps) -> str:
-    """Return how well wheels and images agree, in words."""
+    """Return how well wheels and images agree (root mean squares), in words."""
     rms = np.degrees(steps.heading.rms)
-    return f"so turns seen and rolled agree to {rms:.2g} deg and places to {steps.mounting.misfit * 1e3:.2g} mm"
+    mm = steps.mounting.misfit * 1e3
+    return f"with that, rotations by the images and by the wheels agree to {rms:.2g} deg and positions to {mm:.2g} mm"
 
 
 def explain_signs(camera: CameraStep, legs: Legs, target: Target) -> Explained | None:
@@ -114,7 +115,7 @@ def fitting(camera: CameraStep, legs: Legs) -> FourSteps | None:
 
 
 def agree(steps: FourSteps) -> bool:
-    """Return whether turns and places that are seen and rolled agree, with wheels that are alike."""
+    """Return whether rotations and positions by images and wheels agree, with radii that are alike."""
     u = upright_translations(steps.camera.T_cam_box, steps.axis.a2, steps.axis.a3)
     moved = float(np.sqrt(np.mean(np.sum(u**2, axis=1))))
     return bool(
