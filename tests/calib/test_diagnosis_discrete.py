@@ -9,7 +9,7 @@ import pytest
 from boxcal.calib.assessment.findings import finding_reason
 from boxcal.calib.calibrate import calibrate
 from boxcal.calib.diagnosis.clock import clock_finding, find_offset
-from boxcal.calib.diagnosis.counters import counter_finding
+from boxcal.calib.diagnosis.counters import counter_finding, jumps
 from boxcal.calib.diagnosis.explained_estimate import estimate_explained
 from boxcal.calib.diagnosis.first_look import FirstLook, first_look
 from boxcal.calib.diagnosis.frozen import frozen_stops
@@ -126,10 +126,14 @@ def test_a_frozen_picture_is_left_out_and_said() -> None:
     look = first_look([replace(seen, stops=repeated)], TARGET)
     assert [f.cause for f in look.findings] == ["pictures-frozen"]
     assert "stops 6, 7 of 12" in look.findings[0].text
-    assert len(look.drives[0].stops) == 10
     found = estimate(look.drives, look.steps)
+    assert found.drives[0].stops == (0, 1, 2, 3, 4, 7, 8, 9, 10, 11)  # all keep their numbers
     assert abs(found.b - turtlebot().b) < 4 * found.sigma["b"]
     assert frozen_stops(seen.stops) == ()
+    assert frozen_stops(look.drives[0].stops) == ()  # two stops that see nothing do not show one picture
+    result = calibrate(replace(seen, stops=repeated))
+    assert result.verdict is not None
+    assert result.verdict.level is Level.GOOD
 
 
 @pytest.mark.parametrize("around", [4.5, 20.0])
@@ -158,6 +162,16 @@ def test_messages_that_are_missing_are_no_jumps() -> None:
         wheels, t_ns=wheels.t_ns[kept], phi_R=wheels.phi_R[kept], phi_L=wheels.phi_L[kept], covered=wheels.covered[kept]
     )
     assert counter_finding(gaps) is None
+
+
+def test_fast_wheels_that_are_sampled_seldom_and_mostly_stand_do_not_jump() -> None:
+    steps = np.zeros(1000)
+    for leg in range(10):
+        steps[100 * leg : 100 * leg + 4] = 0.8  # 8 rad/s at 10 Hz, for 0.4 s of every 10
+    assert jumps(steps).size == 0
+    steps[555] = 0.8
+    assert jumps(steps).tolist() == [555]
+    assert jumps(np.zeros(0)).size == 0
 
 
 def test_a_restart_of_fast_wheels_is_named() -> None:

@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 
 from boxcal.calib.assessment.findings import finding_reason
+from boxcal.calib.diagnosis import choose
+from boxcal.calib.diagnosis.backlash import Backlash
 from boxcal.calib.diagnosis.catalogue import candidates
 from boxcal.calib.diagnosis.choose import explain
 from boxcal.calib.diagnosis.explained_estimate import estimate_explained
@@ -159,6 +161,28 @@ def test_a_cause_that_cannot_quite_be_told_widens_the_sigmas() -> None:
     assert_right(found)
 
 
+def test_the_search_goes_on_where_a_cause_vanishes_and_ends_with_doubts_where_no_more_are_sought(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    solved = fit([drive(Imperfections(wheels=WheelFaults(scrub=(0.0, 0.0, 0.02))), seed=7)], None, OPTIONS)
+    assert explain(solved).adopted
+    with monkeypatch.context() as patch:
+        patch.setattr(choose, "MOST", 0)
+        assert explain(solved).doubts[0].cause.family == "scrub"
+    # What seems needed with the legs as they are vanishes once they were judged anew: the next best has its turn.
+    shows = choose._shows
+    monkeypatch.setattr(
+        choose,
+        "_shows",
+        lambda there, cause, gain: (
+            shows(there, cause, gain) and not (there.options.find_faults and cause.family == "scrub")
+        ),
+    )
+    explained = explain(solved)
+    assert "scrub" not in {cause.family for cause, _ in explained.adopted}
+    assert explained.adopted[0][0].family == "outer"  # alike where most turns are on the spot
+
+
 def test_distortion_that_is_nearly_needed_widens_the_sigmas() -> None:
     """The paper's one coefficient is chosen, and Brown's others bias the camera's direction by 3.8 of its sigmas."""
     rng, robot = np.random.default_rng([0, 999, 51]), khepera()
@@ -185,6 +209,11 @@ def test_a_likely_doubt_is_a_note_with_its_probability() -> None:
     assert reason.kind is Kind.NOTE
     assert reason.level is Level.GOOD
     assert replace(likely, probability=0.3).finding(explained.fit) is None
+    backlash = next(cause for cause in candidates(explained.fit) if isinstance(cause, Backlash))
+    for sign in (1, -1):  # wheels do not run ahead of their encoders
+        values = sign * np.radians([1.0, 1.5])
+        lag = replace(likely, cause=backlash, values=values, cov=np.radians(0.2) ** 2 * np.eye(2))
+        assert (lag.finding(explained.fit) is not None) == (sign > 0)
 
 
 def test_a_clean_drive_leaves_its_sigmas_as_they_are(clean: Fit) -> None:
