@@ -119,7 +119,7 @@ def _ruler(detail: Detail | None) -> list[Reason]:
 
 
 def _print_unchecked(seen: Sequence[SeenStop]) -> Reason:
-    """Return why the print's size cannot be told from the corners, even if it was solved for with a prior."""
+    """Return why the corners do not determine the print's size, even if it was solved for with a prior."""
     alone = not any(len(np.unique(stop.face[stop.used])) > 1 for stop in seen)
     why = "each stop sees one face of the box only" if alone else "the corners leave it open by more than 0.3 %"
     text = f"The print's size could not be checked: {why}; check its 100 mm bars with a ruler."

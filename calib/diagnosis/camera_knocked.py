@@ -24,7 +24,7 @@ class CameraKnocked(OfPictures):
     stop
         Which stop.
     shifted
-        Whether the camera was shifted too, not only turned: without, a smaller knock can be told.
+        Whether the camera was shifted too, not only rotated: without, a smaller knock can be detected.
     """
 
     stop: int

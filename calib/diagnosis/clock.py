@@ -71,7 +71,7 @@ def moving_pictures(drive: Correspondences) -> tuple[int, ...]:
 
 
 def find_offset(drive: Correspondences, camera: CameraStep) -> ClockOffset | None:
-    """Return the offset of the pictures' stamps under which turns seen and rolled agree; None if none does."""
+    """Return the offset of the images' stamps under which images and wheels agree on rotations; None if none does."""
     if len(camera.kept) < LEAST_STOPS:
         return None
     try:
@@ -121,8 +121,8 @@ def clock_finding(offset: ClockOffset | None, moving: tuple[int, ...], stops: in
         way = "late" if offset.late_s > 0 else "early"
         return Finding(
             cause="clock",
-            text=f"the camera's stamps are {abs(offset.late_s):.2f} s {way} against the wheels' (so turns seen and "
-            f"rolled agree to {offset.rms_deg:.1f} deg, as stamped to {offset.as_stamped_deg:.0f} deg)",
+            text=f"the camera's stamps are {abs(offset.late_s):.2f} s {way} against the wheels' (with that, rotations "
+            f"by images and wheels agree to {offset.rms_deg:.1f} deg, as stamped to {offset.as_stamped_deg:.0f} deg)",
             advice=advice,
             blocks=True,
             stops=moving,
@@ -133,11 +133,14 @@ def clock_finding(offset: ClockOffset | None, moving: tuple[int, ...], stops: in
     if not moving or len(moving) < stops // MOVING_SHARE:
         return None
     of = f"at {len(moving)} of {stops} stops" if len(moving) > 1 else f"at stop {moving[0] + 1} of {stops}"
-    text = f"{of} the picture moves while the wheels stand: the stamps of camera and wheels do not fit together"
+    text = (
+        f"{of} the picture moves while the wheels stand: the stamps of camera and wheels do not fit together, or "
+        "something moves the camera or the box"
+    )
     if moving[0] > 0 and len(moving) > 1 and moving == tuple(range(moving[0], stops)):
         text = (
-            f"from stop {moving[0] + 1} of {stops} on the picture moves while the wheels stand: the clocks of camera "
-            "and wheels drift apart"
+            f"from stop {moving[0] + 1} of {stops} on the picture moves while the wheels stand, as where the clocks of "
+            "camera and wheels drift apart"
         )
     return Finding(cause="clock", text=text, advice=advice, blocks=len(moving) >= max(2, stops // 3), stops=moving)
 

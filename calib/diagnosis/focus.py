@@ -26,7 +26,7 @@ class FocusChanged(OfPictures):
     at
         Reference.
     shifted
-        Whether the principal point was another too: without, a smaller change of the focal length can be told.
+        Whether the principal point was another too: without, a smaller change of the focal length can be detected.
     """
 
     stop: int

@@ -1,4 +1,4 @@
-"""Tags that were read but do not lie where the box has them: a box that is not as described, or two of them."""
+"""Tags that were read but do not lie where the box has them, as with another box or a second one."""
 
 from collections.abc import Sequence
 
@@ -22,8 +22,8 @@ def rejected_finding(stops: Sequence[StopObservation]) -> Finding | None:
     return Finding(
         cause="tags-rejected",
         text=f"{rejected} of {rejected + used} tags that were read, at {len(at)} of {len(stops)} stops, do not lie "
-        "where the box as described has them, and were left out: the box or its prints have another size or shape, or "
-        "tags with the same ids hang elsewhere",
+        "where the box as described has them, and were left out: perhaps the box or its prints have another size or "
+        "shape, or tags with the same ids hang elsewhere",
         advice="Compare the box with its target.json (measure-target), and put other prints of these tags away.",
         stops=at,
         size=100 * rejected / (rejected + used),

@@ -96,8 +96,8 @@ class Scrub(OfWheels):
         size, sigma = max((side, s_side), (spot, s_spot), key=lambda loss: abs(loss[0]) / loss[1])
         return Finding(
             cause="scrub",
-            text=f"the wheels scrub in turns: {text}; what all turns lose alike cannot be told from the distance "
-            f"between the wheels, whose sigma allows for {TYPICAL:.0%}",
+            text=f"the wheels scrub in turns: {text}; what all turns lose alike cannot be separated from the "
+            f"wheel separation, whose sigma allows for {TYPICAL:.0%}",
             advice="Turn slower, on a smoother floor; wider tyres scrub more.",
             adopted=True,
             size=100 * float(size),
