@@ -65,8 +65,9 @@ class RangeFile:
         return parts[0] if len(parts) == 1 else b"".join(parts)
 
     def prefetch(self, ranges: Iterable[tuple[int, int]]) -> None:
-        """Fetch ranges (first, end) that will be read, and keep them: joined where little lies between."""
-        for batch in _batches(_joined([(a, min(b, self.state.size)) for a, b in ranges if a < self.state.size])):
+        """Fetch ranges (first, end) that will be read and are not kept yet: joined where little lies between."""
+        within = [(a, min(b, self.state.size)) for a, b in ranges if a < self.state.size]
+        for batch in _batches(_joined([(a, b) for a, b in within if not self._keeps(a, b)])):
             for (start, _), content in zip(batch, self._asked(batch), strict=True):
                 self._keep(start, content)
 
@@ -89,6 +90,16 @@ class RangeFile:
             self._spool = None
         self._block, self._kept, self._starts = (0, b""), [], []
         self._whole = False
+
+    def _keeps(self, start: int, end: int) -> bool:
+        """Tell whether all of a range is kept."""
+        at = start
+        while at < end:
+            k = bisect_right(self._starts, at) - 1
+            if k < 0 or sum(self._kept[k][:2]) <= at:
+                return False
+            at = sum(self._kept[k][:2])
+        return True
 
     def _held(self, at: int, end: int) -> bytes:
         """Return what is held from a place on, nothing if nothing is."""
