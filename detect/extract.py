@@ -146,10 +146,12 @@ def extract_recording(
     stops = find_stops(recording.wheels, settings.stops)
     prepare(lambda line: tell(line, 0.0))
     found = _seen(recording, stops, target, settings, tell, pictures)
-    offset = _offset_by_pictures(recording, stops, found)
-    if offset is not None:
-        recording = recording.with_clock_offset(offset)
-        found = _seen(recording, stops, target, settings, tell, pictures)
+    if _clock_in_doubt(stops, found):
+        recording = recording.with_all_images()
+        offset = _offset_by_pictures(recording, stops)
+        if offset is not None:
+            recording = recording.with_clock_offset(offset)
+            found = _seen(recording, stops, target, settings, tell, pictures)
     recording.refuse_times_apart()
     scale = found[0].print_scale()
     if scale != 1.0:
@@ -204,12 +206,15 @@ def _seen(  # noqa: PLR0917
     return look, seen
 
 
-def _offset_by_pictures(recording: Recording, stops: tuple[Stop, ...], found: _Seen) -> int | None:
-    """Return by how many ns the camera's clock is ahead, if stops that show too little or move give cause to ask."""
+def _clock_in_doubt(stops: tuple[Stop, ...], found: _Seen) -> bool:
+    """Tell whether stops that show too little or move give cause to compare the camera's clock with the wheels'."""
     look, seen = found
     few = len(seen) < MIN_STOPS or len(seen) <= len(stops) / 2
-    if len(stops) < MIN_STOPS or not (few or look.moved > len(stops) / 3):
-        return None
+    return len(stops) >= MIN_STOPS and (few or look.moved > len(stops) / 3)
+
+
+def _offset_by_pictures(recording: Recording, stops: tuple[Stop, ...]) -> int | None:
+    """Return by how many ns the camera's clock is ahead by its pictures, None if that is little or they do not tell."""
     stands = np.array([(stop.t_start_ns, stop.t_end_ns) for stop in stops], dtype=np.int64)
     offset = clock_offset_by_pictures(recording, stands)
     return offset if offset is not None and abs(offset) > _LEAST_OFFSET_NS else None

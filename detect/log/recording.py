@@ -7,7 +7,7 @@ rest; others are read again from their place. So a recording needs no index, and
 """
 
 import weakref
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -26,7 +26,7 @@ from boxcal.detect.log.metadata import Metadata
 from boxcal.detect.log.opener import open_container
 from boxcal.detect.log.scan import Scan, problems_said
 from boxcal.detect.log.signals import Quantity
-from boxcal.detect.log.stand_images import fetch_stands
+from boxcal.detect.log.stand_images import fetch_images
 from boxcal.detect.log.topics import Topics, choose_camera
 from boxcal.detect.log.wheel_assembly import assemble_wheels
 from boxcal.detect.log.wheel_choice import WheelChoice, choose_wheels
@@ -78,6 +78,8 @@ class Recording:
         What the wheel readings were taken for.
     source
         Decodes the frames.
+    rest
+        Reads the images that were passed over because the robot moved; None if there are none.
     """
 
     path: Path
@@ -99,6 +101,11 @@ class Recording:
     lost_s: float
     units: WheelUnits
     source: FrameSource
+    rest: "Callable[[], Recording] | None" = None
+
+    def with_all_images(self) -> "Recording":
+        """Return the recording with the images that were passed over; this one is of no more use then."""
+        return self if self.rest is None else self.rest()
 
     def frames_between(self, t_start_ns: int, t_end_ns: int) -> Ids:
         """Return the indices of the frames within a time window, both ends included."""
@@ -272,7 +279,13 @@ def _close_files(container: Container, cache: FrameCache) -> None:
 
 
 def _assembled(
-    scan: Scan, container: Container, path: Path, units: WheelUnits, nominal: tuple[float, float] | None
+    scan: Scan,
+    container: Container,
+    path: Path,
+    units: WheelUnits,
+    nominal: tuple[float, float] | None,
+    *,
+    all_images: bool = False,
 ) -> Recording:
     name, types, damage = scan.name, scan.types, container.damage
     if not types and damage.notes:
@@ -289,8 +302,14 @@ def _assembled(
         wheels = assemble_wheels(name, choice, units, nominal)
     except DetectError as error:
         raise _with_losses(error, name, damage) from error
+    rest = None
     if isinstance(container, IndexedMcap) and container.has_index:
-        fetch_stands(scan, container, camera, wheels)
+        fetch_images(scan, container, camera, wheels, all_of_them=all_images)
+        if not all_images:
+
+            def rest() -> Recording:
+                return _closing(_assembled(scan, container, path, units, nominal, all_images=True))
+
     images = scan.images_of(camera)
     t_ns, numbers, offset, notes = frame_times(images, wheels, camera)
     source = FrameSource(series=images, container=container, cache=scan.cache)
@@ -314,6 +333,7 @@ def _assembled(
         lost_s=damage.seconds,
         units=wheels.units,
         source=source,
+        rest=rest,
     )
 
 

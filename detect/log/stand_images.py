@@ -17,8 +17,8 @@ _AROUND_NS = 150_000_000
 _EVER_NS = (1 << 63) - 1
 
 
-def fetch_stands(scan: Scan, container: IndexedMcap, camera: str, wheels: AssembledWheels) -> None:
-    """Take the images that were recorded while the robot stood, and of a video all."""
+def fetch_images(scan: Scan, container: IndexedMcap, camera: str, wheels: AssembledWheels, *, all_of_them: bool) -> None:
+    """Take the images that were recorded while the robot stood; of a video, or if wanted, all."""
     images = scan.images_of(camera)
     late = _lateness(wheels.stamp_ns, wheels.log_ns)
     own = _lateness(np.array(images.t_ns, dtype=np.int64), np.array(images.log_ns, dtype=np.int64))
@@ -26,7 +26,7 @@ def fetch_stands(scan: Scan, container: IndexedMcap, camera: str, wheels: Assemb
     if abs(own - late) < LEAST_OFFSET_S * 1e9:
         before, behind = own - _AROUND_NS, own + _AROUND_NS
     stands = [(s.t_start_ns + before, s.t_end_ns + behind) for s in find_stops(wheels.wheels)]
-    if images.is_video:
+    if images.is_video or all_of_them:
         stands = [(0, _EVER_NS)]
     for piece in container.batches_at(camera, np.array(stands, dtype=np.int64).reshape(-1, 2)):
         scan.take([batch for batch in piece if batch.channel.topic == camera])

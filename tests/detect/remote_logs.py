@@ -53,3 +53,15 @@ def with_noise(
     t_ns, shown = angles[0], np.array([t for t, _ in pictures])
     moving = [t for t in range(int(t_ns[0]), int(t_ns[-1]), 500_000_000) if np.min(np.abs(shown - t)) > 700_000_000]
     return [*pictures, *((t, rng.integers(0, 256, (480, 640), dtype=np.uint8)) for t in moving)]
+
+
+def filmed(
+    angles: tuple[Ids, Array, Array], pictures: list[tuple[int, NDArray[np.uint8]]]
+) -> list[tuple[int, NDArray[np.uint8]]]:
+    """Return a drive's pictures five times a second: at its stops the same again and again, changing grey between."""
+    shown, out = np.array([t for t, _ in pictures]), []
+    for n, t in enumerate(range(int(angles[0][0]), int(angles[0][-1]), 200_000_000)):
+        k = int(np.argmin(np.abs(shown - t)))
+        still = abs(int(shown[k]) - t) < 350_000_000
+        out.append((t, pictures[k][1] if still else np.full((480, 640), 40 + 67 * n % 150, dtype=np.uint8)))
+    return out

@@ -18,7 +18,7 @@ pytest.importorskip("mcap_ros1")
 import fsspec  # type: ignore[import-untyped]
 from drive_session import SETTINGS, TARGET, session, solution
 from recorded_kinds import KINDS, Event, events_of
-from remote_logs import needed_bytes, with_noise, write_apart
+from remote_logs import filmed, needed_bytes, with_noise, write_apart
 
 from boxcal.calib.calibrate import calibrate
 from boxcal.calib.results.calibration import Calibration
@@ -86,6 +86,23 @@ def test_of_an_indexed_log_only_wheels_and_stops_are_fetched(folder: Path, memor
     assert remote.fetched <= 1.3 * needed
     assert remote.fetched > 128_000 * remote.requests
     assert not found.notes
+    once = remote.fetched
+    open_recording(Path(f"{memory}/r07.mcap"))
+    assert remote.fetched == once
+
+
+def test_where_clocks_are_compared_by_pictures_all_images_are_fetched(tmp_path: Path) -> None:
+    """The camera is 1 s ahead and times of recording are copies of stamps: images of the stands show the drive."""
+    long = session(16)
+    ahead = [(t + 1_000_000_000, picture) for t, picture in filmed(long.angles, long.pictures)]
+    path = write_apart(tmp_path / "late.mcap", events_of(long.angles, ahead))
+    fsspec.filesystem("memory").pipe_file("/late.mcap", path.read_bytes())
+    right, found = extract(path, TARGET), extract("memory://late.mcap", TARGET)
+    fsspec.filesystem("memory").rm("/late.mcap")
+    assert found.source.clock_offset == right.source.clock_offset == pytest.approx(1.0, abs=0.1)
+    assert len(found.stops) == len(right.stops) > 10
+    for a, b in zip(found.stops, right.stops, strict=True):
+        np.testing.assert_array_equal(a.uv_px, b.uv_px)
 
 
 @pytest.mark.parametrize("name", ["r07.mcap", "r08", "r09", "r10", "r11.mcap.zst", "r12.bag"])
