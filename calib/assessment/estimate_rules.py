@@ -20,6 +20,7 @@ _DOUBTFUL = {
     "the recording is damaged:": (
         "Record the drive again, on a disk with room, and stop the recorder before the robot is switched off."
     ),
+    "messages do not decode": "Check the driver that publishes them, the recorder and its disk, and record again.",
     "the sizes mean nothing": "Give the driver's own wheels with --nominal, or record what its encoders say.",
 }
 """What reading a log says where its data are not whole (``Source.notes``), and what to do."""

@@ -24,6 +24,7 @@ from boxcal.detect.log.frames import FrameSource
 from boxcal.detect.log.images import Grey, frame_id_of
 from boxcal.detect.log.metadata import Metadata
 from boxcal.detect.log.opener import open_container
+from boxcal.detect.log.safe_text import printable
 from boxcal.detect.log.scan import Scan, problems_said
 from boxcal.detect.log.signals import Quantity
 from boxcal.detect.log.stand_images import fetch_images
@@ -33,6 +34,8 @@ from boxcal.detect.log.wheel_choice import WheelChoice, choose_wheels
 from boxcal.detect.log.wheel_samples import WheelSamples, WheelUnits
 from boxcal.target.arrays import Ids
 
+_MOST_STRAYS = 0.02
+"""More messages of a topic that do not decode than this part are a loss that the verdict has to know of."""
 _DEPTH_ENCODINGS = {"16UC1", "32FC1", "16SC1", "64FC1"}
 
 
@@ -313,6 +316,7 @@ def _assembled(
     images = scan.images_of(camera)
     t_ns, numbers, offset, notes = frame_times(images, wheels, camera)
     source = FrameSource(series=images, container=container, cache=scan.cache)
+    problems = _problems_of(scan, camera, choice)
     return Recording(
         path=path,
         kind=container.kind,
@@ -328,8 +332,8 @@ def _assembled(
         frame_numbers=numbers,
         clock_offset_ns=offset,
         metadata=scan.metadata,
-        notes=(*_losses(damage), *problems_said(_problems_of(scan, camera, choice)), *wheels.notes, *notes),
-        lost_messages=damage.messages,
+        notes=(*_losses(damage), *_undecoded(scan, problems), *wheels.notes, *notes),
+        lost_messages=damage.messages + sum(count for _, count in problems.values()),
         lost_s=damage.seconds,
         units=wheels.units,
         source=source,
@@ -379,6 +383,18 @@ def _problems_of(scan: Scan, camera: str, choice: WheelChoice) -> dict[str, tupl
     """Return the problems in the topics that are used; an arm's broken topic harms nothing."""
     used = {camera, *choice.topics}
     return {topic: problem for topic, problem in scan.problems.items() if topic in used}
+
+
+def _undecoded(scan: Scan, problems: dict[str, tuple[str, int]]) -> list[str]:
+    """Return a sentence for each topic whose messages did not all decode; for many of them the one that is judged."""
+    said = []
+    for topic, (what, count) in problems.items():
+        total = count + scan.decoded_of(topic)
+        if count > _MOST_STRAYS * total:
+            said.append(f"{printable(topic)}: {count} of {total} messages do not decode ({what}); the others were used")
+        else:
+            said += problems_said({topic: (what, count)})
+    return said
 
 
 def _with_losses(error: DetectError, name: str, damage: Damage) -> DetectError:

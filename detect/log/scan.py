@@ -114,6 +114,12 @@ class Scan:
             counts[topic] = counts.get(topic, 0) + len(series.t_ns)
         return {topic: max(count, self.claimed.get(topic, 0)) for topic, count in counts.items()}
 
+    def decoded_of(self, topic: str) -> int:
+        """Return how many messages of a topic gave something, as far as they were read."""
+        images = sum(len(series.t_ns) for (t, _), series in self.images.items() if t == topic)
+        readings = max((s.count for s in self.signals.get(topic, {}).values()), default=0)
+        return max(images, readings, len(self.odometry[topic].poses) if topic in self.odometry else 0)
+
     def images_of(self, topic: str) -> ImageSeries:
         """Return the images of a topic; of two types in one topic, the one with more."""
         return max((s for (t, _), s in self.images.items() if t == topic), key=lambda s: len(s.t_ns))

@@ -44,6 +44,8 @@ class Signal:
         Mean change in a nanosecond in the fastest piece.
     stamped
         Whether the messages carry times; else those of recording are taken.
+    dropped
+        How many readings were left out: no numbers, or numbers or times beyond all measure.
     """
 
     topic: str
@@ -52,6 +54,7 @@ class Signal:
     side: Side | None = None
     ticks_per_turn: float | None = None
     stamped: bool = True
+    dropped: int = 0
     _t: list[Ids] = field(default_factory=list)
     _log: list[Ids] = field(default_factory=list)
     _values: list[Array] = field(default_factory=list)
@@ -66,6 +69,7 @@ class Signal:
         good = (np.abs(values) < _LARGEST) & (t_ns > -LATEST_NS) & (t_ns < LATEST_NS)  # NaN is neither
         log_ns = np.clip(log_ns, -LATEST_NS, LATEST_NS)
         if not np.all(good):
+            self.dropped += int(np.sum(~good))
             t_ns, log_ns, values = t_ns[good], log_ns[good], values[good]
         if not values.size:
             return

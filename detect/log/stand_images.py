@@ -17,7 +17,9 @@ _AROUND_NS = 150_000_000
 _EVER_NS = (1 << 63) - 1
 
 
-def fetch_images(scan: Scan, container: IndexedMcap, camera: str, wheels: AssembledWheels, *, all_of_them: bool) -> None:
+def fetch_images(
+    scan: Scan, container: IndexedMcap, camera: str, wheels: AssembledWheels, *, all_of_them: bool
+) -> None:
     """Take the images that were recorded while the robot stood; of a video, or if wanted, all."""
     images = scan.images_of(camera)
     late = _lateness(wheels.stamp_ns, wheels.log_ns)

@@ -110,6 +110,11 @@ def _encoder(name: str, signal: Signal, factor: float, notes: list[str]) -> Enco
     """Return one signal as an encoder: in rad, in order, put right."""
     who = f"{name}: joint {printable(signal.name)} in {printable(signal.topic)}"
     t_ns, values = signal.t_ns, signal.values
+    if signal.dropped:
+        notes.append(
+            f"{signal.dropped} of {signal.count + signal.dropped} readings of {printable(signal.name)} are no numbers, "
+            "or they or their times are beyond all measure; they were left out"
+        )
     times = usable_stamps(t_ns, signal.log_ns, f"the messages in {printable(signal.topic)}")
     if not signal.stamped:
         times = replace(

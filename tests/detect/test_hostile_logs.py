@@ -1,5 +1,6 @@
 """Files that are no logs, broken logs and logs made to do harm: every one ends in a DetectError with a remedy."""
 
+import re
 import struct
 import zipfile
 import zlib
@@ -311,3 +312,23 @@ def test_readings_beyond_all_measure_are_dropped_and_counted(tmp_path: Path) -> 
 
     found = open_recording(write_log(tmp_path / "a.mcap", wild, write_frames))
     assert np.max(np.abs(found.wheels.phi_R)) < 1e3
+    for joint in (LEFT, RIGHT):
+        assert any(re.match(rf"2 of \d+ readings of {joint} are no numbers, or", note) for note in found.notes)
+
+
+@pytest.mark.parametrize(("broken", "said"), [(1, "1 message left out"), (20, "20 of {} messages do not decode")])
+def test_messages_that_do_not_decode_are_counted_and_many_are_said_as_a_loss(
+    tmp_path: Path, broken: int, said: str
+) -> None:
+    """One stray message is chance; more than one in fifty is a loss, in the words that the verdict knows."""
+
+    def wild(log: LogWriter) -> None:
+        write_joints(log)
+        for k in range(broken):
+            bad = b"\0\1\0\0" + bytes(8) + b"\xff" * (k + 4)
+            log.raw("/joint_states", "sensor_msgs/msg/JointState", T0_NS + k, bad)
+
+    found = open_recording(write_log(tmp_path / "a.mcap", wild, write_frames))
+    assert found.lost_messages == broken
+    said = said.format(broken + len(found.wheels.t_ns))
+    assert any(f"/joint_states: {said}" in note for note in found.notes)

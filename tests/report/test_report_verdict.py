@@ -404,11 +404,17 @@ def test_a_leg_whose_cause_is_named_is_told_once(calibrations: Calibrations) -> 
     assert [r.rule for r in found.notes if r.rule != "ruler"] == ["leg-slipped"]
 
 
-def test_a_damaged_recording_is_never_good(calibrations: Calibrations) -> None:
-    c = replace(calibrations("good_drive"), notes=("the recording is damaged: 3 chunks are lost",))
-    found = verdict(c)
+@pytest.mark.parametrize(
+    "lost",
+    [
+        "the recording is damaged: 3 chunks are lost",
+        "/joint_states: 20 of 400 messages do not decode (no CDR); the others were used",
+    ],
+)
+def test_a_damaged_recording_is_never_good(lost: str, calibrations: Calibrations) -> None:
+    found = verdict(replace(calibrations("good_drive"), notes=(lost,)))
     assert found.level is Level.USABLE
-    assert "3 chunks are lost" in found.causes[0].text
+    assert lost[1:] in found.causes[0].text
 
 
 @pytest.mark.parametrize(("blocks", "level"), [(False, Level.USABLE), (True, Level.REDO)])
