@@ -7,7 +7,7 @@ python benchmarks/robot.py --robots 2 20 200   fleets of one log, copied: cost a
 One thread, processor time of this process after a first robot that is not counted (imports, compiled code); of some
 repeats the least. Floors are what the libraries alone take for the same bytes: chunks decompressed, the frames at stops
 decoded to grey by OpenCV; a detection's is OpenCV's own, without refinement, of one frame a stop. Of a fleet the
-processes' start is told from two sizes: the cost of a further robot is the difference over the robots between.
+processes' start is estimated from two sizes: the cost of a further robot is the difference over the robots between.
 """
 
 import argparse

@@ -60,7 +60,7 @@ class Settings:
     wheel_units
         What the wheel readings mean.
     bits
-        Used bits of frames stored in 16; told from the frames if None.
+        Used bits of frames stored in 16; estimated from the frames if None.
     camera_mode
         One camera for all stops, or every stop alone.
     closed_form

@@ -67,7 +67,7 @@ def _parser() -> argparse.ArgumentParser:
         "--tone",
         choices=("auto", "linear", "srgb"),
         default="auto",
-        help="the camera response function (default: auto, told from the tags)",
+        help="the camera response function (default: auto, estimated from the tags)",
     )
     return parser
 

@@ -40,7 +40,7 @@ class StopObservation:
     p_box : (L, 3), m
         The landmarks in frame ``box``.
     faces : (L,)
-        The face of the box that carries each landmark; told from the normals of the tags in ``p_box`` if not given.
+        The face of the box that carries each landmark; found from the normals of the tags in ``p_box`` if not given.
     uv_px : (L, 2), px
         Where they were seen, mean over the frames of the stop; pixel (0, 0) is the centre of the top-left pixel.
     cov_px2 : (L, 2, 2), px^2
@@ -319,7 +319,7 @@ def _wheels(data: Any, header: dict[str, Any]) -> WheelSamples:
 
 
 def faces_by_normal(landmark_ids: Ids, p_box: Array) -> Ids:
-    """Return the faces that carry landmarks, (L,), told from the outward normals of the tags.
+    """Return the faces that carry landmarks, (L,), found from the outward normals of the tags.
 
     A tag of which fewer than three corners were seen has no normal; it is on the face whose tags' plane is nearest.
 

@@ -22,7 +22,7 @@ _LARGEST_PX = 1.0
 _SMALLEST_SHARE = 0.25
 """The least floor that is tried, in standard deviations of the best corner."""
 _CLEARLY = 4.0
-"""Gain in log likelihood from which on a floor is added; of corners that are alike it cannot be told from a scale."""
+"""Gain in log likelihood from which on a floor is added; among corners that are alike a floor looks like a scale."""
 _FIXED_POINT = 4
 _ALIKE = 0.1
 """Relative change of a floor that is worth no new equations."""

@@ -59,7 +59,7 @@ def unnamed_mosaic(image: NDArray[Any]) -> str | None:
 def even_mosaic(mosaic: NDArray[Any], name: str) -> NDArray[Any]:
     """Return a colour mosaic (H, W) as a grey image: red and blue pixels in the scale of the green ones.
 
-    Print is black on white, so its colours differ by a gain and an offset only. They are told from the strongest
+    Print is black on white, so its colours differ by a gain and an offset only. They are estimated from the strongest
     steps of the scene, where a box with tags has most; medians keep coloured things out. Every pixel keeps its place
     and its noise: interpolating colours instead moves corners by 0.03 px.
 

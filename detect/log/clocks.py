@@ -1,4 +1,4 @@
-"""Clocks that differ: how far the images' stamps are off the wheels', told from when messages were recorded."""
+"""Clock offset between images and wheels, estimated from when messages were recorded."""
 
 from dataclasses import dataclass
 

@@ -1,6 +1,6 @@
 """Keeps the frames that will be wanted again, those taken at rest, so that a recording is read only once.
 
-Whether the robot rests is told from the wheels as far as they were read: whatever they count, they hardly changed in
+Whether the robot rests is judged from the wheels as far as they were read: whatever they count, they hardly changed in
 the last tenth of a second against what they change while it drives. A wrong guess costs time only: a frame that was not
 kept is read from the recording again.
 """

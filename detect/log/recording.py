@@ -148,7 +148,7 @@ class Recording:
     def used_bits(self, indices: Iterable[int]) -> int:
         """Return how many bits the camera's grey levels have: 8, 10, 12, 14 or 16.
 
-        A message says how wide its numbers are, not how many of their bits the sensor fills; that is told from the
+        A message says how wide its numbers are, not how many of their bits the sensor fills; that is estimated from the
         largest value in some frames. Errors as for :meth:`read_frames`.
         """
         return max((bits_of(image) for _, image in self._decoded(indices)), default=8)

@@ -1,4 +1,4 @@
-"""Clocks that differ, told from the pictures: they stay the same when the wheels stand still."""
+"""Clock offset between camera and wheels, estimated from pictures that stay the same while the wheels stand still."""
 
 import cv2
 import numpy as np

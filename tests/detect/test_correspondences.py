@@ -1,4 +1,4 @@
-"""Correspondences on disk: what was found while reading comes back, and what old files lack is told from the rest."""
+"""Correspondences on disk: what was found while reading comes back; what old files lack is derived from the rest."""
 
 import io
 import json
