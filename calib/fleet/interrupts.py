@@ -1,10 +1,15 @@
 """Ctrl-C held back until the work is at a place where it can stop, and never lost."""
 
+import _thread
 import signal
+import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
+
+_MOMENT_S = 0.02
+"""Seconds in which a call-back should have returned."""
 
 
 @contextmanager
@@ -31,11 +36,11 @@ def interrupts_held() -> Iterator[Callable[[], bool]]:
 
 @contextmanager
 def interrupts_remembered() -> Iterator[Callable[[], None]]:
-    """Raise KeyboardInterrupt on Ctrl-C and remember it; gives a function that raises it again if it was lost.
+    """Raise KeyboardInterrupt on Ctrl-C, again where a call-back swallows it; gives a function that raises it if lost.
 
     In call-backs (of import locks, of compiled code that is loaded) Python prints what is raised and drops it: the
-    work would go on as if nothing had been pressed. Outside the main thread nothing is remembered, nor where Ctrl-C is
-    ignored.
+    work would go on as if nothing had been pressed. Here nothing is printed, and the press arrives anew a moment later.
+    Outside the main thread nothing is remembered, nor where Ctrl-C is ignored.
     """
     pressed = threading.Event()
 
@@ -53,9 +58,34 @@ def interrupts_remembered() -> Iterator[Callable[[], None]]:
 
     before = signal.signal(signal.SIGINT, note)
     try:
-        yield again
+        with _pressed_anew_where_dropped():
+            yield again
     finally:
         signal.signal(signal.SIGINT, before)
+
+
+@contextmanager
+def _pressed_anew_where_dropped() -> Iterator[None]:
+    """Press Ctrl-C again a moment after Python dropped a KeyboardInterrupt, which it does in call-backs."""
+    before = sys.unraisablehook
+    presses: list[threading.Timer] = []
+
+    def dropped(what: "sys.UnraisableHookArgs") -> None:
+        if not isinstance(what.exc_value, KeyboardInterrupt):
+            before(what)
+            return
+        presses.append(threading.Timer(_MOMENT_S, _thread.interrupt_main))
+        presses[-1].daemon = True
+        presses[-1].start()
+
+    sys.unraisablehook = dropped
+    try:
+        yield
+    finally:
+        sys.unraisablehook = before
+        for press in presses:
+            press.cancel()
+            press.join()
 
 
 def _arrives() -> bool:

@@ -1,6 +1,7 @@
 """The output folder is the team's: robots calibrated one after another, failed ones, stale results, interruptions."""
 
 import csv
+import ctypes
 import io
 import json
 import os
@@ -261,6 +262,27 @@ def test_ctrl_c_that_a_call_back_swallows_is_not_lost() -> None:
             signal.raise_signal(signal.SIGINT)
         with pytest.raises(KeyboardInterrupt):
             again()
+
+
+def test_ctrl_c_in_a_call_back_is_raised_again_when_it_has_returned(capsys: pytest.CaptureFixture[str]) -> None:
+    presses = 0
+
+    @ctypes.CFUNCTYPE(None)
+    def call_back() -> None:
+        nonlocal presses
+        presses += 1
+        if presses <= 3:  # in the first three call-backs, each of which drops it
+            signal.raise_signal(signal.SIGINT)
+
+    begun = time.monotonic()
+    with pytest.raises(KeyboardInterrupt), interrupts_remembered():  # noqa: PT012
+        for _ in range(3):
+            call_back()
+        while time.monotonic() < begun + 5:
+            time.sleep(0.01)
+    assert presses == 3
+    assert time.monotonic() - begun < 2
+    assert not capsys.readouterr().err
 
 
 def test_ctrl_c_stays_ignored_where_a_shell_ignores_it() -> None:
