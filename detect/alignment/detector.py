@@ -213,13 +213,13 @@ def detect_in_grey(
     left_out = _left_out(frame, patterns, tags, uneven)
     if left_out.inflation > MOVED and (blur := estimate_blur(frame, patterns, tags)) is not None:
         frame = replace(frame, blur=blur)
-        tags = align(frame, patterns, tags.rows, tags.corners_px, start=tags, side_px=FINE_SIDE_PX, stop_px=STOP_PX)
+        tags = _aligned_again(frame, target, patterns, tags, fit)
         left_out = _left_out(frame, patterns, tags, uneven)
     if len(tags) >= FEW_TAGS:
         fit = fit_box(target, tags.rows, tags.corners_px, image_size=size, sigma_px=LEAST_SIGMA_PX, start=fit)
     if sagitta_difference_px(frame.lens, fit.lens, tags.corners_px) > BENT_PX:
         frame = replace(frame, lens=fit.lens)
-        tags = align(frame, patterns, tags.rows, tags.corners_px, start=tags, side_px=FINE_SIDE_PX, stop_px=STOP_PX)
+        tags = _aligned_again(frame, target, patterns, tags, fit)
     if len(uneven) and len(tags):
         displaced = displacement_px2(target, tags, fit, np.isin(tags.rows, uneven))
         tags = replace(tags, cov_px2=tags.cov_px2 + displaced[:, None, None, None] * np.eye(2))
@@ -308,6 +308,12 @@ def _finely(
         stop_px=STOP_PX,
     )
     return under, aligned
+
+
+def _aligned_again(frame: Frame, target: Target, patterns: Patterns, tags: TagAlignments, fit: BoxFit) -> TagAlignments:
+    """Return tags aligned under a better PSF or lens, but those that diverge."""
+    again = align(frame, patterns, tags.rows, tags.corners_px, start=tags, side_px=FINE_SIDE_PX, stop_px=STOP_PX)
+    return _on_the_box(target, patterns, again, fit)
 
 
 def _on_the_box(target: Target, patterns: Patterns, tags: TagAlignments, fit: BoxFit) -> TagAlignments:

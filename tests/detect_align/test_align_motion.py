@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from aligned_views import PATTERNS, PLAIN, TARGET, pose, some_tags, truth, view, width_px
 
+from boxcal.detect.alignment import detector
 from boxcal.detect.alignment.detector import detect_tags
 from boxcal.detect.alignment.motion_blur import MOST, estimate_blur, shape
 from boxcal.detect.alignment.radial_camera import no_distortion
@@ -80,3 +81,24 @@ def test_corners_and_sigmas_hold_in_pictures_that_moved(motion_px):
         error = found.corners_px - uv[[TARGET.row_of(int(i)) for i in found.ids]]
         squares.append(np.sum(np.linalg.solve(found.cov_px2, error[..., None])[..., 0] * error, axis=2).ravel() / 2)
     assert 0.5 < np.mean(np.concatenate(squares)) < 1.6
+
+
+def test_a_tag_that_diverges_under_the_better_blur_is_left_out(monkeypatch):
+    def diverging(frame, *arguments, **options):
+        tags = align(frame, *arguments, **options)
+        if np.array_equal(frame.blur, ROUND):
+            return tags
+        first = np.arange(len(tags)) == 0
+        return replace(
+            tags,
+            corners_px=np.where(first[:, None, None], 0.0, tags.corners_px),
+            correlation=np.where(first, -1.0, tags.correlation),
+        )
+
+    T = pose(12.0, distance=0.55)
+    image = view(T, replace(PLAIN, motion_blur_px=3.0, motion_angle=0.6))
+    whole = detect_tags(image, TARGET)
+    monkeypatch.setattr(detector, "align", diverging)
+    found = detect_tags(image, TARGET)
+    assert len(found.ids) == len(whole.ids) - 1
+    np.testing.assert_allclose(found.corners_px, whole.corners_px[np.isin(whole.ids, found.ids)], atol=0.01)
