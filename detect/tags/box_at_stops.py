@@ -35,6 +35,8 @@ class BoxAtStops:
         Frames that were looked at; stops with frames, and with tags of the box.
     moved
         Stops of which frames were left out since the picture moved, or whose frames hardly show one picture.
+    unsettled
+        The latter of them.
     odd_sizes
         Frames of another size than the first, which were left out.
     tags
@@ -50,7 +52,7 @@ class BoxAtStops:
     ) -> None:
         self._recording, self._target, self._tags, self._bits = recording, target, tags, bits
         self.frames = self.with_frames = self.with_tags = self.moved = self.odd_sizes = 0
-        self.tags = 0
+        self.tags = self.unsettled = 0
         self.rejected: list[int] = []
         self._contradicting: tuple[int, DeepGrey] | None = None
         self._foreign: set[int] = set()
@@ -70,6 +72,7 @@ class BoxAtStops:
         self.with_tags += found.corners.tags > 0
         self.tags += found.corners.tags
         self._take_rejected(len(found.rejected_ids))
+        self.unsettled += not found.settled
         self.moved += "moved" in found.left_out or not found.settled
         return found.corners, found.left_out
 
@@ -107,6 +110,11 @@ class BoxAtStops:
                 f"{rejected} tag{'s' if rejected > 1 else ''} at {stops} stop{'s' if stops > 1 else ''} "
                 f"{'were' if rejected > 1 else 'was'} read but not where the box has such a tag, and left out "
                 f"(beside {self.tags} that do)"
+            )
+        if self.unsettled:
+            out.append(
+                f"the frames of {self.unsettled} stop{'s' if self.unsettled > 1 else ''} do not show one still picture: "
+                "what they show in the mean counts with the uncertainty by which they lie apart"
             )
         if self.odd_sizes:
             out.append(f"{self.odd_sizes} images of another size than {_size(self.image_size)} px were left out")

@@ -53,6 +53,8 @@ class Stillness:
         Deviation of a pixel from frame to frame at edges, grey levels; NaN of a single frame.
     settled
         Whether most frames show one picture; if not, all are kept, and they were hardly taken at rest.
+    displacement_px2 : (2, 2), px^2
+        Covariance of the place at which the mean of the kept frames shows the box; zero where noise explains all motion.
     """
 
     kept: NDArray[np.bool_]
@@ -64,6 +66,7 @@ class Stillness:
     motion_px: Array
     noise: float
     settled: bool
+    displacement_px2: Array
 
     @property
     def left_out(self) -> str:
@@ -118,7 +121,20 @@ def compare_frames(frames: Sequence[DeepGrey], mean: NDArray[np.float32]) -> Sti
         motion_px=motion,
         noise=_temporal_noise(used, int(kept.sum())) if n > 1 else float("nan"),
         settled=settled,
+        displacement_px2=_displacement(motion[kept], motion_sigma[kept], settled=settled),
     )
+
+
+def _displacement(motion_px: Array, sigma_px: Array, *, settled: bool) -> Array:
+    """Return the covariance (2, 2), px^2, of the mean place of frames displaced by (N, 2) px; zero if noise does that.
+
+    Small displacements about one place lessen with the number of frames. Where no place is that of most frames, the
+    robot may have been on its way, and the mean be any of theirs.
+    """
+    n = len(motion_px)
+    if n < 2 or not (np.linalg.norm(motion_px, axis=1) > MOTION_SIGMAS * sigma_px.max(axis=1)).any():
+        return np.zeros((2, 2))
+    return np.cov(motion_px.T) / (n if settled else 1)
 
 
 def _strong_gradients(picture: NDArray[np.float32], scale: float) -> tuple[NDArray[np.int64], Array]:

@@ -96,7 +96,7 @@ def measure_stop(
         landmark_ids=(4 * found.ids[:, None] + np.arange(4)).ravel(),
         uv_px=found.corners_px.reshape(-1, 2),
         sigma_px=np.zeros(landmarks),
-        cov_px2=found.cov_px2.reshape(-1, 2, 2),
+        cov_px2=found.cov_px2.reshape(-1, 2, 2) + still.displacement_px2,
         counts=np.full(landmarks, kept, dtype=np.int64),
         scatter_px2=np.zeros((2, 2)),
         normalised=0.0,

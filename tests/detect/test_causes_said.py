@@ -74,6 +74,15 @@ def test_a_clock_that_only_the_pictures_tell_is_put_right_and_said(tmp_path: Pat
     assert np.all([check.frame_t_ns[0] < stop.t_end_ns < check.frame_t_ns[-1] for stop in check.drive.stops[:-1]])
 
 
+def test_a_stop_whose_frames_do_not_show_one_picture_is_said(tmp_path: Path) -> None:
+    (t, image), *others = session().pictures
+    shaken = [(t + k * 50_000_000, np.roll(image, 3 * k, axis=1)) for k in range(-1, 3)]
+    found = extract(write_mcap(tmp_path / "a.mcap", _plain_joints(), images([*shaken, *others])), TARGET)
+    assert [n for n in found.source.notes if "the frames of 1 stop do not show one still picture" in n]
+    still = extract(write_mcap(tmp_path / "b.mcap", _plain_joints(), images(session().pictures)), TARGET)
+    assert not [n for n in still.source.notes if "still picture" in n]
+
+
 def test_of_two_topics_that_whose_pixels_are_distances_is_no_camera(tmp_path: Path) -> None:
     t_ns, phi_R, phi_L, _ = drive(step=0)
     wheels = joints("/joint_states", (t_ns, phi_R, phi_L), [LEFT, RIGHT])

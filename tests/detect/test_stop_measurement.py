@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import cv2
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 from small_views import TARGET, T_cam_box, true_landmarks, view
 
@@ -93,6 +94,24 @@ def test_the_next_stop_starts_from_the_camera_that_was_found() -> None:
 def test_where_no_picture_has_a_majority_all_frames_are_kept() -> None:
     frames = [view(a, seed=s) for s, a in enumerate((10.0, 14.0, 18.0, 22.0))]
     assert measure_stop(frames, TARGET).left_out == ""
+
+
+@pytest.mark.parametrize(("shake_px", "settled"), [(0.03, True), (0.3, False), (1.0, False)])
+def test_sigmas_hold_where_the_picture_shakes(shake_px: float, settled: bool) -> None:
+    squares = []
+    for seed in range(3):
+        frames, rng = _frames(noise=1.5), np.random.default_rng(seed)
+        shifts = [np.array([[1.0, 0, dx], [0, 1, dy]]) for dx, dy in rng.normal(0, shake_px, (len(frames), 2))]
+        size = frames[0].shape[::-1]
+        shaken = [
+            cv2.warpAffine(f, shift, size, flags=cv2.INTER_CUBIC) for f, shift in zip(frames, shifts, strict=True)
+        ]
+        found = measure_stop(shaken, TARGET)
+        assert found.settled == settled
+        error = found.corners.uv_px - true_landmarks(found.corners.landmark_ids, T_cam_box(ANGLE))
+        half = np.linalg.cholesky(covariances([found.corners])[0])
+        squares.append(np.mean(np.linalg.solve(half, error[..., None]) ** 2))
+    assert np.mean(squares) < 4
 
 
 def test_lines_are_fitted_frame_by_frame_without_the_accurate_detector() -> None:
