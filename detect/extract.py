@@ -156,7 +156,9 @@ def extract_recording(
     scale = found[0].print_scale()
     if scale != 1.0:
         tell(f"tags of two faces fit prints of {scale:.0%} only: looking again", 0.0)
-        found = _seen(recording, stops, scaled_prints(target, scale), settings, tell, pictures)
+        again = _seen(recording, stops, scaled_prints(target, scale), settings, tell, pictures)
+        # one picture told the size: the others must bear it out
+        found = max(found, again, key=lambda looked: looked[0].tags)
     look, seen = found
     if len(seen) < MIN_STOPS:
         raise DetectError(

@@ -54,7 +54,7 @@ class Stillness:
     settled
         Whether most frames show one picture; if not, all are kept, and they were hardly taken at rest.
     displacement_px2 : (2, 2), px^2
-        Covariance of the place at which the mean of the kept frames shows the box; zero where noise explains all motion.
+        Covariance of the place at which the mean of the kept frames shows the box; zero where noise explains motion.
     """
 
     kept: NDArray[np.bool_]

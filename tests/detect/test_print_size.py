@@ -1,9 +1,16 @@
 """Prints of another size than described: tags that do not fit are counted, and the size that explains them is found."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
+from drive_session import session
+from robot_logs import images, joints, write_mcap
+from small_logs import LEFT, RIGHT
 from small_views import TARGET, view
 
+from boxcal.detect.extract import extract
+from boxcal.detect.tags.box_at_stops import BoxAtStops
 from boxcal.detect.tags.detections import TagSettings
 from boxcal.detect.tags.print_size import print_scale, scaled_prints
 from boxcal.detect.tags.stop_measurement import measure_stop
@@ -25,6 +32,21 @@ def test_tags_that_are_read_but_do_not_fit_the_box_are_counted() -> None:
     assert found.rejected_ids.size >= 10
     assert not np.isin(found.rejected_ids, found.corners.landmark_ids // 4).any()
     assert print_scale(as_described, TARGET, TagSettings()) == 1.0
+
+
+def test_a_size_under_which_fewer_tags_are_found_at_the_stops_is_not_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = write_mcap(
+        tmp_path / "a.mcap",
+        joints("/joint_states", session().angles, [LEFT, RIGHT]),
+        images(session().pictures),
+    )
+    right = extract(path, TARGET)
+    monkeypatch.setattr(BoxAtStops, "print_scale", lambda _: 0.85)
+    found = extract(path, TARGET)
+    for stop, other in zip(found.stops, right.stops, strict=True):
+        np.testing.assert_array_equal(stop.uv_px, other.uv_px)
 
 
 def test_scaled_prints_stay_in_the_middle_of_their_faces() -> None:
