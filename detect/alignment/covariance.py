@@ -15,12 +15,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from boxcal.detect.alignment.backend import backend
-from boxcal.detect.alignment.registration.align import footprints
+from boxcal.detect.alignment.registration.align import aligned_batch
 from boxcal.detect.alignment.registration.block_motion import BLOCKS
 from boxcal.detect.alignment.registration.image_model import CLUSTERS
-from boxcal.detect.alignment.registration.parameters import LOG_PSF
 from boxcal.detect.alignment.registration.tag_alignments import TagAlignments
-from boxcal.detect.alignment.registration.tag_batch import Batch, Frame
+from boxcal.detect.alignment.registration.tag_batch import Frame
 from boxcal.detect.alignment.tag_patterns import Patterns
 from boxcal.target.arrays import Array
 
@@ -77,20 +76,9 @@ def misfit(frame: Frame, patterns: Patterns, tags: TagAlignments, side_px: float
     size = np.linalg.norm(tags.corners_px[:, 2] - tags.corners_px[:, 0], axis=1)
     chosen = np.argsort(-size)[np.unique(np.linspace(0, len(tags) - 1, min(MOST_TAGS, len(tags))).astype(np.int64))]
     some = tags.take(chosen)
-    bounding_boxes, margin, stride, _ = footprints(
-        frame, patterns, some.corners_px, some.theta[:, LOG_PSF], side_px=side_px, edges=True
-    )
-    batch = Batch(
-        frame=frame,
-        cells=patterns.cells,
-        rows=some.rows,
-        theta=some.theta,
-        normalisation=some.normalisation,
-        bounding_boxes=bounding_boxes,
-        margin=margin,
-        stride=stride,
-    )
-    widest = np.maximum(bounding_boxes[:, 1] - bounding_boxes[:, 0], bounding_boxes[:, 3] - bounding_boxes[:, 2])
+    batch = aligned_batch(frame, patterns, some, side_px)
+    boxes = batch.bounding_boxes
+    widest = np.maximum(boxes[:, 1] - boxes[:, 0], boxes[:, 3] - boxes[:, 2])
     sums = backend().misfit_sums(batch, some, np.maximum(widest // (CLUSTERS - 1) + 1, CLUSTER_PX))
     return Misfit(inflation=variance_inflation(sums.observed, sums.expected), deformation_px2=deformation(sums.motion))
 

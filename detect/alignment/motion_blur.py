@@ -10,11 +10,10 @@ from dataclasses import replace
 import numpy as np
 
 from boxcal.detect.alignment.backend import backend
-from boxcal.detect.alignment.registration.align import align, footprints
+from boxcal.detect.alignment.registration.align import align, aligned_batch
 from boxcal.detect.alignment.registration.finish import inverse_normal
-from boxcal.detect.alignment.registration.parameters import LOG_PSF
 from boxcal.detect.alignment.registration.tag_alignments import TagAlignments
-from boxcal.detect.alignment.registration.tag_batch import Batch, Frame
+from boxcal.detect.alignment.registration.tag_batch import Frame
 from boxcal.detect.alignment.tag_patterns import Patterns
 from boxcal.target.arrays import Array
 
@@ -62,19 +61,7 @@ def _step(frame: Frame, patterns: Patterns, tags: TagAlignments, found: Array) -
     With r the residuals and G what c and s do to the picture, ``G^T r``, ``G^T G`` and ``J^T G`` are central
     differences of ``r^T r`` and ``J^T r``, which every alignment sums.
     """
-    boxes, margin, stride, _ = footprints(
-        frame, patterns, tags.corners_px, tags.theta[:, LOG_PSF], side_px=SIDE_PX, edges=True
-    )
-    batch = Batch(
-        frame=frame,
-        cells=patterns.cells,
-        rows=tags.rows,
-        theta=tags.theta,
-        normalisation=tags.normalisation,
-        bounding_boxes=boxes,
-        margin=margin,
-        stride=stride,
-    )
+    batch = aligned_batch(frame, patterns, tags, SIDE_PX)
     here, cp, cm, sp, sm, both = (
         backend().accumulate(replace(batch, frame=replace(frame, blur=shape(*at)))) for at in found + _SMALL * _AROUND
     )

@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 
 from boxcal.detect.alignment.backend import backend
 from boxcal.detect.alignment.box_pose import BoxFit
-from boxcal.detect.alignment.registration.align import align, footprints
-from boxcal.detect.alignment.registration.parameters import BLACK, CONTRAST, LOG_PSF
+from boxcal.detect.alignment.registration.align import align, aligned_batch
+from boxcal.detect.alignment.registration.parameters import BLACK, CONTRAST
 from boxcal.detect.alignment.registration.tag_alignments import TagAlignments
-from boxcal.detect.alignment.registration.tag_batch import Batch, Frame
+from boxcal.detect.alignment.registration.tag_batch import Frame
 from boxcal.detect.alignment.tag_patterns import Patterns
 from boxcal.detect.alignment.verification import Limits, doubtful_limits, verified
 from boxcal.target.arrays import Array
@@ -62,20 +62,7 @@ def align_unevenly_lit(
 def _levels(frame: Frame, cells: Array, tags: TagAlignments, side_px: float) -> Array:
     """Return the modules' levels (N, M + 2, M + 2) with what their pixels say beyond the present ones."""
     patterns = Patterns(tag_ids=tags.rows, cells=cells, gap_modules=2.0)
-    bounding_boxes, margin, stride, _ = footprints(
-        frame, patterns, tags.corners_px, tags.theta[:, LOG_PSF], side_px=side_px, edges=True
-    )
-    batch = Batch(
-        frame=frame,
-        cells=cells,
-        rows=tags.rows,
-        theta=tags.theta,
-        normalisation=tags.normalisation,
-        bounding_boxes=bounding_boxes,
-        margin=margin,
-        stride=stride,
-    )
-    blocks = backend().accumulate(batch).blocks
+    blocks = backend().accumulate(aligned_batch(frame, patterns, tags, side_px)).blocks
     residual = blocks[..., 0] / np.maximum(blocks[..., 1], 1)
     black, contrast = (tags.theta[:, k, None, None] for k in (BLACK, CONTRAST))
     last = len(frame.response) - 1

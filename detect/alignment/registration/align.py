@@ -136,6 +136,23 @@ def align(
     )
 
 
+def aligned_batch(frame: Frame, patterns: Patterns, tags: TagAlignments, side_px: float) -> Batch:
+    """Return aligned tags with the pixels on which they were aligned; for ``side_px`` see :func:`align`."""
+    bounding_boxes, margin, stride, _ = footprints(
+        frame, patterns, tags.corners_px, tags.theta[:, LOG_PSF], side_px=side_px, edges=True
+    )
+    return Batch(
+        frame=frame,
+        cells=patterns.cells,
+        rows=tags.rows,
+        theta=tags.theta,
+        normalisation=tags.normalisation,
+        bounding_boxes=bounding_boxes,
+        margin=margin,
+        stride=stride,
+    )
+
+
 def footprints(
     frame: Frame, patterns: Patterns, corners_px: Array, log_sigma: Array, *, side_px: float, edges: bool
 ) -> tuple[NDArray[np.int64], Array, NDArray[np.int64], Array]:
