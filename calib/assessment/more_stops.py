@@ -6,7 +6,7 @@ from math import degrees
 
 from boxcal.calib.errors import CalibError
 from boxcal.calib.planning.goal import worst
-from boxcal.calib.planning.next_stops import NextStop, said, what_next_after
+from boxcal.calib.planning.next_stops import NextStop, said, what_next
 from boxcal.calib.results.calibration import Calibration
 from boxcal.calib.results.verdict import Level, Reason
 from boxcal.detect.correspondences import Correspondences
@@ -39,7 +39,7 @@ def advised(reasons: Sequence[Reason], advice: str) -> list[Reason]:
 def more_stops(calibration: Calibration, drives: Sequence[Correspondences], target: Target) -> str:
     """Return where to stop next and what that promises, in a sentence or two; empty where nothing can be computed."""
     try:
-        stops = what_next_after(calibration, drives, target, count=_STOPS)
+        stops = what_next(calibration, drives, target, count=_STOPS)
     except CalibError:  # no place for this camera on any floor, say: the rules' own advice stands
         return ""
     return sentence_of(stops) if stops else ""

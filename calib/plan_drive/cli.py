@@ -77,7 +77,7 @@ def _plan(args: argparse.Namespace) -> int:
 def _next(args: argparse.Namespace) -> int:
     from boxcal.calib.errors import CalibError
     from boxcal.calib.plan_drive.text import next_text
-    from boxcal.calib.planning.next_stops import what_next_after
+    from boxcal.calib.planning.next_stops import what_next
     from boxcal.calib.results.json_format import CALIBRATION, load_calibration
     from boxcal.detect.correspondences import load_correspondences
 
@@ -87,7 +87,7 @@ def _next(args: argparse.Namespace) -> int:
     if not paths:
         raise CalibError("no correspondences.npz", source=str(folder), remedy="calibrate again, into a folder")
     drives = [load_correspondences(path) for path in paths]
-    stops = what_next_after(
+    stops = what_next(
         calibration,
         drives,
         _target(args),
@@ -96,8 +96,14 @@ def _next(args: argparse.Namespace) -> int:
         count=args.stops or _NEXT,
         seed=args.seed,
     )
+    if not stops:
+        raise CalibError(
+            "no free way from the last stop to a place that sees the box",
+            source=calibration.robot,
+            remedy="give a larger --floor, or begin a new drive",
+        )
     print(next_text(stops))
-    return 0 if stops and all(bar.reached for bar in stops[0].before) else 1
+    return 0 if all(bar.reached for bar in stops[0].before) else 1
 
 
 def _number(path: Path) -> int:

@@ -2,6 +2,7 @@
 
 import io
 from typing import TYPE_CHECKING, Any
+from xml.sax.saxutils import escape
 
 from boxcal.calib.plan_drive.drawing import plan_drawing
 from boxcal.calib.plan_drive.instructions import CORNERS, taped_stops
@@ -44,10 +45,10 @@ def floor_plan_bytes(plan: DrivePlan) -> bytes:
     drawing = plan_drawing(plan, room, 0.95 * room)
     figures = "; ".join(f"{bar.label.lower()} {said(bar)}" for bar in plan.bars)
     story: list[Flowable] = [
-        Paragraph(f"Drive plan for {_escaped(plan.robot.name)}", styles["Title"]),
+        Paragraph(f"Drive plan for {escape(plan.robot.name)}", styles["Title"]),
         Paragraph(
-            f"{len(plan.stops)} stops, {plan.length:.1f} m, about {plan.seconds / 60:.1f} minutes. It promises, one "
-            f"standard deviation: {figures}.",
+            f"{len(plan.stops)} stops, {plan.length:.1f} m, about {plan.seconds / 60:.1f} minutes. With "
+            f"{plan.assumptions.said} it promises, one standard deviation: {figures}.",
             styles["BodyText"],
         ),
         drawing,
@@ -83,8 +84,3 @@ def _table(plan: DrivePlan, width: float) -> "Table":
         ]
     )
     return table
-
-
-def _escaped(text: str) -> str:
-    """Return a text without characters that mean something in a paragraph."""
-    return text.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")

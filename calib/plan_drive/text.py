@@ -29,6 +29,7 @@ def plan_text(plan: DrivePlan, others: Sequence[Baseline] = ()) -> str:
     for k, bar in enumerate(plan.bars):
         cells = "".join(f"{said(_of(bar, column[k])):>16}" for column in columns)
         lines.append(f"{bar.label:<36}{said(_of(bar, bar.goal)):>9}{cells}")
+    lines += ["", f"promised for {plan.assumptions.said} (--slip, --corner-px)"]
     return "\n".join(lines)
 
 

@@ -53,6 +53,11 @@ class Assumptions:
     stand_s: float = 2.0
 
     @property
+    def said(self) -> str:
+        """Noise that a plan's promises rest on, in words."""
+        return f"wheels that slip {self.slip * 1e3:g} mm after 1 m and corners to {self.corner_px:g} px"
+
+    @property
     def components(self) -> VarianceComponents:
         """The same as variance components, where corners come with their own covariance."""
         return VarianceComponents(

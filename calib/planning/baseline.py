@@ -1,17 +1,18 @@
 """Drives that are not planned, for comparison: an even ring, and stops at random around the box."""
 
 from dataclasses import dataclass, replace
+from math import atan2
 
 import numpy as np
 
 from boxcal.calib.errors import CalibError
 from boxcal.calib.planning.assumptions import assumed_model
 from boxcal.calib.planning.candidates import candidates_at
-from boxcal.calib.planning.floor import free_space
-from boxcal.calib.planning.plan import DrivePlan, ring
-from boxcal.calib.planning.search import make_search, prior_information
+from boxcal.calib.planning.plan import DrivePlan
+from boxcal.calib.planning.search import Search, make_search, prior_information
 from boxcal.calib.planning.tour import Tour, worth
 from boxcal.calib.planning.views import tags_seen
+from boxcal.calib.simulate.robot import Robot
 from boxcal.calib.simulate.viewpoints import choose_stops
 from boxcal.target.arrays import Array
 
@@ -44,33 +45,56 @@ def baselines(plan: DrivePlan) -> tuple[Baseline, ...]:
 
     What has no free way on the plan's floor is left out.
     """
-    count, robot, target = len(plan.stops), plan.robot, plan.target
-    rng = np.random.default_rng(plan.options.seed)
-    gap = plan.options.floor.clearance + robot.reach
+    count, robot, target, options = len(plan.stops), plan.robot, plan.target, plan.options
+    search = make_search(
+        assumed_model(robot, target, plan.assumptions),
+        options.floor,
+        options.goal,
+        turning_radius=options.turning_radius,
+        count=_CANDIDATES,
+        rng=np.random.default_rng(options.seed),
+    )
+    rng = np.random.default_rng(options.seed)
+    gap = options.floor.clearance + robot.reach
     found = []
-    rings = [drive_of(plan, f"ring of {count}", ring(robot, count, float(d))) for d in _RINGS]
+    rings = [drive_of(search, f"ring of {count}", ring(robot, count, float(d))) for d in _RINGS]
     seen = [r for r in rings if r is not None]
     goals = np.array([bar.goal for bar in plan.bars])
     if seen:
         found.append(min(seen, key=lambda r: float((r.values / goals).max())))
     try:
-        at_random = drive_of(plan, f"{count} at random", choose_stops(robot, target, count, gap, rng))
+        at_random = drive_of(search, f"{count} at random", choose_stops(robot, target, count, gap, rng))
     except CalibError:  # no such places: there is nothing to compare with
         at_random = None
     return (*found, *(() if at_random is None else (at_random,)))
 
 
-def drive_of(plan: DrivePlan, name: str, poses: Array) -> Baseline | None:
-    """Return a drive of given stops under a plan's assumptions; None where it is blocked or does not see the box."""
-    model = assumed_model(plan.robot, plan.target, plan.assumptions)
-    seen = tags_seen(plan.robot, plan.target, poses, plan.assumptions.min_side_px, margin=0.0)
-    space = free_space(plan.options.floor, plan.target.box, plan.robot.reach)
-    if not (np.all(seen.any(axis=1)) and np.all(space.free(poses[:, :2]))):
+def drive_of(search: Search, name: str, poses: Array) -> Baseline | None:
+    """Return a drive of given stops with a search's ways and figures; None if it is blocked or does not see the box."""
+    model = search.model
+    seen = tags_seen(model.robot, model.target, poses, model.assumptions.min_side_px, margin=0.0)
+    if not (np.all(seen.any(axis=1)) and np.all(search.router.space.free(poses[:, :2]))):
         return None
-    search = make_search(
-        model, plan.options.floor, plan.options.goal, count=_CANDIDATES, rng=np.random.default_rng(plan.options.seed)
-    )
     search = replace(search, choice=candidates_at(model, poses, seen))
     tour = Tour(rows=tuple(range(len(poses))), spins=(0,) * len(poses))
     found = worth(search, prior_information(model, search.choice.problem), tour)
     return Baseline(name=name, poses=poses, values=found.values) if found.possible else None
+
+
+def ring(robot: Robot, stops: int, distance: float) -> Array:
+    """Return the stops (P, 3) of an even ring around the box, the camera aimed at its middle, counterclockwise.
+
+    Headings run on.
+
+    Parameters
+    ----------
+    distance : m
+        Of the camera from the box's middle.
+    """
+    ahead, t = robot.T_body_cam[:2, 2], robot.T_body_cam[:2, 3]
+    azimuth = 2 * np.pi * np.arange(stops) / stops
+    heading = azimuth + np.pi - atan2(ahead[1], ahead[0])
+    c, s = np.cos(heading), np.sin(heading)
+    x = distance * np.cos(azimuth) - (c * t[0] - s * t[1])
+    y = distance * np.sin(azimuth) - (s * t[0] + c * t[1])
+    return np.stack([x, y, heading], axis=1)

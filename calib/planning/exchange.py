@@ -1,7 +1,7 @@
 """Greedy choice of stops, and exchange of one for another until nothing becomes better."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -27,7 +27,7 @@ class Problem:
     Attributes
     ----------
     searches
-        The robot as it probably is, then as it might be: the worst of them counts.
+        The robot as it probably is, then as it might be: of each figure the worst among them counts.
     priors
         Information on their shared unknowns before any stop.
     faces
@@ -44,9 +44,17 @@ class Problem:
         return self.searches[0]
 
     def worst(self, tour: Tour) -> Worth:
-        """Return what a drive gives and costs for the robot that gets least from it."""
+        """Return what a drive gives whichever robot it is: the largest of each figure among them, and of the time.
+
+        One robot may be worst in one figure and another in the next: a goal is reached if all of them reach it.
+        """
         found = [worth(s, p, tour) for s, p in zip(self.searches, self.priors, strict=True)]
-        return max(found, key=lambda w: float(self.nominal.score(w.values)))
+        return replace(
+            found[0],
+            values=np.max([w.values for w in found], axis=0),
+            seconds=max(w.seconds for w in found),
+            possible=all(w.possible for w in found),
+        )
 
     def missing(self, rows: Ids) -> Array:
         """Return how many of the faces are still to be seen well, for stops (..., P) of a drive."""
@@ -72,8 +80,8 @@ def greedy(problem: Problem, stops: int, enough: Callable[[Array], bool]) -> Tou
 def improved(problem: Problem, tour: Tour, cost: Cost, *, sweeps: int = _SWEEPS) -> Tour:
     """Return the drive after stops were exchanged for candidates as long as that lowers the cost.
 
-    Candidates are compared for the robot as it probably is; a change is made only if it is better for the robot that
-    gets least from it.
+    Candidates are compared for the robot as it probably is; a change is made only if it is better by the worst figures
+    among all that it might be.
     """
     now = total(problem, tour, cost)
     for _ in range(sweeps):

@@ -94,7 +94,7 @@ def said(bar: Bar) -> str:
 
 
 def what_next(
-    estimate: Estimate,
+    found: Estimate | Calibration,
     drives: Sequence[Correspondences],
     target: Target,
     *,
@@ -105,9 +105,11 @@ def what_next(
 ) -> tuple[NextStop, ...]:
     """Return the stops that bring the worst figure down most, each driven to from the one before.
 
+    There may be fewer than were asked for, or none, where no way there is free.
+
     Parameters
     ----------
-    estimate, drives, target
+    found, drives, target
         What is known so far, what it was made from, and the box.
     goal, floor
         What is wanted, and where the robot may drive.
@@ -115,34 +117,19 @@ def what_next(
         How many stops to look ahead.
     seed
         Settles the places that are tried.
-    """
-    goal = goal or Goal()
-    known = information_of(solved_by_estimate(estimate), drives, target)
-    return next_stops(
-        known, bars_of_estimate(estimate, goal, drives[0].image_size), goal, floor or Floor(), count=count, seed=seed
-    )
-
-
-def what_next_after(
-    calibration: Calibration,
-    drives: Sequence[Correspondences],
-    target: Target,
-    *,
-    goal: Goal | None = None,
-    floor: Floor | None = None,
-    count: int = 3,
-    seed: int = 0,
-) -> tuple[NextStop, ...]:
-    """Return the stops that help most after a calibration; as :func:`what_next`.
 
     Raises
     ------
     CalibError
-        If the calibration is the closed form alone, or the box is seen from nowhere on the floor.
+        If a calibration is the closed form alone, or the box is seen from nowhere on the floor.
     """
     goal = goal or Goal()
-    known = information_of(solved_by_calibration(calibration, drives), drives, target, calibration.robot)
-    bars = bars_of_calibration(calibration, goal)
+    if isinstance(found, Calibration):
+        known = information_of(solved_by_calibration(found, drives), drives, target, found.robot)
+        bars = bars_of_calibration(found, goal)
+    else:
+        known = information_of(solved_by_estimate(found), drives, target)
+        bars = bars_of_estimate(found, goal, drives[0].image_size)
     return next_stops(known, bars, goal, floor or Floor(), count=count, seed=seed)
 
 
@@ -169,15 +156,16 @@ def next_stops(
     values = figure_values(search.figures, of_shared(known.chain[None]))[0]
     said_now = np.array([bar.value for bar in bars])
     share = np.where(np.isfinite(said_now), said_now / values, 1.0)
-    chain, here, out = known.chain, known.poses[-1], []
+    chain, here, before = known.chain, known.poses[-1], bars
+    out: list[NextStop] = []
     visited: list[int] = []
     for _ in range(count):
         step = search.next(chain, here, visited)
         if step is None:
             break
-        before, after = (search.figures.as_bars(v * share) for v in (values, step.values))
+        after = search.figures.as_bars(step.values * share)
         visited.append(step.row)
-        here, chain, values = search.choice.poses[step.row], step.chain, step.values
+        here, chain = search.choice.poses[step.row], step.chain
         out.append(
             NextStop(
                 x=float(here[0]),
@@ -192,6 +180,7 @@ def next_stops(
                 after=after,
             )
         )
+        before = after
     return tuple(out)
 
 

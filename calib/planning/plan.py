@@ -1,7 +1,7 @@
 """The plan of a whole drive: the fewest stops that reach the goals, or the best drive of so many stops."""
 
 from dataclasses import dataclass, field, replace
-from math import atan2, inf
+from math import inf
 
 import numpy as np
 
@@ -112,7 +112,7 @@ class DrivePlan:
     stops
         In order.
     bars
-        Figures that the drive promises, beside their goals; of the worst of the robots that were considered.
+        Figures that the drive promises, beside their goals; of each the worst among the robots that were considered.
     seconds, length : s, m
         Time and way.
     reached
@@ -279,22 +279,3 @@ def _plan(problem: Problem, tour: Tour, options: PlanOptions, assumptions: Assum
         length=found.length,
         reached=all(bar.reached for bar in bars),
     )
-
-
-def ring(robot: Robot, stops: int, distance: float) -> Array:
-    """Return the stops (P, 3) of an even ring around the box, the camera aimed at its middle, counterclockwise.
-
-    Headings run on.
-
-    Parameters
-    ----------
-    distance : m
-        Of the camera from the box's middle.
-    """
-    ahead, t = robot.T_body_cam[:2, 2], robot.T_body_cam[:2, 3]
-    azimuth = 2 * np.pi * np.arange(stops) / stops
-    heading = azimuth + np.pi - atan2(ahead[1], ahead[0])
-    c, s = np.cos(heading), np.sin(heading)
-    x = distance * np.cos(azimuth) - (c * t[0] - s * t[1])
-    y = distance * np.sin(azimuth) - (s * t[0] + c * t[1])
-    return np.stack([x, y, heading], axis=1)

@@ -30,12 +30,6 @@ class Tour:
         rows[k], spins[k] = row, spin
         return Tour(rows=tuple(rows), spins=tuple(spins))
 
-    def without(self, k: int) -> "Tour":
-        """Return the drive without one of its stops."""
-        spins = [*self.spins[:k], *self.spins[k + 1 :]]
-        spins[0] = 0
-        return Tour(rows=(*self.rows[:k], *self.rows[k + 1 :]), spins=tuple(spins))
-
 
 def ways_of(search: Search, tour: Tour) -> Ways:
     """Return the ways of a drive between its stops."""

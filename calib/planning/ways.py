@@ -157,10 +157,18 @@ class CurveRouter(Router):
                 length = d.sum(axis=1)
                 better = np.flatnonzero(length < best)
                 xy = points_along(starts[better] + flip, d[better], t[better])
-                inside = self.space.free(xy.reshape(-1, 2)).reshape(xy.shape[:2]).all(axis=1)
-                better = better[inside]
+                better = better[self._free_along(xy)]
                 best[better], distance[better], turn[better] = length[better], gear * d[better], t[better]
         return Ways(distance=distance, turn=turn, possible=np.isfinite(best))
+
+    def _free_along(self, xy: Array) -> Mask:
+        """Tell which chains of points (N, K, 2) are free, and so are the chords between them."""
+        N, K = xy.shape[:2]
+        free = self.space.free(xy.reshape(-1, 2)).reshape(N, K).all(axis=1)
+        chains = xy[free]
+        chords = self.space.clear(chains[:, :-1].reshape(-1, 2), chains[:, 1:].reshape(-1, 2))
+        free[free] = chords.reshape(len(chains), K - 1).all(axis=1)
+        return np.asarray(free)
 
     def spins(self) -> Ids:
         """Return that no whole turns on the spot can be made."""

@@ -16,7 +16,7 @@ from boxcal.calib.planning.chain import figure_values, of_shared
 from boxcal.calib.planning.drive_information import information_of, solved_by_estimate
 from boxcal.calib.planning.floor import Floor
 from boxcal.calib.planning.goal import Goal, along_camera, bars_of_estimate, figures, worst
-from boxcal.calib.planning.next_stops import NextStop, first_stops, next_stops, what_next, what_next_after
+from boxcal.calib.planning.next_stops import NextStop, first_stops, next_stops, what_next
 from boxcal.calib.results.verdict import Level
 from boxcal.calib.simulate.drive import Drive, DriveOptions, exact_correspondences, simulate_drive
 from boxcal.calib.simulate.robot import turtlebot
@@ -138,7 +138,7 @@ def test_next_stops_come_from_a_robots_folder_too(
     lines = capsys.readouterr().out.splitlines()
     assert lines[0].startswith("1. Stop at x ")
     assert any(line.startswith("2. Stop at x ") for line in lines)
-    stops = what_next_after(found, [seen], target, count=2)
+    stops = what_next(found, [seen], target, count=2)
     assert lines[0] == f"1. {stops[0].text}"
 
 
@@ -149,3 +149,5 @@ def test_what_a_drive_leaves_open_is_no_obstacle(partial: Partial) -> None:
     bars = tuple(replace(bar, value=np.inf) for bar in bars_of_estimate(found))
     stop = next_stops(blind, bars, Goal(), Floor(), count=1)[0]
     assert all(np.isfinite(bar.value) for bar in stop.after)
+    assert stop.before == bars
+    assert "unknown" in stop.text

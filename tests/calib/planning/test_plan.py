@@ -11,11 +11,14 @@ from boxcal.calib.geometry.parameters import ORDER
 from boxcal.calib.geometry.so3_se3 import wrap
 from boxcal.calib.likelihood.options import EstimateOptions
 from boxcal.calib.plan_drive.robots import ROUGH, might_be
-from boxcal.calib.planning.assumptions import Assumptions
+from boxcal.calib.planning.assumptions import Assumptions, assumed_model
 from boxcal.calib.planning.dubins import dubins_curves, points_along
+from boxcal.calib.planning.exchange import Problem
 from boxcal.calib.planning.floor import Floor, free_space
 from boxcal.calib.planning.goal import Goal, figures
 from boxcal.calib.planning.plan import DrivePlan, PlanOptions, plan_drive
+from boxcal.calib.planning.search import make_search, prior_information
+from boxcal.calib.planning.tour import Tour, worth
 from boxcal.calib.planning.views import tags_seen
 from boxcal.calib.planning.ways import CurveRouter, Router
 from boxcal.calib.simulate.drive import DriveOptions, exact_correspondences, simulate_drive
@@ -99,6 +102,19 @@ def test_stops_see_the_box_whatever_the_robot_might_be() -> None:
         assert np.all(seen.sum(axis=1) >= 8)
 
 
+def test_a_promise_holds_whichever_robot_it_is() -> None:
+    searches = tuple(
+        make_search(assumed_model(r, TARGET, GIVEN), Floor(), Goal(), count=12, rng=np.random.default_rng(1))
+        for r in (ROBOT, *might_be(ROBOT, ROUGH))
+    )
+    priors = tuple(prior_information(s.model, s.choice.problem) for s in searches)
+    tour = Tour(rows=(0, 1, 2, 3, 4, 5), spins=(0,) * 6)
+    each = np.array([worth(s, p, tour).values for s, p in zip(searches, priors, strict=True)])
+    assert len(set(each.argmax(axis=0))) > 1  # none of them is worst in every figure
+    worst = Problem(searches=searches, priors=priors, faces=4).worst(tour)
+    assert np.all(worst.values >= each)
+
+
 def test_tags_seen_are_those_that_the_simulator_decodes() -> None:
     rng = np.random.default_rng(2)
     drive = simulate_drive(ROBOT, TARGET, DriveOptions(stops=4), rng)
@@ -143,6 +159,13 @@ def test_a_turning_radius_is_kept() -> None:
     plan = plan_drive(ROBOT, TARGET, PlanOptions(stops=5, candidates=60, turning_radius=0.3), GIVEN)
     for stop in plan.stops[1:]:
         assert np.all(np.abs(stop.distance) >= 0.3 * np.abs(stop.turn) * (1 - 1e-9))
+
+
+def test_curves_do_not_pass_through_what_is_thin() -> None:
+    wall = Floor(obstacles=((1.7, -10.0, 1.72, 10.0),), clearance=0.0)
+    router = CurveRouter(free_space(wall, TARGET.box, 0.01), 0.4)
+    assert not router.ways(np.array([[0.5, 1.0, 0.0]]), np.array([[6.5, 1.0, 0.0]])).possible[0]
+    assert router.ways(np.array([[2.5, 1.0, 0.0]]), np.array([[6.5, 1.0, 0.0]])).possible[0]
 
 
 def test_a_floor_without_room_is_refused_with_what_to_do() -> None:
