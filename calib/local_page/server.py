@@ -11,7 +11,6 @@ import secrets
 import socket
 import threading
 from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
-from http.cookies import SimpleCookie
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +26,6 @@ from boxcal.calib.local_page.board import Board
 SHARED = Path(__file__).with_name("static")
 """Files that several pages use."""
 LOCAL = ("127.0.0.1", "localhost", "::1")
-_COOKIE = "boxcal_token"
 _EVERY_S, _ALIVE_S = 0.08, 10.0
 MOST_READERS = 16
 """Pages that may be open at once."""
@@ -45,10 +43,21 @@ Handler = Callable[[Request], Awaitable[Response]]
 
 
 class Guarded:
-    """Lets in only who may look, and puts headers on every answer."""
+    """Lets in only who may look, and puts headers on every answer.
 
-    def __init__(self, app: ASGIApp, token: str) -> None:
+    Parameters
+    ----------
+    app
+        What answers those who may.
+    token
+        What others must know; empty if only this machine may look.
+    port
+        Of the page: browsers send a host's cookies to all its ports, so that each page's has a name of its own.
+    """
+
+    def __init__(self, app: ASGIApp, token: str, port: int) -> None:
         self._app, self._token = app, token
+        self._cookie = f"boxcal_token_{port}"
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer a request, or refuse it."""
@@ -84,9 +93,9 @@ class Guarded:
             return "", b""
         given = request.query_params.get("token")
         if given is not None and hmac.compare_digest(given.encode(), self._token.encode()):
-            return "", f"{_COOKIE}={self._token}; HttpOnly; SameSite=Strict; Path=/".encode()
-        kept = SimpleCookie(request.headers.get("cookie", "")).get(_COOKIE)
-        if kept is not None and hmac.compare_digest(kept.value.encode(), self._token.encode()):
+            return "", f"{self._cookie}={self._token}; HttpOnly; SameSite=Strict; Path=/".encode()
+        kept = request.cookies.get(self._cookie, "")
+        if hmac.compare_digest(kept.encode(), self._token.encode()):
             return "", b""
         return "Open the address that the terminal shows, with its token.\n", b""
 
@@ -173,7 +182,7 @@ class PageServer:
         if host in {"0.0.0.0", "::"}:  # noqa: S104  asked for by the user, and then with a token
             name = socket.gethostname()
         self.url = f"http://{name}:{self.port}/" + (f"?token={self.token}" if self.token else "")
-        app = Guarded(Starlette(routes=list(routes)), self.token)
+        app = Guarded(Starlette(routes=list(routes)), self.token, self.port)
         config = uvicorn.Config(
             app,
             log_level="error",
@@ -181,6 +190,7 @@ class PageServer:
             timeout_keep_alive=30,
             timeout_graceful_shutdown=1,
             limit_concurrency=64,
+            http="h11",  # bounds the length of what a request says before its body
             ws="none",
             lifespan="off",
             server_header=False,

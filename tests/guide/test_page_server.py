@@ -69,8 +69,12 @@ def _asked(server: PageServer, path: str = "/", method: str = "GET", **headers: 
     return Asked(server, path, method, **headers)
 
 
+def _cookie(server: PageServer) -> str:
+    return f"boxcal_token_{server.port}={server.token}"
+
+
 def _stream(server: PageServer) -> Asked:
-    return Asked(server, "/events", cookie=f"boxcal_token={server.token}")
+    return Asked(server, "/events", cookie=_cookie(server))
 
 
 def test_only_this_machine_looks_at_a_page_bound_to_it_and_others_need_the_token(
@@ -94,12 +98,14 @@ def test_only_this_machine_looks_at_a_page_bound_to_it_and_others_need_the_token
     assert "HttpOnly" in cookie
     assert "SameSite=Strict" in cookie
     assert _asked(server, cookie=cookie.partition(";")[0]).status == 200
-    assert _asked(server, cookie="boxcal_token=wrong").status == 403
+    assert _asked(server, cookie=f"boxcal_token_{server.port}=wrong").status == 403
+    odd = f"a/b=of another program; {_cookie(server)}; c"
+    assert _asked(server, cookie=odd).status == 200, "cookies of other pages of this host are no matter"
 
 
 def test_what_changes_something_must_come_from_the_page(served: tuple[PageServer, Board]) -> None:
     server, _ = served
-    token = {"cookie": f"boxcal_token={server.token}"}
+    token = {"cookie": _cookie(server)}
     here = f"127.0.0.1:{server.port}"
     assert _asked(server, "/do", "POST", **token).status == 403
     assert _asked(server, "/do", "POST", x_boxcal="page", origin="http://evil.example", **token).status == 403

@@ -157,6 +157,9 @@ def test_pictures_are_dropped_when_the_disk_cannot_follow(tmp_path: Path, monkey
     assert not all(kept)
     assert recorder.unkept_pictures == kept.count(False)
     assert recorder.keep(heard(WHEELS, 0, b"x")), "wheel readings are kept all the same"
+    others = [recorder.keep(heard(WHEELS, k, frame)) for k in range(30)]
+    assert not all(others), "but not without end"
+    assert recorder.lost == others.count(False)
     monkeypatch.undo()
     recorder.close()
 

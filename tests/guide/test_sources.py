@@ -25,7 +25,7 @@ from websockets.asyncio.server import ServerConnection
 from boxcal.calib.guide.drive.wheels_so_far import WheelsSoFar
 from boxcal.calib.guide.recording.chunked_file import ChunkedFile
 from boxcal.calib.guide.sources.file import follow_file
-from boxcal.calib.guide.sources.inbox import MOST_PICTURE_BYTES, Inbox, LiveMessage
+from boxcal.calib.guide.sources.inbox import MOST_OTHER_BYTES, MOST_PICTURE_BYTES, Inbox, LiveMessage
 from boxcal.calib.guide.sources.link import Link
 from boxcal.calib.guide.sources.selection import select
 from boxcal.detect.log.containers.base import Channel
@@ -286,6 +286,14 @@ def test_pictures_that_come_too_fast_are_dropped_and_memory_stays_flat() -> None
     assert sum(m.picture for m in held) + inbox.dropped_pictures == 900
     assert held[-2].log_ns == 899 or max(m.log_ns for m in held if m.picture) > 890
     assert [m.log_ns for m in held if not m.picture] == list(range(900)), "no wheel reading is lost for pictures"
+
+
+def test_empty_messages_fill_the_memory_no_more_than_others() -> None:
+    inbox = Inbox()
+    for k in range(300_000):
+        inbox.put(heard(WHEELS, k, b""), now=0)
+    assert inbox.dropped_others > 0
+    assert inbox.waiting * 256 <= MOST_OTHER_BYTES
 
 
 def test_times_beyond_all_measure_are_clipped_to_what_a_log_holds() -> None:

@@ -14,7 +14,7 @@ EVERY_S = 0.4
 MOST_PENDING_BYTES = 8 << 20
 """A chunk is written early when it holds so much."""
 MOST_QUEUED_BYTES = 96 << 20
-"""Messages that wait for a slow disk; beyond it pictures are not kept."""
+"""Messages that wait for a slow disk; beyond it pictures are not kept, beyond twice that nothing is."""
 TRY_AGAIN_S = 5.0
 
 
@@ -28,7 +28,7 @@ class Recorder:
     problem
         Sentence about why it cannot be written now, empty if it can.
     lost
-        Messages that were not kept because of that.
+        Messages that were not kept because of that, or because the disk is far behind.
     unkept_pictures
         Pictures that were not kept because the disk is slow.
     """
@@ -54,11 +54,13 @@ class Recorder:
         return self._file.messages
 
     def keep(self, message: LiveMessage) -> bool:
-        """Keep a message; return False if it is a picture and the disk cannot follow."""
-        size = len(message.data)
+        """Keep a message; return False if the disk cannot follow: of pictures first, of all in the end."""
+        size = message.size
         with self._lock:
-            if message.picture and self._queued_bytes and self._queued_bytes + size > MOST_QUEUED_BYTES:
-                self.unkept_pictures += 1
+            most = MOST_QUEUED_BYTES if message.picture else 2 * MOST_QUEUED_BYTES
+            if self._queued_bytes and self._queued_bytes + size > most:
+                self.unkept_pictures += message.picture
+                self.lost += not message.picture
                 return False
             self._queued_bytes += size
         self._queue.put(message)
@@ -81,7 +83,7 @@ class Recorder:
                 if message is None:
                     return
                 with self._lock:
-                    self._queued_bytes -= len(message.data)
+                    self._queued_bytes -= message.size
                 self._take(message)
             if time.monotonic() >= next_flush or self._file.pending_bytes > MOST_PENDING_BYTES:
                 self._flush()

@@ -12,6 +12,8 @@ MOST_OTHER_BYTES = 64 << 20
 PICTURES_A_SECOND = 10.0
 """Rate at which pictures are taken in; more say nothing new of a robot that stands."""
 _LATEST_NS = (1 << 63) - 1
+_OVERHEAD = 256
+"""Bytes that a message takes beside its content: empty ones fill the memory, too."""
 
 
 class LiveMessage(NamedTuple):
@@ -33,6 +35,11 @@ class LiveMessage(NamedTuple):
     log_ns: int
     data: bytes
     picture: bool
+
+    @property
+    def size(self) -> int:
+        """Bytes of memory that it takes."""
+        return len(self.data) + _OVERHEAD
 
 
 class Inbox:
@@ -65,7 +72,7 @@ class Inbox:
             Of a steady clock; pictures beyond the rate are dropped by it.
         """
         message = message._replace(log_ns=min(max(message.log_ns, 0), _LATEST_NS))
-        size = len(message.data)
+        size = message.size
         with self._changed:
             if message.picture:
                 if now < self._next_picture:
@@ -106,9 +113,9 @@ class Inbox:
                 message = self._waiting.popleft()
                 taken.append(message)
                 if message.picture:
-                    self._picture_bytes -= len(message.data)
+                    self._picture_bytes -= message.size
                 else:
-                    self._other_bytes -= len(message.data)
+                    self._other_bytes -= message.size
         return taken
 
     @property
@@ -120,7 +127,7 @@ class Inbox:
         for k, message in enumerate(self._waiting):
             if message.picture:
                 del self._waiting[k]
-                self._picture_bytes -= len(message.data)
+                self._picture_bytes -= message.size
                 self.dropped_pictures += 1
                 return
         self._picture_bytes = 0
