@@ -36,9 +36,8 @@ _PORT = 8787
 def main(argv: Sequence[str] | None = None) -> int:
     """Guide a drive; returns the exit status."""
     args = _parser().parse_args(argv)
-    words = list(sys.argv[1:] if argv is None else argv)
     try:
-        return _run(args, shlex.join(["guide", *words]))
+        return _run(args, sys.argv[1:] if argv is None else argv)
     except KeyboardInterrupt:
         return 0
 
@@ -72,7 +71,7 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _run(args: argparse.Namespace, command: str) -> int:
+def _run(args: argparse.Namespace, words: Sequence[str]) -> int:
     try:
         import starlette  # noqa: F401
         import uvicorn  # noqa: F401
@@ -84,14 +83,14 @@ def _run(args: argparse.Namespace, command: str) -> int:
     from boxcal.calib.guide.page.state import state_of
     from boxcal.calib.guide.session import Session
     from boxcal.calib.guide.sources.inbox import Inbox
-    from boxcal.calib.guide.sources.link import Link
+    from boxcal.calib.guide.sources.link import Link, without_credentials
     from boxcal.calib.local_page.board import Board
     from boxcal.calib.local_page.interruption import end_on_sigterm
     from boxcal.target.errors import BoxcalError
 
     try:
-        options = _options(args, command)
-        link = Link(name=args.source, topics=options.settings.topics, inbox=Inbox())
+        options = _options(args, shlex.join(["guide", *map(without_credentials, words)]))
+        link = Link(address=args.source, topics=options.settings.topics, inbox=Inbox())
         session, board = Session(options, link), Board()
         server = page_server(session, board, args.host, args.port)
     except BoxcalError as error:
@@ -155,10 +154,14 @@ def _follow(link: "Link") -> None:
     from boxcal.calib.guide.sources.file import follow_file, is_file
     from boxcal.calib.guide.sources.server import follow_server
 
-    if is_file(link.name):
-        asyncio.run(follow_file(link, Path(link.name)))
-    else:
-        asyncio.run(follow_server(link))
+    try:
+        if is_file(link.address):
+            asyncio.run(follow_file(link, Path(link.address)))
+        else:
+            asyncio.run(follow_server(link))
+    except Exception:
+        link.lost("listening ended by a fault of its own (the terminal shows it); start the guide again")
+        raise
 
 
 def _watch(session: "Session", thread: threading.Thread) -> None:

@@ -78,7 +78,7 @@ class Followed:
     """A link that follows a server in a thread, and what came of it."""
 
     def __init__(self, url: str, topics: Topics | None = None) -> None:
-        self.link = Link(name=url, topics=topics or Topics(), inbox=Inbox())
+        self.link = Link(address=url, topics=topics or Topics(), inbox=Inbox())
         self._thread = threading.Thread(target=lambda: asyncio.run(follow_server(self.link)), daemon=True)
 
     def __enter__(self) -> Link:

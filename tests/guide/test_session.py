@@ -31,7 +31,7 @@ class Running:
         options = GuideOptions(
             robot="r01", target=TARGET, settings=Settings(), recordings=folder / "recordings", out=folder / "out"
         )
-        self.link = Link(name="ws://robot:8765", topics=Topics(), inbox=Inbox(1000.0))
+        self.link = Link(address="ws://robot:8765", topics=Topics(), inbox=Inbox(1000.0))
         self.link.found()
         self.session = Session(options, self.link)
         self.state: dict[str, Any] = {}
@@ -150,6 +150,16 @@ def test_darkness_and_an_empty_picture_are_told_apart(start: Started) -> None:
     until(lambda: running.warned("too dark"))
     running.put([*_still(60, 60), _picture(T0 + 2 * 10**9, 128)])
     until(lambda: running.warned("no tag of the box") and not running.warned("too dark"))
+
+
+def test_a_calibration_that_is_not_good_is_not_shown_as_done(start: Started) -> None:
+    running = start()
+    until(lambda: not running.session.compiling, 400)
+    running.put([*_still(0, 60), _picture(T0 + 10**9, 128)])
+    for level, kind in (("good", "done"), ("usable", "care"), ("redo", "bad")):
+        running.session.full.written = {"level": level, "headline": "So it is.", "stops": 0}
+        until(lambda: running.state["banner"]["title"] == f"Calibrated: {level}")  # noqa: B023
+        assert running.state["banner"]["kind"] == kind
 
 
 def test_topics_that_vanish_are_said_on_the_page(start: Started) -> None:

@@ -26,7 +26,7 @@ from boxcal.calib.guide.drive.wheels_so_far import WheelsSoFar
 from boxcal.calib.guide.recording.chunked_file import ChunkedFile
 from boxcal.calib.guide.sources.file import follow_file
 from boxcal.calib.guide.sources.inbox import MOST_OTHER_BYTES, MOST_PICTURE_BYTES, Inbox, LiveMessage
-from boxcal.calib.guide.sources.link import Link
+from boxcal.calib.guide.sources.link import Link, without_credentials
 from boxcal.calib.guide.sources.selection import select
 from boxcal.detect.log.containers.base import Channel
 from boxcal.detect.log.scan import Scan
@@ -95,6 +95,20 @@ def test_no_bridge_is_said_and_waited_for() -> None:
 def test_what_is_no_address_is_said(name: str, said: str) -> None:
     with Followed(name) as link:
         until(lambda: said in link.said)
+
+
+def test_credentials_in_an_address_are_neither_shown_nor_written() -> None:
+    for address, shown in (
+        ("ws://ann:s3cret@robot:8765/x?token=s3cret#s3cret", "ws://robot:8765/x"),
+        ("wss://s3cret@robot", "wss://robot"),
+        ("ws://robot:8765", "ws://robot:8765"),
+        ("a?b@c.mcap", "a?b@c.mcap"),
+        ("--robot", "--robot"),
+    ):
+        assert without_credentials(address) == shown
+    with Followed("http://ann:s3cret@127.0.0.1:1") as link:
+        until(lambda: link.said)
+        assert "s3cret" not in link.name + link.said
 
 
 async def _nothing(socket: ServerConnection) -> None:
@@ -227,7 +241,7 @@ def test_rosbridge_is_heard_as_json() -> None:
 
 def test_a_recording_is_followed_while_it_grows(tmp_path: Path) -> None:
     path = tmp_path / "growing.mcap"
-    link = Link(name=str(path), topics=Topics(), inbox=Inbox())
+    link = Link(address=str(path), topics=Topics(), inbox=Inbox())
     thread = threading.Thread(target=lambda: asyncio.run(follow_file(link, path)))
     thread.start()
     until(lambda: "waited for" in link.said)

@@ -83,7 +83,8 @@ def _at_the_end(session: Session) -> dict[str, Any] | None:
     if session.busy_calibrating:
         return _said("wait", "Calibrating", f"{count} stops are solved in full")
     if finished and finished["stops"] == count:
-        return _said("done", f"Calibrated: {finished['level']}", f"{finished['headline']} The report is below.")
+        kind = {"good": "done", "usable": "care"}.get(finished["level"], "bad")
+        return _said(kind, f"Calibrated: {finished['level']}", f"{finished['headline']} The report is below.")
     if session.enough:
         return _said("done", "Enough: calibrate", f"all goals are reached with {count} stops")
     return None

@@ -1,5 +1,6 @@
 """The state of a source, and how it hands its messages on: shared by all kinds of source."""
 
+import re
 import threading
 import time
 from dataclasses import dataclass, field
@@ -20,8 +21,8 @@ class Link:
 
     Attributes
     ----------
-    name
-        Its address or file.
+    address
+        Its address, or its file.
     topics
         Names that the user gave.
     inbox
@@ -38,7 +39,7 @@ class Link:
         Set to end it.
     """
 
-    name: str
+    address: str
     topics: Topics
     inbox: Inbox
     connected: bool = False
@@ -47,6 +48,11 @@ class Link:
     losses: int = 0
     stopped: threading.Event = field(default_factory=threading.Event)
     _known: dict[tuple[str, str, str, bytes], Channel] = field(default_factory=dict)
+
+    @property
+    def name(self) -> str:
+        """The address as it may be shown and written."""
+        return without_credentials(self.address)
 
     def found(self) -> None:
         """Note that the source is there."""
@@ -76,3 +82,12 @@ class Link:
         """Hand a message to the session; pictures beyond a rate are dropped by this time, s, or by the clock."""
         picture = channel.topic == self.selection.camera
         self.inbox.put(LiveMessage(channel, log_ns, data, picture), time.monotonic() if now is None else now)
+
+
+def without_credentials(address: str) -> str:
+    """Return an address without user, password and query; what is none as it is."""
+    scheme, mark, rest = address.partition("://")
+    if not mark:
+        return address
+    host, slash, path = re.split(r"[?#]", rest)[0].partition("/")
+    return f"{scheme}://{host.rpartition('@')[2]}{slash}{path}"

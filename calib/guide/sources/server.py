@@ -21,7 +21,7 @@ _FIRST_WORD_S = 1.0
 
 
 async def follow_server(link: Link) -> None:
-    """Listen to the server at ``link.name`` until the link is stopped; reconnect whenever it is lost."""
+    """Listen to the server at ``link.address`` until the link is stopped; reconnect whenever it is lost."""
     import websockets  # noqa: PLC0415  of the extra live
     from websockets.asyncio.client import connect  # noqa: PLC0415
 
@@ -29,7 +29,7 @@ async def follow_server(link: Link) -> None:
     while not link.stopped.is_set():
         try:
             async with connect(
-                link.name,
+                link.address,
                 subprotocols=[websockets.Subprotocol(name) for name in SUBPROTOCOLS],
                 max_size=MAX_RECORD_BYTES,
                 max_queue=_HELD,
@@ -43,7 +43,8 @@ async def follow_server(link: Link) -> None:
                 await _until_stopped(socket, link)
             link.lost("the connection was closed by the robot")
         except (websockets.InvalidURI, ValueError) as error:
-            link.lost(f"not an address ({printable(str(error)[:80])}); ws://robot:8765 is one")
+            why = str(error).replace(link.address, link.name)
+            link.lost(f"not an address ({printable(why[:80])}); ws://robot:8765 is one")
         except websockets.InvalidHandshake as error:
             link.lost(
                 f"the server there refuses the Foxglove protocol {' or '.join(SUBPROTOCOLS)} "

@@ -5,7 +5,7 @@ const SIGNS = {
   go: '<path d="M22 42 L42 22 M28 22 L42 22 L42 36"/>',
   hold: '<rect class="still" x="23" y="21" width="6" height="22" rx="2"/><rect class="still" x="35" y="21" width="6" height="22" rx="2"/>',
   taken: '<path d="M21 33 L29 41 L44 24"/>', done: '<path d="M21 33 L29 41 L44 24"/>',
-  bad: '<path d="M32 19 L32 35 M32 44 L32 44.5"/>', wait: '<path d="M32 22 L32 33 L40 38"/>',
+  bad: '<path d="M32 19 L32 35 M32 44 L32 44.5"/>', care: '<path d="M32 19 L32 35 M32 44 L32 44.5"/>', wait: '<path d="M32 22 L32 33 L40 38"/>',
 };
 let state = null, shown = 0, loading = false, heard = performance.now();
 
