@@ -51,6 +51,8 @@ class Outlook:
         How far the goals are.
     places
         Where to stop next.
+    placed_after
+        How many stops were taken when those were planned; -1 before.
     taken_at
         Steady time, s, at which the last stop was taken, and how many stops then were.
     latency
@@ -60,5 +62,6 @@ class Outlook:
     seen: Glance | None = None
     bars: tuple[Bar, ...] = ()
     places: tuple[Place, ...] = ()
+    placed_after: int = -1
     taken_at: tuple[float, int] = (0.0, 0)
     latency: float = 0.0

@@ -70,7 +70,7 @@ class Session:
         self.compiling = "getting ready"
         self.stopped = threading.Event()
         self._requests: deque[str] = deque(maxlen=8)
-        self._worker = Worker()
+        self._worker, self._eyes = Worker(), Worker()
         self._solver = Solver(options.robot, options.target)
         self._told: dict[str, str] = {}
         self._begin()
@@ -99,6 +99,7 @@ class Session:
             self._work(publish)
         finally:
             self._worker.close()
+            self._eyes.close()
             self._solver.give_up()
             if self.recorder is not None:
                 self.recorder.close()
@@ -138,7 +139,7 @@ class Session:
     def _is_idle(self, log_ns: int) -> bool:
         """Tell whether a picture shows nothing new: the robot has stood for long at a stop that was taken."""
         stands = self.drive.stands
-        if stands is None or stands.seconds < _IDLE_S or not self.drive.taken.holds(stands.stops[-1]):
+        if stands is None or stands.seconds < _IDLE_S or not self.drive.stands_taken:
             return False
         if abs(log_ns - self._idle_picture_ns) < _IDLE_EVERY_NS:
             return True
@@ -174,7 +175,8 @@ class Session:
             self.compiling = ""
 
     def _next_task(self) -> None:
-        """Give the worker what is most pressing."""
+        """Give the worker what is most pressing; pictures are looked at beside that."""
+        self._look()
         if not self._worker.idle:
             return
         due = None if self.compiling else self.drive.to_measure()
@@ -187,21 +189,25 @@ class Session:
             self._wants["calibrate"] = False
             last, name = self.drive.to_measure(at_end=True), self._log_name
             self._worker.begin("finish", lambda: self._all_seen(last, name))
-        elif self._wants["advise"] and not self.compiling:
+        elif (self._wants["advise"] or self.outlook.placed_after != self.drive.stops_taken) and not self.compiling:
             self._wants["advise"] = False
-            self._worker.begin("advise", self._advice)
+            count = self.drive.stops_taken
+            self._worker.begin("advise", lambda: (count, self._advice()))
         elif self._wants["solve"] and self.running.estimate is not None:
             self._wants["solve"] = False
             self._worker.begin("solve", self._solved)
-        elif self.drive.newest is not None and self.drive.newest.number != self._glanced and now >= self._next_glance:
-            self._glanced = self.drive.newest.number
-            self._next_glance = now + _GLANCE_S
-            frame, camera = self.drive.newest, self.camera
-            self._worker.begin("glance", lambda: self._looked_at(frame, camera))
         seen = self.running.seen
         if self._wants["judge"] and self.full.idle and seen is not None and self.running.estimate is not None:
             self._wants["judge"] = False
             self.full.judge(seen)
+
+    def _look(self) -> None:
+        """Have the newest picture looked at, some times a second."""
+        frame, camera, now = self.drive.newest, self.camera, time.monotonic()
+        if frame is None or frame.number == self._glanced or now < self._next_glance or not self._eyes.idle:
+            return
+        self._glanced, self._next_glance = frame.number, now + _GLANCE_S
+        self._eyes.begin("glance", lambda: self._looked_at(frame, camera))
 
     @property
     def _log_name(self) -> str:
@@ -289,14 +295,15 @@ class Session:
         return first_places(self.options.target, len(self.drive.taken.stops), self.drive.taken.image_size)
 
     def _collect(self) -> None:
-        """Take what the worker and the solver have finished."""
+        """Take what the workers and the solver have finished."""
+        look = self._eyes.finished()
+        if look is not None and look[1] is not None:
+            self.outlook.seen = look[1]
         done = self._worker.finished()
         if done is not None:
             name, result = done
-            if name == "glance" and result is not None:
-                self.outlook.seen = result
-            elif name == "advise":
-                self.outlook.places = result
+            if name == "advise":
+                self.outlook.placed_after, self.outlook.places = result
             elif name == "solve":
                 self._wants["advise"] = True
             elif name == "measure":
@@ -315,7 +322,6 @@ class Session:
         self.outlook.latency = now - self._measure_due
         if new:
             self.outlook.taken_at = (now, count)
-            self.outlook.places = ()
             corners = self.drive.taken.stops[-1].corners
             self.said.append(f"stop {count} taken: {corners.tags} tags in {corners.frames} pictures")
         self._wants.update(advise=True, solve=True, judge=count >= _JUDGED_FROM)
@@ -344,6 +350,22 @@ class Session:
             and verdict.get("level") == "good"
             and verdict.get("stops") == self.drive.stops_taken
         )
+
+    @property
+    def is_checking(self) -> bool:
+        """Whether all goals are reached, and the full calibration of these stops has still to tell what it is.
+
+        The driver waits for it then: where it takes longer than to drive to the next stop, it would never be that of
+        all stops otherwise.
+        """
+        told = self.full.verdict.get("stops") == self.drive.stops_taken
+        return reached(self.outlook.bars) and not told and (self._wants["judge"] or not self.full.idle)
+
+    @property
+    def places(self) -> tuple[Place, ...]:
+        """Where to stop next; empty while that is not known for the stops so far, or may not be needed."""
+        known = self.outlook.placed_after == self.drive.stops_taken
+        return self.outlook.places if known and not (self.enough or self.is_checking) else ()
 
     def _answer_requests(self) -> None:
         while self._requests:

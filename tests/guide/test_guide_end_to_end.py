@@ -144,7 +144,7 @@ def test_following_the_page_alone_leads_to_a_good_calibration(
         assert 5 <= len(after) <= 14
         latencies = [page["state"]["latency_ms"] for page in after]
         assert sorted(latencies)[len(latencies) // 2] < 1000, latencies
-        assert after[-1]["state"]["picture"]["tags"]
+        until(lambda: browser.evaluate("state.picture.tags.length > 0"), 20)
         bars = after[-1]["state"]["bars"]
         assert all(bar["reached"] for bar in bars)
         browser.evaluate('document.getElementById("calibrate").click()')

@@ -2,6 +2,7 @@
 
 import threading
 from collections.abc import Callable, Iterator
+from concurrent.futures import Future
 from pathlib import Path
 from typing import Any
 
@@ -12,12 +13,14 @@ from drives import TARGET, logged, messages
 from live_messages import CAMERA, T0, WHEELS, Server, advertised, data_message, heard, picture, until, wheels
 from websockets.asyncio.server import ServerConnection
 
+from boxcal.calib.guide.estimate.advice import Place
 from boxcal.calib.guide.outlook import GuideOptions
 from boxcal.calib.guide.page.state import state_of
 from boxcal.calib.guide.recording import recorder as recording
 from boxcal.calib.guide.session import Session
 from boxcal.calib.guide.sources.inbox import Inbox, LiveMessage
 from boxcal.calib.guide.sources.link import Link
+from boxcal.calib.planning.goal import Bar
 from boxcal.calib.settings import Settings
 from boxcal.detect.log.topics import Topics
 
@@ -89,7 +92,7 @@ def _picture(t_ns: int, grey: int) -> LiveMessage:
 @pytest.mark.slow
 def test_a_drive_leads_to_bars_next_stops_a_verdict_and_a_report(log: Path, start: Started, tmp_path: Path) -> None:
     running = start()
-    until(lambda: not running.session.compiling, 400)
+    until(lambda: running.state and not running.session.compiling, 400)
     for message in messages(log):
         while running.link.inbox.is_full:
             threading.Event().wait(0.01)
@@ -145,7 +148,7 @@ def test_a_folder_that_cannot_be_written_is_said_and_the_drive_is_guided_all_the
 
 def test_darkness_and_an_empty_picture_are_told_apart(start: Started) -> None:
     running = start()
-    until(lambda: not running.session.compiling, 400)
+    until(lambda: running.state and not running.session.compiling, 400)
     running.put([*_still(0, 60), _picture(T0 + 10**9, 8)])
     until(lambda: running.warned("too dark"))
     running.put([*_still(60, 60), _picture(T0 + 2 * 10**9, 128)])
@@ -154,12 +157,45 @@ def test_darkness_and_an_empty_picture_are_told_apart(start: Started) -> None:
 
 def test_a_calibration_that_is_not_good_is_not_shown_as_done(start: Started) -> None:
     running = start()
-    until(lambda: not running.session.compiling, 400)
+    until(lambda: running.state and not running.session.compiling, 400)
     running.put([*_still(0, 60), _picture(T0 + 10**9, 128)])
     for level, kind in (("good", "done"), ("usable", "care"), ("redo", "bad")):
         running.session.full.written = {"level": level, "headline": "So it is.", "stops": 0}
         until(lambda: running.state["banner"]["title"] == f"Calibrated: {level}")  # noqa: B023
         assert running.state["banner"]["kind"] == kind
+
+
+def test_where_goals_are_reached_the_driver_waits_for_the_full_calibration(
+    start: Started, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    running = start()
+    until(lambda: running.state and not running.session.compiling, 400)
+    running.put([*_still(0, 60), _picture(T0 + 10**9, 128)])
+    until(lambda: running.state["plan"]["next"])
+    session, answer = running.session, Future[dict[str, Any]]()
+    session.outlook.bars = (Bar(name="position", label="Position", unit="m", value=0.1, goal=0.2),)
+    monkeypatch.setattr(session.full, "_future", answer)
+    until(lambda: running.state["banner"]["title"] == "All goals are reached")
+    assert not running.state["plan"]["next"], "wherever it were driven to meanwhile, the answer would be of other stops"
+    answer.set_result({"level": "usable", "headline": "Drive on.", "lines": []})
+    until(lambda: running.state["plan"]["next"] and not running.state["enough"])
+    better = Future[dict[str, Any]]()
+    monkeypatch.setattr(session.full, "_future", better)
+    better.set_result({"level": "good", "headline": "So it is.", "lines": []})
+    until(lambda: running.state["enough"])
+    assert running.state["banner"]["title"] == "Enough: calibrate"
+    assert not running.state["plan"]["next"]
+
+
+def test_places_planned_for_fewer_stops_are_not_shown(start: Started) -> None:
+    running = start()
+    running.session.compiling = "held"
+    until(lambda: running.session._worker.idle)
+    outlook = running.session.outlook
+    outlook.places, outlook.placed_after = (Place(x=1.0, y=0.0, heading=3.0),), 0
+    assert running.session.places
+    outlook.placed_after = 1
+    assert not running.session.places
 
 
 def test_topics_that_vanish_are_said_on_the_page(start: Started) -> None:

@@ -115,6 +115,12 @@ class LiveDrive:
         return 0 if self.stands is None else len(self.taken.matched(self.stands.stops))
 
     @property
+    def stands_taken(self) -> bool:
+        """Whether the robot stands at a stop that was measured."""
+        stands = self.stands
+        return stands is not None and stands.standing and self.taken.holds(stands.stops[-1])
+
+    @property
     def clock_offset(self) -> float:
         """Time by which the camera's clock is ahead of the wheels', s; 0 if it is not."""
         return self._clock_ns / 1e9

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from boxcal.calib.guide.drive.glance import Glance
 from boxcal.calib.guide.drive.live_drive import HOLD_S
 from boxcal.calib.guide.drive.warnings import Warned, sharpness, warnings_of_estimate, warnings_of_picture
 from boxcal.calib.guide.drive.whereabouts import Whereabouts, whereabouts
@@ -35,7 +36,7 @@ def state_of(session: Session) -> dict[str, Any]:
         None if drive.samples is None else drive.samples.wheels,
         stands.now_ns if stands is not None else 0,
     )
-    places = [_place(session, p, here if k == 0 else None) for k, p in enumerate(outlook.places)]
+    places = [_place(session, p, here if k == 0 else None) for k, p in enumerate(session.places)]
     return {
         "robot": session.options.robot,
         "source": session.link.name,
@@ -68,7 +69,7 @@ def _banner(session: Session, places: list[dict[str, Any]]) -> dict[str, Any]:
     if at_end is not None or stands is None:
         return at_end or _said("wait", "Waiting for the wheels", "")
     then = _then(places)
-    if stands.standing and not session.drive.taken.holds(stands.stops[-1]):
+    if stands.standing and not session.drive.stands_taken:
         return _standing(session, stands.seconds, then)
     taken, count = session.outlook.taken_at
     if stands.standing and time.monotonic() - taken < _TAKEN_S:
@@ -87,6 +88,10 @@ def _at_the_end(session: Session) -> dict[str, Any] | None:
         return _said(kind, f"Calibrated: {finished['level']}", f"{finished['headline']} The report is below.")
     if session.enough:
         return _said("done", "Enough: calibrate", f"all goals are reached with {count} stops")
+    if session.is_checking:
+        return _said(
+            "wait", "All goals are reached", f"stay here: the full calibration of {count} stops is being checked"
+        )
     return None
 
 
@@ -107,7 +112,7 @@ def _missing(session: Session) -> dict[str, Any] | None:
 
 def _standing(session: Session, seconds: float, then: str) -> dict[str, Any]:
     """Return how long a robot that stands at a place which was not taken yet has to go on standing."""
-    seen = session.outlook.seen
+    seen = _looked_at_now(session)
     if seen is not None and not len(seen.corners):
         return _said("go", "Turn towards the box", then)
     left = max(HOLD_S - seconds, 0.0)
@@ -147,7 +152,8 @@ def _place(session: Session, place: Place, here: Whereabouts | None) -> dict[str
     shown["steps"] = list(way.steps)
     shown["points"] = [[round(x, 3), round(y, 3)] for x, y in way.points]
     turned = abs((degrees(place.heading - here.heading) + 180) % 360 - 180)
-    if np.hypot(place.x - here.x, place.y - here.y) < _AT_PLACE_M and turned < _AT_PLACE_DEG:
+    near = np.hypot(place.x - here.x, place.y - here.y) < _AT_PLACE_M and turned < _AT_PLACE_DEG
+    if near and not session.drive.stands_taken:
         shown["title"] = "You are there: stand still"
     return shown
 
@@ -171,6 +177,15 @@ def _picture(session: Session) -> dict[str, Any]:
     }
 
 
+def _looked_at_now(session: Session) -> Glance | None:
+    """Return the last look at a picture, if that was taken a moment ago, and of a robot that stands, since then."""
+    seen, newest, stands = session.outlook.seen, session.drive.newest, session.drive.stands
+    if seen is None or newest is None or newest.t_ns - seen.t_ns > _OLD_S * 1e9:
+        return None
+    moved_since = stands is not None and stands.standing and seen.t_ns < stands.stops[-1].t_start_ns
+    return None if moved_since else seen
+
+
 def _plan(session: Session, here: Whereabouts | None, places: list[dict[str, Any]]) -> dict[str, Any]:
     box = session.options.target.box
     found = session.running.estimate
@@ -186,7 +201,7 @@ def _plan(session: Session, here: Whereabouts | None, places: list[dict[str, Any
         "box": [box.width, box.depth],
         "stops": stops,
         "robot": robot,
-        "next": [] if session.enough else places,
+        "next": places,
         "size": 0.12 if found is None else round(found.b, 3),
     }
 
@@ -216,7 +231,7 @@ def _figure(value: float, unit: str) -> str:
 
 
 def _warnings(session: Session) -> list[Warned]:
-    drive, outlook = session.drive, session.outlook
+    drive = session.drive
     found: list[Warned] = []
     recorder = session.recorder
     if recorder is not None and recorder.problem:
@@ -233,9 +248,10 @@ def _warnings(session: Session) -> list[Warned]:
         found.append(
             Warned("care", f"the camera's clock is {drive.clock_offset:+.1f} s off the wheels'; it is put right")
         )
-    if outlook.seen is not None:
+    seen = _looked_at_now(session)
+    if seen is not None:
         found += warnings_of_picture(
-            outlook.seen,
+            seen,
             planned=session.running.estimate is not None,
             moving=drive.stands is not None and not drive.stands.standing,
         )
