@@ -164,11 +164,11 @@ class CurveRouter(Router):
     def _free_along(self, xy: Array) -> Mask:
         """Tell which chains of points (N, K, 2) are free, and so are the chords between them."""
         N, K = xy.shape[:2]
-        free = self.space.free(xy.reshape(-1, 2)).reshape(N, K).all(axis=1)
+        free: Mask = np.asarray(self.space.free(xy.reshape(-1, 2)).reshape(N, K).all(axis=1))
         chains = xy[free]
         chords = self.space.clear(chains[:, :-1].reshape(-1, 2), chains[:, 1:].reshape(-1, 2))
         free[free] = chords.reshape(len(chains), K - 1).all(axis=1)
-        return np.asarray(free)
+        return free
 
     def spins(self) -> Ids:
         """Return that no whole turns on the spot can be made."""
