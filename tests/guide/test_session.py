@@ -9,7 +9,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from drives import TARGET, logged, messages
+from drives import TARGET, logged, messages, seen
 from live_messages import CAMERA, T0, WHEELS, Server, advertised, data_message, heard, picture, until, wheels
 from websockets.asyncio.server import ServerConnection
 
@@ -22,6 +22,7 @@ from boxcal.calib.guide.sources.inbox import Inbox, LiveMessage
 from boxcal.calib.guide.sources.link import Link
 from boxcal.calib.planning.goal import Bar
 from boxcal.calib.settings import Settings
+from boxcal.detect.correspondences import Correspondences
 from boxcal.detect.log.topics import Topics
 
 Started = Callable[[], "Running"]
@@ -172,15 +173,17 @@ def test_where_goals_are_reached_the_driver_waits_for_the_full_calibration(
     until(lambda: running.state and not running.session.compiling, 400)
     running.put([*_still(0, 60), _picture(T0 + 10**9, 128)])
     until(lambda: running.state["plan"]["next"])
-    session, answer = running.session, Future[dict[str, Any]]()
+    session, answers = running.session, [Future[dict[str, Any]](), Future[dict[str, Any]]()]
+    none = Correspondences(robot="r01", image_size=(640, 480), wheels=seen(3).wheels, stops=())
+    monkeypatch.setattr(session._solver, "judge", lambda _: answers.pop(0))
+    full, better = answers
     session.outlook.bars = (Bar(name="position", label="Position", unit="m", value=0.1, goal=0.2),)
-    monkeypatch.setattr(session.full, "_future", answer)
+    session.full.judge(none)
     until(lambda: running.state["banner"]["title"] == "All goals are reached")
     assert not running.state["plan"]["next"], "wherever it were driven to meanwhile, the answer would be of other stops"
-    answer.set_result({"level": "usable", "headline": "Drive on.", "lines": []})
+    full.set_result({"level": "usable", "headline": "Drive on.", "lines": []})
     until(lambda: running.state["plan"]["next"] and not running.state["enough"])
-    better = Future[dict[str, Any]]()
-    monkeypatch.setattr(session.full, "_future", better)
+    session.full.judge(none)
     better.set_result({"level": "good", "headline": "So it is.", "lines": []})
     until(lambda: running.state["enough"])
     assert running.state["banner"]["title"] == "Enough: calibrate"
