@@ -363,7 +363,7 @@ class Session:
 
     @property
     def places(self) -> tuple[Place, ...]:
-        """Where to stop next; empty while that is not known for the stops so far, or may not be needed."""
+        """Next stops to drive to; empty while they are not known for the stops so far, or may not be needed."""
         known = self.outlook.placed_after == self.drive.stops_taken
         return self.outlook.places if known and not (self.enough or self.is_checking) else ()
 
