@@ -8,7 +8,7 @@ from scipy.special import logsumexp
 
 from boxcal.calib.diagnosis.cause import Cause
 from boxcal.calib.likelihood.fit import Fit
-from boxcal.calib.likelihood.score_test import ScoreTest, score_tests
+from boxcal.calib.likelihood.score_test import ScoreTest, score_tests, with_explanations
 from boxcal.calib.likelihood.slip_profile import fixed_profile
 from boxcal.target.arrays import Array
 
@@ -66,11 +66,12 @@ def _of_pictures(fit: Fit, causes: Sequence[Cause]) -> list[tuple[float, ScoreTe
     gains: list[Array] = []
     tests: list[tuple[ScoreTest, ...]] = []
     first = 0.0
+    linearized = with_explanations(fit, causes)
     for share in shares:
         components = replace(fit.components, lean=share * fit.components.lean)
         profile = fixed_profile(fit.problem, fit.at, components, fit.weights)
         first = profile.log_evidence if share == 1.0 else first
-        tests.append(score_tests(replace(fit, components=components, profile=profile), causes))
+        tests.append(score_tests(replace(fit, components=components, profile=profile), causes, linearized))
         gains.append(np.array([test.log_evidence for test in tests[-1]]) + profile.log_evidence - first)
     averaged = logsumexp(np.array(gains), axis=0) - np.log(len(shares))
     return [(float(gain), test) for gain, test in zip(averaged, tests[0], strict=True)]

@@ -253,8 +253,32 @@ def solve(normal: Normal) -> Solution:
     return solve_chain(reduced, eliminated)
 
 
-def solve_chain(normal: Normal, eliminated: Eliminated) -> Solution:
-    """Return the solution of equations whose local unknowns are eliminated.
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class EliminatedChain:
+    """Equations of the shared unknowns alone, and the factors of the chain that was eliminated.
+
+    Attributes
+    ----------
+    information, right : (..., n, n), (..., n)
+        Of the shared unknowns.
+    back : (..., P, 5, n + 1)
+        Stops' blocks by shared unknowns, and their right-hand sides, half way solved for.
+    pivots, gains : (..., P, 5, 5)
+        The chain's factors.
+    decrease : (...)
+        The stops' part in the sum of squares.
+    """
+
+    information: Array
+    right: Array
+    back: Array
+    pivots: Array
+    gains: Array
+    decrease: Array
+
+
+def eliminate_chain(normal: Normal) -> EliminatedChain:
+    """Return the shared unknowns' equations of a system whose local unknowns are eliminated.
 
     Raises
     ------
@@ -271,22 +295,33 @@ def solve_chain(normal: Normal, eliminated: Eliminated) -> Solution:
     )
     flat = right[..., :n].reshape(*batch, -1, n)
     reduced = np.swapaxes(flat, -1, -2) @ back.reshape(*batch, -1, n + 1)
-    S = normal.A - reduced[..., :n]
-    s = normal.a - reduced[..., n]
-    stops_decrease = np.einsum("...pk,...pk->...", right[..., n], back[..., n])
-    compute.substitute_back(_as_batch(gains, 3), _as_batch(back, 3))
-    cov, log_det = _invert(S)
+    return EliminatedChain(
+        information=normal.A - reduced[..., :n],
+        right=normal.a - reduced[..., n],
+        back=back,
+        pivots=pivots,
+        gains=gains,
+        decrease=np.einsum("...pk,...pk->...", right[..., n], back[..., n]),
+    )
+
+
+def solve_chain(normal: Normal, eliminated: Eliminated) -> Solution:
+    """Return the solution of equations whose local unknowns are eliminated; errors as of :func:`eliminate_chain`."""
+    chain = eliminate_chain(normal)
+    n, back, s = normal.A.shape[-1], chain.back, chain.right
+    backend().substitute_back(_as_batch(chain.gains, 3), _as_batch(back, 3))
+    cov, log_det = invert(chain.information)
     d_shared = np.einsum("...ij,...j->...i", cov, s)
     return Solution(
         d_shared=d_shared,
         d_stops=back[..., n] - np.einsum("...pij,...j->...pi", back[..., :n], d_shared),
-        decrease=stops_decrease + np.einsum("...i,...i->...", s, d_shared) + eliminated.decrease,
-        log_det=log_det - np.sum(np.linalg.slogdet(pivots)[1], axis=-1) + eliminated.log_det,
-        information=S,
+        decrease=chain.decrease + np.einsum("...i,...i->...", s, d_shared) + eliminated.decrease,
+        log_det=log_det - np.sum(np.linalg.slogdet(chain.pivots)[1], axis=-1) + eliminated.log_det,
+        information=chain.information,
         cov=cov,
         Y=back[..., :n],
-        pivots=pivots,
-        gains=gains,
+        pivots=chain.pivots,
+        gains=chain.gains,
         eliminated=eliminated,
     )
 
@@ -296,7 +331,7 @@ def _as_batch(part: Array, axes: int) -> Array:
     return np.ascontiguousarray(part).reshape(-1, *part.shape[-axes:])
 
 
-def _invert(S: Array) -> tuple[Array, Array]:
+def invert(S: Array) -> tuple[Array, Array]:
     """Return the inverse of information matrices and their log determinants; null directions are left out."""
     diagonal = np.einsum("...ii->...i", S)
     scale = 1 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0))

@@ -13,11 +13,12 @@ from scipy import special
 
 from boxcal.calib.likelihood.explanation import Explanation
 from boxcal.calib.likelihood.fit import Fit
-from boxcal.calib.likelihood.levenberg_marquardt import linearize
+from boxcal.calib.likelihood.levenberg_marquardt import Linearization, linearize
+from boxcal.calib.likelihood.normal_equations import invert
 from boxcal.calib.likelihood.problem import Problem
-from boxcal.calib.likelihood.slip_profile import profile_of
+from boxcal.calib.likelihood.slip_profile import shared_equations
 from boxcal.calib.likelihood.state import State
-from boxcal.target.arrays import Array
+from boxcal.target.arrays import Array, Ids
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -56,7 +57,9 @@ class ScoreTest:
     shift_cov: Array
 
 
-def score_tests(fit: Fit, explanations: Sequence[Explanation]) -> tuple[ScoreTest, ...]:
+def score_tests(
+    fit: Fit, explanations: Sequence[Explanation], linearized: tuple[Problem, Linearization] | None = None
+) -> tuple[ScoreTest, ...]:
     """Return the tests of some explanations, each by itself, about one solution.
 
     Parameters
@@ -65,54 +68,76 @@ def score_tests(fit: Fit, explanations: Sequence[Explanation]) -> tuple[ScoreTes
         The solution.
     explanations
         Any number; they are linearized together.
+    linearized
+        What :func:`with_explanations` returns, if it is there already: variance components do not change it.
     """
     if not explanations:
         return ()
-    problem, state = extended(fit.problem, fit.state, explanations)
-    at = linearize(problem, state, fit.weights)
-    profile = profile_of(problem, at, fit.components, fit.profile.slip, fit.weights)
-    S, d = profile.solution.information, profile.solution.d_shared
+    problem, at = linearized or with_explanations(fit, explanations)
+    S, s = shared_equations(problem, at, fit.components, fit.profile.slip, fit.weights)
     n = len(fit.problem.names)
-    s = np.einsum("kij,kj->ki", S, d)
-    base = np.linalg.pinv(S[:, :n, :n], rcond=1e-14, hermitian=True)
-    gain = S[:, n:, :n] @ base
+    gain = S[:, n:, :n] @ invert(S[:, :n, :n])[0]
     score = s[:, n:] - np.einsum("kij,kj->ki", gain, s[:, :n])
     information = S[:, n:, n:] - gain @ S[:, :n, n:]
     information -= np.diag(1 / np.square(problem.prior[n:]))
-    out, first = [], 0
-    for explanation in explanations:
-        rows = slice(first, first + len(explanation.names))
-        first = rows.stop
-        out.append(_test(explanation, score[:, rows], information[:, rows, rows], gain[:, rows], fit))
-    return tuple(out)
+    sizes = np.array([len(explanation.names) for explanation in explanations])
+    firsts = np.cumsum(sizes) - sizes
+    out: dict[int, ScoreTest] = {}
+    for size in np.unique(sizes):
+        some = np.flatnonzero(sizes == size)
+        rows = firsts[some, None] + np.arange(size)  # (E, q)
+        parts = np.moveaxis(score[:, rows], 0, 1), _blocks(information, rows), np.moveaxis(gain[:, rows], 0, 1)
+        out |= zip(some.tolist(), _tests([explanations[e] for e in some.tolist()], *parts, fit), strict=True)
+    return tuple(out[e] for e in range(len(explanations)))
 
 
-def _test(explanation: Explanation, g: Array, information: Array, gain: Array, fit: Fit) -> ScoreTest:
-    prior = np.asarray(explanation.prior, dtype=np.float64)
-    scaled, z = information * np.outer(prior, prior), g * prior  # in units of the prior
-    values, vectors = np.linalg.eigh((scaled + np.swapaxes(scaled, 1, 2)) / 2)
+def with_explanations(fit: Fit, explanations: Sequence[Explanation]) -> tuple[Problem, Linearization]:
+    """Return problem and likelihood with more explanations, linearized at a solution without them."""
+    problem, state = extended(fit.problem, fit.state, explanations)
+    return problem, linearize(problem, state, fit.weights)
+
+
+def _blocks(information: Array, rows: Ids) -> Array:
+    """Return the blocks (E, K, q, q) of matrices (K, m, m) at some rows (E, q)."""
+    return np.moveaxis(information[:, rows[:, :, None], rows[:, None, :]], 0, 1)
+
+
+def _tests(explanations: Sequence[Explanation], g: Array, information: Array, gain: Array, fit: Fit) -> list[ScoreTest]:
+    """Return the tests of E explanations of q unknowns each, from (E, K, q), (E, K, q, q) and (E, K, q, n)."""
+    prior = np.array([explanation.prior for explanation in explanations], dtype=np.float64)  # (E, q)
+    square = prior[:, :, None] * prior[:, None]
+    scaled, z = information * square[:, None], g * prior[:, None]  # in units of the prior
+    values, vectors = np.linalg.eigh((scaled + np.swapaxes(scaled, -1, -2)) / 2)
     told = values > _TOLD
-    along = np.einsum("kij,ki->kj", vectors, z)
-    statistic = np.sum(np.where(told, along**2 / np.where(told, values, 1.0), 0.0), axis=1)
-    freedom = told.sum(axis=1)
-    weight, best = fit.profile.weight, fit.profile.best
-    p = np.where(freedom > 0, special.chdtrc(np.maximum(freedom, 1), statistic), 1.0)
     known = np.where(told, values, 0.0)
-    log_bayes = 0.5 * np.sum(np.where(told, along**2, 0.0) / (1 + known) - np.log1p(known), axis=1)
-    cov = np.linalg.inv(scaled[best] + np.eye(len(prior))) * np.outer(prior, prior)
-    estimate = cov @ g[best]
-    return ScoreTest(
-        explanation=explanation,
-        statistic=float(statistic[best]),
-        freedom=int(freedom[best]),
-        p_value=float(weight @ p),
-        estimate=estimate,
-        sigma=np.sqrt(np.maximum(np.diag(cov), 0.0)),
-        cov=cov,
-        log_evidence=float(special.logsumexp(fit.profile.log_weight + log_bayes)),
-        shift=-gain[best].T @ estimate,
-        shift_cov=gain[best].T @ cov @ gain[best],
-    )
+    along2 = np.where(told, np.einsum("ekij,eki->ekj", vectors, z) ** 2, 0.0)
+    statistic = np.sum(along2 / np.where(told, values, 1.0), axis=-1)
+    freedom = told.sum(axis=-1)
+    weight, best = fit.profile.weight, fit.profile.best
+    p_value = np.where(freedom > 0, special.chdtrc(np.maximum(freedom, 1), statistic), 1.0) @ weight
+    log_bayes = 0.5 * np.sum(along2 / (1 + known) - np.log1p(known), axis=-1)
+    log_evidence = special.logsumexp(fit.profile.log_weight + log_bayes, axis=-1)
+    cov = np.linalg.inv(scaled[:, best] + np.eye(prior.shape[1])) * square
+    estimate = (cov @ g[:, best, :, None])[..., 0]
+    sigma = np.sqrt(np.maximum(np.diagonal(cov, axis1=1, axis2=2), 0.0))
+    to_shared = -np.swapaxes(gain[:, best], 1, 2)  # (E, n, q)
+    shift = (to_shared @ estimate[..., None])[..., 0]
+    shift_cov = to_shared @ cov @ np.swapaxes(to_shared, 1, 2)
+    return [
+        ScoreTest(
+            explanation=explanation,
+            statistic=float(statistic[e, best]),
+            freedom=int(freedom[e, best]),
+            p_value=float(p_value[e]),
+            estimate=estimate[e],
+            sigma=sigma[e],
+            cov=cov[e],
+            log_evidence=float(log_evidence[e]),
+            shift=shift[e],
+            shift_cov=shift_cov[e],
+        )
+        for e, explanation in enumerate(explanations)
+    ]
 
 
 _TOLD = 1e-6

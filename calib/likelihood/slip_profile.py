@@ -14,7 +14,14 @@ import numpy as np
 
 from boxcal.calib.likelihood.components import VarianceComponents
 from boxcal.calib.likelihood.levenberg_marquardt import Linearization, Weights, picture_equations
-from boxcal.calib.likelihood.normal_equations import Eliminated, Normal, Solution, eliminate, solve_chain
+from boxcal.calib.likelihood.normal_equations import (
+    Eliminated,
+    Normal,
+    Solution,
+    eliminate,
+    eliminate_chain,
+    solve_chain,
+)
 from boxcal.calib.likelihood.problem import Problem
 from boxcal.calib.likelihood.residuals import LegResiduals, leg_covariance, leg_equations
 from boxcal.target.arrays import Array
@@ -200,11 +207,17 @@ def fixed_profile(problem: Problem, at: Linearization, components: VarianceCompo
     return _profile(_system(problem, at, components, weights), np.array([slip]), np.ones(1))
 
 
-def profile_of(
+def shared_equations(
     problem: Problem, at: Linearization, components: VarianceComponents, slip: Array, weights: Weights
-) -> SlipProfile:
-    """Return the restricted likelihood at given levels of slip (K,), m/sqrt(m), all equally probable beforehand."""
-    return _profile(_system(problem, at, components, weights), slip, np.ones(len(slip)))
+) -> tuple[Array, Array]:
+    """Return information (K, n, n) and right-hand side (K, n) of the shared unknowns at levels of slip (K,), m/sqrt(m).
+
+    All other unknowns are eliminated.
+    """
+    system = _system(problem, at, components, weights)
+    normal, _, _ = _with_legs(system, slip)
+    reduced = eliminate_chain(normal)
+    return reduced.information, reduced.right
 
 
 class _System(NamedTuple):
@@ -223,13 +236,18 @@ def _system(problem: Problem, at: Linearization, components: VarianceComponents,
     return _System(problem, at.legs, weights.legs, *eliminate(pictures), squares)
 
 
-def _profile(system: _System, slip: Array, prior: Array) -> SlipProfile:
-    problem, used = system.problem, system.weight > 0
-    cov = leg_covariance(problem, system.legs.model, slip)
+def _with_legs(system: _System, slip: Array) -> tuple[Normal, Array, Array]:
+    """Return the equations, the legs' sums of squares (K,) and covariances (K, N, 3, 3) at levels of slip (K,)."""
+    cov = leg_covariance(system.problem, system.legs.model, slip)
     information = np.linalg.inv(cov) * system.weight[:, None, None]
-    legs, leg_squares = leg_equations(problem, system.legs, information)
-    solution = solve_chain(system.pictures.plus(legs), system.eliminated)
-    log_noise = np.sum(np.linalg.slogdet(cov)[1] * used, axis=-1)
+    legs, leg_squares = leg_equations(system.problem, system.legs, information)
+    return system.pictures.plus(legs), leg_squares, cov
+
+
+def _profile(system: _System, slip: Array, prior: Array) -> SlipProfile:
+    normal, leg_squares, cov = _with_legs(system, slip)
+    solution = solve_chain(normal, system.eliminated)
+    log_noise = np.sum(np.linalg.slogdet(cov)[1] * (system.weight > 0), axis=-1)
     log_weight = np.log(prior) - 0.5 * (log_noise + solution.log_det + leg_squares + system.squares - solution.decrease)
     largest = float(log_weight.max())
     log_evidence = largest + float(np.log(np.sum(np.exp(log_weight - largest))))
