@@ -144,7 +144,7 @@ def test_a_folder_that_cannot_be_written_is_said_and_the_drive_is_guided_all_the
     running = start()
     running.put(_still(0, 50))
     until(lambda: running.warned("nothing can be recorded there"))
-    until(lambda: running.session.drive.stands is not None)
+    until(lambda: running.session.progress.drive.stands is not None)
 
 
 def test_darkness_and_an_empty_picture_are_told_apart(start: Started) -> None:
@@ -161,7 +161,7 @@ def test_a_calibration_that_is_not_good_is_not_shown_as_done(start: Started) -> 
     until(lambda: running.state and not running.session.compiling, 400)
     running.put([*_still(0, 60), _picture(T0 + 10**9, 128)])
     for level, kind in (("good", "done"), ("usable", "care"), ("redo", "bad")):
-        running.session.full.written = {"level": level, "headline": "So it is.", "stops": 0}
+        running.session.progress.full.written = {"level": level, "headline": "So it is.", "stops": 0}
         until(lambda: running.state["banner"]["title"] == f"Calibrated: {level}")  # noqa: B023
         assert running.state["banner"]["kind"] == kind
 
@@ -177,13 +177,13 @@ def test_where_goals_are_reached_the_driver_waits_for_the_full_calibration(
     none = Correspondences(robot="r01", image_size=(640, 480), wheels=seen(3).wheels, stops=())
     monkeypatch.setattr(session._solver, "judge", lambda _: answers.pop(0))
     full, better = answers
-    session.outlook.bars = (Bar(name="position", label="Position", unit="m", value=0.1, goal=0.2),)
-    session.full.judge(none)
+    session.progress.outlook.bars = (Bar(name="position", label="Position", unit="m", value=0.1, goal=0.2),)
+    session.progress.full.judge(none)
     until(lambda: running.state["banner"]["title"] == "All goals are reached")
     assert not running.state["plan"]["next"], "wherever it were driven to meanwhile, the answer would be of other stops"
     full.set_result({"level": "usable", "headline": "Drive on.", "lines": []})
     until(lambda: running.state["plan"]["next"] and not running.state["enough"])
-    session.full.judge(none)
+    session.progress.full.judge(none)
     better.set_result({"level": "good", "headline": "So it is.", "lines": []})
     until(lambda: running.state["enough"])
     assert running.state["banner"]["title"] == "Enough: calibrate"
@@ -193,12 +193,12 @@ def test_where_goals_are_reached_the_driver_waits_for_the_full_calibration(
 def test_places_planned_for_fewer_stops_are_not_shown(start: Started) -> None:
     running = start()
     running.session.compiling = "held"
-    until(lambda: running.session._worker.idle)
-    outlook = running.session.outlook
+    until(lambda: running.session.tasks._worker.idle)
+    outlook = running.session.progress.outlook
     outlook.places, outlook.placed_after = (Place(x=1.0, y=0.0, heading=3.0),), 0
-    assert running.session.places
+    assert running.session.progress.places
     outlook.placed_after = 1
-    assert not running.session.places
+    assert not running.session.progress.places
 
 
 def test_topics_that_vanish_are_said_on_the_page(start: Started) -> None:
@@ -218,8 +218,8 @@ def test_topics_that_vanish_are_said_on_the_page(start: Started) -> None:
 def test_a_robot_left_standing_over_night_fills_neither_disk_nor_memory(start: Started) -> None:
     running = start()
     running.session.compiling = "held"
-    drive = running.session.drive
-    until(lambda: not running.session._worker.name or running.session._worker.idle)
+    drive = running.session.progress.drive
+    until(lambda: not running.session.tasks._worker.name or running.session.tasks._worker.idle)
     running.put(_still(0, 1500))
     until(lambda: drive.stands is not None and drive.stands.seconds > 25)
     stop = drive.stands.stops[-1]  # type: ignore[union-attr]

@@ -18,12 +18,12 @@ def page_server(session: Session, board: Board, host: str, port: int) -> PageSer
     """Return the server of a session's page (OSError if the address cannot be had)."""
 
     async def picture(_: Request) -> Response:
-        seen = session.outlook.seen
+        seen = session.progress.outlook.seen
         return Response(status_code=404) if seen is None else Response(seen.jpeg, media_type="image/jpeg")
 
     async def report(_: Request) -> Response:
         path = session.options.out / session.options.robot / "report.html"
-        if not session.full.written or not path.is_file():
+        if not session.progress.full.written or not path.is_file():
             return PlainTextResponse("There is no report yet.\n", 404)
         return FileResponse(path, headers={"content-security-policy": _REPORT_POLICY})
 

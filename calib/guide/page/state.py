@@ -27,16 +27,16 @@ _REACH_M = 0.12
 
 def state_of(session: Session) -> dict[str, Any]:
     """Return all that the page shows."""
-    drive, outlook = session.drive, session.outlook
+    drive, outlook = session.progress.drive, session.progress.outlook
     stands = drive.stands
     here = whereabouts(
         outlook.seen,
-        session.running.estimate,
-        session.running.drive,
+        session.progress.running.estimate,
+        session.progress.running.drive,
         None if drive.samples is None else drive.samples.wheels,
         stands.now_ns if stands is not None else 0,
     )
-    places = [_place(session, p, here if k == 0 else None) for k, p in enumerate(session.places)]
+    places = [_place(session, p, here if k == 0 else None) for k, p in enumerate(session.progress.places)]
     return {
         "robot": session.options.robot,
         "source": session.link.name,
@@ -48,30 +48,30 @@ def state_of(session: Session) -> dict[str, Any]:
         "picture": _picture(session),
         "plan": _plan(session, here, places),
         "bars": [_bar(bar) for bar in outlook.bars],
-        "bars_note": "" if outlook.bars else session.running.problem,
+        "bars_note": "" if outlook.bars else session.progress.running.problem,
         "warnings": [w._asdict() for w in _warnings(session)],
-        "verdict": session.full.verdict,
-        "finished": {**session.full.written, "report": "report/"} if session.full.written else {},
-        "calibrating": session.busy_calibrating,
-        "failed": session.full.failed,
-        "enough": session.enough,
+        "verdict": session.progress.full.verdict,
+        "finished": {**session.progress.full.written, "report": "report/"} if session.progress.full.written else {},
+        "calibrating": session.tasks.is_calibrating,
+        "failed": session.progress.full.failed,
+        "enough": session.progress.enough,
         "can_calibrate": drive.stops_taken >= MIN_STOPS,
         "recording": _recording(session),
         "latency_ms": round(1000 * outlook.latency),
-        "update_ms": round(1000 * session.running.seconds),
+        "update_ms": round(1000 * session.progress.running.seconds),
     }
 
 
 def _banner(session: Session, places: list[dict[str, Any]]) -> dict[str, Any]:
     """Return what the driver should do now."""
-    stands = session.drive.stands
+    stands = session.progress.drive.stands
     at_end = _missing(session) or _at_the_end(session)
     if at_end is not None or stands is None:
         return at_end or _said("wait", "Waiting for the wheels", "")
     then = _then(places)
-    if stands.standing and not session.drive.stands_taken:
+    if stands.standing and not session.progress.drive.stands_taken:
         return _standing(session, stands.seconds, then)
-    taken, count = session.outlook.taken_at
+    taken, count = session.progress.outlook.taken_at
     if stands.standing and time.monotonic() - taken < _TAKEN_S:
         return _said("taken", f"Stop {count} taken", then)
     title = places[0]["title"] if places else "Drive around the box"
@@ -80,15 +80,15 @@ def _banner(session: Session, places: list[dict[str, Any]]) -> dict[str, Any]:
 
 def _at_the_end(session: Session) -> dict[str, Any] | None:
     """Return that it is enough, that the calibration is under way, or what came of it, if anything."""
-    finished, count = session.full.written, session.drive.stops_taken
-    if session.busy_calibrating:
+    finished, count = session.progress.full.written, session.progress.drive.stops_taken
+    if session.tasks.is_calibrating:
         return _said("wait", "Calibrating", f"{count} stops are solved in full")
     if finished and finished["stops"] == count:
         kind = {"good": "done", "usable": "care"}.get(finished["level"], "bad")
         return _said(kind, f"Calibrated: {finished['level']}", f"{finished['headline']} The report is below.")
-    if session.enough:
+    if session.progress.enough:
         return _said("done", "Enough: calibrate", f"all goals are reached with {count} stops")
-    if session.is_checking:
+    if session.progress.is_checking:
         return _said(
             "wait", "All goals are reached", f"stay here: the full calibration of {count} stops is being checked"
         )
@@ -97,7 +97,7 @@ def _at_the_end(session: Session) -> dict[str, Any] | None:
 
 def _missing(session: Session) -> dict[str, Any] | None:
     """Return what is missing before anything can be told of the drive; None if nothing is."""
-    link, drive = session.link, session.drive
+    link, drive = session.link, session.progress.drive
     if not link.connected and not (drive.stands is not None and link.said.startswith("the recording")):
         return _said("bad", "Not connected", link.said or f"looking for {link.name}")
     if session.compiling:
@@ -146,25 +146,25 @@ def _place(session: Session, place: Place, here: Whereabouts | None) -> dict[str
     }
     if here is None or here.source == "camera":
         return shown
-    estimate = session.running.estimate
+    estimate = session.progress.running.estimate
     reach = _REACH_M if estimate is None else max(estimate.b / 2, float(np.hypot(*estimate.T_body_cam[:2, 3])))
     way = way_to(place, here, session.options.target, reach)
     shown["steps"] = list(way.steps)
     shown["points"] = [[round(x, 3), round(y, 3)] for x, y in way.points]
     turned = abs((degrees(place.heading - here.heading) + 180) % 360 - 180)
     near = np.hypot(place.x - here.x, place.y - here.y) < _AT_PLACE_M and turned < _AT_PLACE_DEG
-    if near and not session.drive.stands_taken:
+    if near and not session.progress.drive.stands_taken:
         shown["title"] = "You are there: stand still"
     return shown
 
 
 def _picture(session: Session) -> dict[str, Any]:
-    seen = session.outlook.seen
+    seen = session.progress.outlook.seen
     if seen is None:
         return {"number": 0}
     tags = len(seen.corners)
     faces = f"{len(seen.faces)} face{'s' if len(seen.faces) != 1 else ''}"
-    newest = session.drive.newest
+    newest = session.progress.drive.newest
     return {
         "number": seen.t_ns,
         "width": seen.size[0],
@@ -179,7 +179,7 @@ def _picture(session: Session) -> dict[str, Any]:
 
 def _looked_at_now(session: Session) -> Glance | None:
     """Return the last look at a picture, if that was taken a moment ago, and of a robot that stands, since then."""
-    seen, newest, stands = session.outlook.seen, session.drive.newest, session.drive.stands
+    seen, newest, stands = session.progress.outlook.seen, session.progress.drive.newest, session.progress.drive.stands
     if seen is None or newest is None or newest.t_ns - seen.t_ns > _OLD_S * 1e9:
         return None
     moved_since = stands is not None and stands.standing and seen.t_ns < stands.stops[-1].t_start_ns
@@ -188,7 +188,7 @@ def _looked_at_now(session: Session) -> Glance | None:
 
 def _plan(session: Session, here: Whereabouts | None, places: list[dict[str, Any]]) -> dict[str, Any]:
     box = session.options.target.box
-    found = session.running.estimate
+    found = session.progress.running.estimate
     stops = []
     if found is not None:
         for k, T in zip(found.drives[0].stops, found.drives[0].T_box_body, strict=True):
@@ -231,16 +231,16 @@ def _figure(value: float, unit: str) -> str:
 
 
 def _warnings(session: Session) -> list[Warned]:
-    drive = session.drive
+    drive = session.progress.drive
     found: list[Warned] = []
     recorder = session.recorder
     if recorder is not None and recorder.problem:
         found.append(Warned("bad", recorder.problem))
-    found += [Warned("bad", text) for text in session.problems.values() if text]
+    found += [Warned("bad", text) for text in session.progress.problems.values() if text]
     if session.link.connected and session.link.said:
         found.append(Warned("bad", session.link.said))
-    if session.full.failed:
-        found.append(Warned("care", session.full.failed))
+    if session.progress.full.failed:
+        found.append(Warned("care", session.progress.full.failed))
     if drive.damaged or drive.taken.undecoded:
         found.append(Warned("care", drive.damaged or drive.taken.undecoded))
     found += [Warned("care", note) for note in drive.wheels.notes]
@@ -252,13 +252,13 @@ def _warnings(session: Session) -> list[Warned]:
     if seen is not None:
         found += warnings_of_picture(
             seen,
-            planned=session.running.estimate is not None,
+            planned=session.progress.running.estimate is not None,
             moving=drive.stands is not None and not drive.stands.standing,
         )
-    if session.running.estimate is not None:
-        found += warnings_of_estimate(session.running.estimate)
-    if session.full.verdict and session.full.verdict["level"] != "good":
-        found += [Warned("care", text) for label, text in session.full.verdict["lines"] if label == "why"]
+    if session.progress.running.estimate is not None:
+        found += warnings_of_estimate(session.progress.running.estimate)
+    if session.progress.full.verdict and session.progress.full.verdict["level"] != "good":
+        found += [Warned("care", text) for label, text in session.progress.full.verdict["lines"] if label == "why"]
     return list(dict.fromkeys(found))
 
 

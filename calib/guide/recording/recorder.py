@@ -18,6 +18,20 @@ MOST_QUEUED_BYTES = 96 << 20
 TRY_AGAIN_S = 5.0
 
 
+def begin_recording(folder: Path, robot: str) -> "tuple[Recorder | None, str]":
+    """Return the recorder of a new drive, and why there is none; neither if one of this second is there already."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        return Recorder(folder / f"{robot}-{time.strftime('%Y%m%d-%H%M%S')}.mcap"), ""
+    except FileExistsError as error:
+        if folder.is_dir():
+            return None, ""  # two drives in one second: the next message tries again
+        why = error.strerror
+    except OSError as error:
+        why = error.strerror or str(error)
+    return None, f"{folder}: nothing can be recorded there ({why}); name another folder with --record"
+
+
 class Recorder:
     """Keeps messages in an MCAP file of its own.
 
