@@ -66,12 +66,13 @@ def _work(
 ) -> bool:
     """Calibrate whoever waits and append what comes of it; return whether all were done before Ctrl-C."""
     from boxcal.calib.console.progress import make_progress
-    from boxcal.calib.fleet.batch import calibrate_fleet
+    from boxcal.calib.fleet.batch import calibrate_fleet, local_engine
 
     try:
         with (
             make_progress(len(waiting), quiet=args.quiet) as progress,
-            closing(calibrate_fleet(waiting, workers=args.jobs, progress=progress.stage)) as running,
+            local_engine(len(waiting), workers=args.jobs, limit_s=args.time_limit) as engine,
+            closing(calibrate_fleet(waiting, engine=engine, progress=progress.stage)) as running,
         ):
             stop_if_asked()
             for outcome in running:

@@ -67,6 +67,13 @@ def options() -> argparse.ArgumentParser:
     parser.add_argument(
         "--jobs", type=whole_number(1, 4096), metavar="N", help="robots worked on at once (as many as cores)"
     )
+    parser.add_argument(
+        "--time-limit",
+        type=number(1, 1e6),
+        default=3600.0,
+        metavar="S",
+        help="seconds that a robot may take where several are worked on at once; it is tried twice (3600)",
+    )
     parser.add_argument("--quiet", action="store_true", help="no progress, only results and errors")
     return parser
 

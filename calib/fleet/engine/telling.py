@@ -1,0 +1,26 @@
+"""Messages of a call while it runs, on their way to the process that runs the engine."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from boxcal.calib.fleet.engine.calls import Told
+
+_listeners: list[Told] = []
+"""Where this process tells what its call says; none outside an engine."""
+
+
+def tell(message: Any) -> None:
+    """Say something (small, can be pickled) to the process that runs the engine; said to nobody outside an engine."""
+    for listener in _listeners[-1:]:
+        listener(message)
+
+
+@contextmanager
+def heard_by(listener: Told) -> Iterator[None]:
+    """Have what is told heard."""
+    _listeners.append(listener)
+    try:
+        yield
+    finally:
+        _listeners.pop()
