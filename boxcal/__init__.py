@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from boxcal.calib.calibrate import calibrate as calibrate
+    from boxcal.calib.joint_box.api import refine_box as refine_box
     from boxcal.calib.results.calibration import Calibration as Calibration
     from boxcal.calib.results.json_format import load_calibration as load_calibration
     from boxcal.calib.results.json_format import save_calibration as save_calibration
@@ -51,6 +52,7 @@ __all__ = [
     "load_correspondences",
     "load_target",
     "make_target",
+    "refine_box",
     "save_calibration",
     "save_target",
     "simulate",
@@ -69,6 +71,7 @@ _HOME = {
     "load_correspondences": "boxcal.detect.correspondences",
     "load_target": "boxcal.target.files.target_json",
     "make_target": "boxcal.target.box",
+    "refine_box": "boxcal.calib.joint_box.api",
     "save_calibration": "boxcal.calib.results.json_format",
     "save_target": "boxcal.target.files.target_json",
     "simulate": "boxcal.calib.simulate.simulated_drive",

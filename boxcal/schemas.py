@@ -56,13 +56,18 @@ def target_schema() -> Schema:
     from boxcal.target.box import Box
     from boxcal.target.files.target_json import SCHEMA
     from boxcal.target.measure.measured_size import SIZES, Measured
+    from boxcal.target.measure.refined_shape import SHAPE, RefinedShape
 
     measured = of_dataclass(Measured, {"cov": matrix(len(SIZES), len(SIZES), "m^2 for lengths, none for scales")})
     measured["properties"]["cov_order"] = {"const": list(SIZES), "description": "Rows and columns of cov."}
     measured["required"] = sorted(measured["properties"])
+    numbers = {"type": "array", "items": NUMBER, "minItems": len(SHAPE), "maxItems": len(SHAPE)}
+    refined = of_dataclass(RefinedShape, {"values": numbers, "cov": matrix(len(SHAPE), len(SHAPE), "as the values")})
+    refined["properties"]["order"] = {"const": list(SHAPE), "description": "Of values, and rows and columns of cov."}
+    refined["required"] = sorted(refined["properties"])
     return _document(
         "target.json",
-        "A landmark box: its design, its tags' corners and, if it was measured, its true size.",
+        "A landmark box: its design, its tags' corners and, where known, its true size and shape.",
         SCHEMA,
         {
             "units": {"const": "m"},
@@ -70,6 +75,7 @@ def target_schema() -> Schema:
             "corner_order": _text("Of a tag's corners."),
             "box": of_dataclass(Box),
             "measured": measured,
+            "refined": refined,
             "tags": {
                 "type": "object",
                 "description": "Tag id -> its four corners in frame box, m.",
@@ -77,7 +83,7 @@ def target_schema() -> Schema:
                 "additionalProperties": matrix(4, 3, "m"),
             },
         },
-        optional=("measured",),
+        optional=("measured", "refined"),
     )
 
 

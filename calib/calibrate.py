@@ -78,10 +78,10 @@ def calibrate(
     ]
     look = first_look(drives, box, job.settings.camera_mode)
     result = solve(job, look)
-    return _judged(result, look.drives, look.target)
+    return judged(result, look.drives, look.target)
 
 
-def _judged(result: Calibration, drives: Sequence[Correspondences], target: Target) -> Calibration:
+def judged(result: Calibration, drives: Sequence[Correspondences], target: Target) -> Calibration:
     """Return a result with what a user should know of its logs, and with its verdict."""
     several = len(drives) > 1
     notes = [f"{d.source.log}: {note}" if several else note for d in drives for note in d.source.notes]
@@ -140,7 +140,7 @@ def calibrate_drives(
         result = solve(job, look)
     except CalibError as error:
         raise error.of(listed(job.logs)) from error
-    result = _judged(result, drives, job.target)
+    result = judged(result, drives, job.target)
     tell("write", "writing the results", _SOLVED)
     write(job, result, drives, photos)
     return result

@@ -8,6 +8,7 @@ import numpy as np
 from boxcal.target.arrays import Array, Ids
 from boxcal.target.errors import TargetError
 from boxcal.target.measure.measured_size import Measured, check_credible
+from boxcal.target.measure.refined_shape import RefinedShape, on_built_face
 from boxcal.target.tags.families import family_size, modules_per_side
 
 FACES = 4
@@ -134,6 +135,8 @@ class Target:
         The face that carries each tag.
     measured
         What the built box measures; its corners then follow that, not the design.
+    refined
+        What a fleet found of the built box besides; its corners then follow that too.
     """
 
     box: Box
@@ -141,6 +144,7 @@ class Target:
     tag_corners: Array
     tag_faces: Ids
     measured: Measured | None = None
+    refined: RefinedShape | None = None
     _rows: dict[int, int] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -154,7 +158,7 @@ class Target:
         return self._rows[int(tag_id)]
 
     def T_box_face(self, face: int) -> Array:
-        """Return the pose of a face's print as it stands on the box, (4, 4), m: designed, or measured if it was.
+        """Return the pose of a face's print as it is described, (4, 4), m: designed, or measured if it was.
 
         Frame ``face`` as :meth:`Box.T_box_face` has it, at the centre of the print.
         """
@@ -162,6 +166,11 @@ class Target:
             return self.box.T_box_face(face)
         size = self.measured
         return _face_pose(face, width=size.width, depth=size.depth, centre_height=size.sy * self.box.height / 2)
+
+    @property
+    def unrefined(self) -> "Target":
+        """The target without what a fleet found of the built box."""
+        return self if self.refined is None else make_target(self.box, self.measured)
 
     def p_box(self, landmark_ids: Ids) -> Array:
         """Return landmarks' positions, (N, 3) m in frame ``box``, for (N,) landmark ids."""
@@ -173,8 +182,10 @@ class Target:
         return self.tag_faces[[self._rows[int(i) // CORNERS] for i in landmark_ids]]
 
 
-def make_target(box: Box | None = None, measured: Measured | None = None) -> Target:
-    """Return the landmark table of a box as designed (the default box if none is given), or as measured.
+def make_target(
+    box: Box | None = None, measured: Measured | None = None, refined: RefinedShape | None = None
+) -> Target:
+    """Return the landmark table of a box as designed (the default box if none is given), as measured, or as refined.
 
     Raises
     ------
@@ -200,9 +211,14 @@ def make_target(box: Box | None = None, measured: Measured | None = None) -> Tar
         tag_corners=np.zeros((count, CORNERS, 3)),
         tag_faces=np.repeat(np.arange(FACES, dtype=np.int64), box.tags_a_face),
         measured=measured,
+        refined=refined,
     )
     p_face = np.concatenate([grid, np.zeros((*grid.shape[:2], 1))], axis=2)
-    corners = [p_face @ T[:3, :3].T + T[:3, 3] for T in (target.T_box_face(f) for f in range(FACES))]
+    corners = []
+    for f in range(FACES):
+        T = target.T_box_face(f)
+        p = p_face if refined is None else on_built_face(refined, f, grid, box.face_width(f) / 2)
+        corners.append(p @ T[:3, :3].T + T[:3, 3])
     return replace(target, tag_corners=np.concatenate(corners))
 
 

@@ -21,6 +21,7 @@ from boxcal.json_schema import Schema
 from boxcal.schemas import all_schemas
 from boxcal.target.files.target_json import target_document
 from boxcal.target.measure.measured_size import Measured
+from boxcal.target.measure.refined_shape import RefinedShape
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -35,9 +36,11 @@ def documents(tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[dict[s
     full = boxcal.calibrate(drive, target, settings=Settings(validate=True, report=True))
     closed = boxcal.calibrate(drive, target, settings=Settings(closed_form=True))
     size = Measured(sx=1.001, sy=0.999, width=0.251, depth=0.25, height=0.2, cov=np.eye(5) * 1e-8)
+    shape = RefinedShape(values=np.zeros(31), cov=np.eye(31) * 1e-8, robots=2, drives=("0f", "1e"))
+    boxes = [(None, None), (size, None), (None, shape), (size, shape)]
     return {
         "calibration": [calibration_document(full), calibration_document(closed)],
-        "target": [target_document(target), target_document(boxcal.make_target(measured=size))],
+        "target": [target_document(boxcal.make_target(measured=m, refined=r)) for m, r in boxes],
         "plan": [plan_document(plan_drive(turtlebot(), target, PlanOptions(stops=3, candidates=30)))],
         "correspondences": [json.loads(bytes(np.load(path)["header"]))],
     }

@@ -60,7 +60,8 @@ class Gluing:
         return self.face == tuple(range(FACES)) and not any(self.turned)
 
     def target(self, target: Target) -> Target:
-        """Return the landmarks where this gluing has them."""
+        """Return the landmarks where this gluing has them; what a fleet refined was of a box as described."""
+        target = target.unrefined
         corners, faces = target.tag_corners.copy(), target.tag_faces.copy()
         for sheet in range(FACES):
             rows = target.tag_faces == sheet

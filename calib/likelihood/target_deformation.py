@@ -15,20 +15,16 @@ from boxcal.calib.geometry.so3_se3 import exp_so3, hat, right_jacobian
 from boxcal.calib.likelihood.options import EstimateOptions
 from boxcal.target.arrays import Array, Ids
 from boxcal.target.box import CORNERS, FACES
+from boxcal.target.measure.refined_shape import FACE_AXES, SHAPE, RefinedShape
 
 _OUTWARD = np.array([[-1.0, 1.0], [1.0, 1.0], [1.0, -1.0], [-1.0, -1.0]])
 """Where a tag's corners lie from its centre, x right and y up as seen from outside."""
-FACE_AXES = ("tx", "ty", "tz", "rx", "ry", "rz")
-"""A face's motion in its own frame: right, up, outward (m), then turns about these axes (rad)."""
 DIRECT = 4
 """Unknowns with derivatives of their own in a corner's Jacobian: print scale x and y, dot gain, bow."""
 HAND_MADE = {"print": 1.5e-3, "place": 3e-4, "turn": float(np.radians(0.15)), "bow": 3e-4}
 """Standard deviations of a box made by hand (relative, m, rad, m): printer 0.15 %, glued to 0.3 mm and 0.15 deg."""
 
-DEFORMATIONS = frozenset(
-    {"scale_x", "scale_y", "seat", "ink", *(f"bow{f}" for f in range(FACES))}
-    | {f"face{f}_{axis}" for f in range(FACES) for axis in FACE_AXES}
-)
+DEFORMATIONS = frozenset({*SHAPE, "ink"})
 """Names of all unknowns of the target."""
 
 
@@ -60,6 +56,8 @@ class TargetDeformation:
         Share of the bow at each landmark: 1 on the face's vertical midline, 0 at its edges.
     T_box_face : (FACES, 4, 4), m
         Poses of the faces as described.
+    refined
+        What is known of the shape before, where a fleet refined it: the unknowns are departures from it.
     """
 
     names: tuple[str, ...]
@@ -72,6 +70,7 @@ class TargetDeformation:
     outward: Array
     sagitta: Array
     T_box_face: Array
+    refined: RefinedShape | None = None
 
     @property
     def direct(self) -> int:
@@ -87,17 +86,22 @@ class TargetDeformation:
         at = self.column(name)
         return 0.0 if at is None else float(values[at])
 
+    def shape(self, values: Array, name: str) -> float:
+        """Return the departure from the description, of which an unknown of :data:`SHAPE` is the unknown part."""
+        return self.value(values, name) + (0.0 if self.refined is None else self.refined.value(name))
+
     def motions(self, values: Array) -> tuple[Array, Array, Array]:
         """Return the faces' motions in their own frames: R (FACES, 3, 3), t (FACES, 3), and J (FACES, 6, 6).
 
         J gives the twist (rotation, translation at the frame's origin) of the moved face by its six unknowns.
         """
         R, t, J = np.tile(np.eye(3), (FACES, 1, 1)), np.zeros((FACES, 3)), np.zeros((FACES, 6, 6))
-        t[:, 1] = self.value(values, "seat")
+        t[:, 1] = self.shape(values, "seat")
         J[:, 3:, :3] = np.eye(3)
         first = self.column("face0_tx")
-        if first is not None:
-            pose = values[first : first + 6 * FACES].reshape(FACES, 6)
+        if first is not None or self.refined is not None:
+            pose = np.zeros((FACES, 6)) if first is None else values[first : first + 6 * FACES].reshape(FACES, 6)
+            pose = pose if self.refined is None else pose + self.refined.values[-6 * FACES :].reshape(FACES, 6)
             t += pose[:, :3]
             R = exp_so3(pose[:, 3:])
             J[:, :3, 3:] = left = R @ right_jacobian(pose[:, 3:])
@@ -111,22 +115,22 @@ class TargetDeformation:
         """
         p = self.p_face.copy()
         T = self.T_box_face
-        if not self.names:
+        if not (self.names or self.refined):
             return _moved(T[:, :3, :3], T[:, :3, 3], self.face, p), np.zeros((len(p), 3, 0))
         d = np.zeros((len(p), 3, DIRECT))
         d[:, 0, 0] = self.p_face[:, 0]
         d[:, 1, 1] = self.p_face[:, 1]
         d[:, :2, 2] = self.outward
         d[:, 2, 3] = self.sagitta
-        p[:, 0] *= 1 + self.value(values, "scale_x")
-        p[:, 1] *= 1 + self.value(values, "scale_y")
+        p[:, 0] *= 1 + self.shape(values, "scale_x")
+        p[:, 1] *= 1 + self.shape(values, "scale_y")
         p[:, :2] += self.value(values, "ink") * self.outward
-        bow = np.array([self.value(values, f"bow{f}") for f in range(FACES)])
+        bow = np.array([self.shape(values, f"bow{f}") for f in range(FACES)])
         p[:, 2] += bow[self.face] * self.sagitta
         R_m, t_m, _ = self.motions(values)
         R = T[:, :3, :3] @ R_m
         t = np.einsum("fij,fj->fi", T[:, :3, :3], t_m) + T[:, :3, 3]
-        return _moved(R, t, self.face, p), R[self.face] @ d
+        return _moved(R, t, self.face, p), (R[self.face] @ d)[:, :, : self.direct]
 
 
 def _moved(R: Array, t: Array, face: Ids, p: Array) -> Array:
@@ -184,7 +188,8 @@ def target_deformation(
             remedy="give the target.json that the landmarks were found with",
         )
     T = np.array([target.T_box_face(f) for f in range(FACES)])
-    p_face = np.einsum("lji,lj->li", T[face, :3, :3], p_box - T[face, :3, 3])
+    described = target.unrefined.tag_corners[rows, landmark_ids % CORNERS] if target.refined else p_box
+    p_face = np.einsum("lji,lj->li", T[face, :3, :3], described - T[face, :3, 3])
     half = np.array([target.box.face_width(f) / 2 for f in range(FACES)])
     names, sigma, component, unit = _unknowns(options)
     return TargetDeformation(
@@ -198,6 +203,7 @@ def target_deformation(
         outward=_OUTWARD[landmark_ids % CORNERS],
         sagitta=1 - (p_face[:, 0] / half[face]) ** 2,
         T_box_face=T,
+        refined=target.refined,
     )
 
 
@@ -212,6 +218,11 @@ def _unknowns(options: EstimateOptions) -> tuple[tuple[str, ...], Array, tuple[s
 
     target = options.target
     half = 0.0 if target is None else target.box.height / 2
+    refined = _refined(options)
+    if refined is not None:  # what the fleet found, with its covariance, is all that is known
+        found += [(name, np.inf, "", 1.0) for name in _told_by(refined)]
+        found += [("ink", options.ink_sigma, "", 1.0)] if options.ink_sigma > 0 else []
+        return _columns(found)
     measured = target.measured if target is not None and options.measured_sizes else None
     if measured is not None and options.scale_sigma is None:  # the ruler says all that is known of the print
         found += [("scale_x", np.inf, "", 1.0), ("scale_y", np.inf, "", 1.0)]
@@ -226,15 +237,39 @@ def _unknowns(options: EstimateOptions) -> tuple[tuple[str, ...], Array, tuple[s
     for f in range(FACES):
         add((f"face{f}_{axis}" for axis in FACE_AXES[:3]), place, "place")
         add((f"face{f}_{axis}" for axis in FACE_AXES[3:]), turn, "turn")
+    return _columns(found)
+
+
+def _columns(found: list[tuple[str, float, str, float]]) -> tuple[tuple[str, ...], Array, tuple[str, ...], Array]:
+    """Return unknowns, each with its prior's sigma, component and unit, column by column."""
     if not found:
         return (), np.zeros(0), (), np.zeros(0)
     names, sigma, component, unit = zip(*found, strict=True)
     return tuple(names), np.array(sigma), tuple(component), np.array(unit)
 
 
+def _refined(options: EstimateOptions) -> RefinedShape | None:
+    """Return what a fleet found of the box, where no option asks for other priors."""
+    asked = (options.scale_sigma, options.face_sigma, options.bow_sigma)
+    if options.target is None or any(sigma is not None for sigma in asked):
+        return None
+    return options.target.refined
+
+
+def _told_by(refined: RefinedShape) -> tuple[str, ...]:
+    """Return the unknowns of the shape that a fleet solved for."""
+    return tuple(name for name in SHAPE if refined.sigma(name) > 0)
+
+
 def _measured(options: EstimateOptions, names: tuple[str, ...]) -> Array:
-    """Return the information on the unknowns that a ruler gave: print scales, width and depth."""
+    """Return the information on the unknowns that a fleet or a ruler gave (print scales, width and depth)."""
     out = np.zeros((len(names), len(names)))
+    refined = _refined(options)
+    if refined is not None:
+        told = _told_by(refined)
+        rows, columns = [SHAPE.index(name) for name in told], [names.index(name) for name in told]
+        out[np.ix_(columns, columns)] = _inverse(refined.cov[np.ix_(rows, rows)])
+        return out
     at = {name: k for k, name in enumerate(names)}
     cov = np.diag(np.square([np.inf, np.inf, options.size_sigma or np.inf, options.size_sigma or np.inf]))
     measured = options.target.measured if options.target is not None and options.measured_sizes else None
@@ -251,6 +286,13 @@ def _measured(options: EstimateOptions, names: tuple[str, ...]) -> Array:
         C = C + _JITTER * np.diag(np.diag(C))
         out = J[known].T @ np.linalg.solve(C, J[known])
     return out
+
+
+def _inverse(cov: Array) -> Array:
+    """Return the inverse of a covariance whose standard deviations may differ by orders of magnitude."""
+    sigma = np.sqrt(np.diag(cov))
+    unit = np.linalg.inv(cov / np.outer(sigma, sigma)) / np.outer(sigma, sigma)
+    return np.asarray((unit + unit.T) / 2)
 
 
 _JITTER = 1e-9

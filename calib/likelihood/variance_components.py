@@ -5,6 +5,7 @@ A random effect of standard deviation s that the data tell to a posterior varian
 78:719, DOI 10.1093/biomet/78.4.719). The weight of a weak prior stands in for data that do not tell.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -72,22 +73,35 @@ def updated(
             estimate = _fixed_point(sigma, square, freedom, USUAL[name], _PRIOR_WEIGHT)
             found[name] = max(estimate, _LEAST * USUAL[name])
     value = shared_values(problem, at.state) + solution.d_shared
-    return replace(components, **found, target=_target(problem, components.target, value, np.diag(solution.cov)))
+    variance = np.diag(solution.cov)
+    target = target_components(problem.component, problem.unit, components.target, value, variance)
+    return replace(components, **found, target=target)
 
 
-def _target(problem: Problem, before: dict[str, float], value: Array, variance: Array) -> dict[str, float]:
+def target_components(
+    component: Sequence[str], unit: Array, before: dict[str, float], value: Array, variance: Array
+) -> dict[str, float]:
     """Return the target's variance components after one step.
 
     Some tell little of themselves (two print scales, of which one is the unit of length): each is drawn, with a weight
     of one degree of freedom, towards what it would be on a target made as carefully as the others say. That care is
     the mean over all components of the logarithm of what they are of a hand-made box's.
+
+    Parameters
+    ----------
+    component, unit : n, (n,)
+        The component that each unknown belongs to, and its standard deviation over the component's.
+    before
+        Components so far.
+    value, variance : (n,)
+        The unknowns, and their variances after the data.
     """
     own: dict[str, tuple[float, float]] = {}
     for name, sigma in before.items():
-        rows = [k for k, component in enumerate(problem.component) if component == name]
-        unit = np.square(sigma * problem.unit[rows])
-        freedom = max(float(np.sum(1 - variance[rows] / unit)), 0.0)
-        own[name] = float(np.sum(value[rows] ** 2 / unit)), freedom
+        rows = [k for k, of in enumerate(component) if of == name]
+        prior = np.square(sigma * unit[rows])
+        freedom = max(float(np.sum(1 - variance[rows] / prior)), 0.0)
+        own[name] = float(np.sum(value[rows] ** 2 / prior)), freedom
     told = sum(freedom for _, freedom in own.values()) + _PRIOR_WEIGHT
     care = max(
         _BEST_TARGET,

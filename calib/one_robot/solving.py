@@ -91,8 +91,15 @@ def _likelihood(
     job: Job, drives: Sequence[Correspondences], steps: Sequence[FourSteps]
 ) -> tuple[Estimate, EstimateOptions]:
     """Return the maximum likelihood estimate, and the options that it was made with."""
+    options = options_of(job)
+    found, options = estimate_explained(drives, steps, options)
+    return replace(found, notes=found.notes + box_notes(job.target, drives)), options
+
+
+def options_of(job: Job) -> EstimateOptions:
+    """Return the options of the likelihood that a job's settings ask for."""
     settings = job.settings
-    options = EstimateOptions(
+    return EstimateOptions(
         lens=settings.lens,
         rigid_floor=settings.rigid_floor,
         tilt_sigma=settings.tilt_prior,
@@ -105,8 +112,6 @@ def _likelihood(
         slip=settings.slip,
         target=job.target,
     )
-    found, options = estimate_explained(drives, steps, options)
-    return replace(found, notes=found.notes + box_notes(job.target)), options
 
 
 def _check_one_robot(job: Job, steps: Sequence[FourSteps]) -> None:

@@ -1,4 +1,4 @@
-"""The file ``target.json``: a target's figures, landmark table and, if it was measured, its true size."""
+"""The file ``target.json``: a target's figures, landmark table and, where known, its true size and shape."""
 
 import hashlib
 import json
@@ -13,6 +13,7 @@ from boxcal.target.errors import TargetError
 from boxcal.target.files.atomic_write import write_atomically
 from boxcal.target.files.json_document import read_json
 from boxcal.target.measure.measured_size import SIZES, Measured
+from boxcal.target.measure.refined_shape import MAX_DRIVES, SHAPE, RefinedShape
 
 SCHEMA = 1
 CONSISTENT_M = 1e-9
@@ -20,8 +21,8 @@ CONSISTENT_M = 1e-9
 
 
 def target_document(target: Target) -> dict[str, Any]:
-    """Return the content of ``target.json`` for a target; ``measured`` is in it only if the box was measured."""
-    measured = target.measured
+    """Return the content of ``target.json`` for a target: ``measured`` and ``refined`` only if the box was."""
+    measured, refined = target.measured, target.refined
     return {
         "schema": SCHEMA,
         "units": "m",
@@ -29,6 +30,7 @@ def target_document(target: Target) -> dict[str, Any]:
         "corner_order": "top-left, top-right, bottom-right, bottom-left, seen from outside with z up",
         "box": asdict(target.box),
         **({} if measured is None else {"measured": _measured_document(measured)}),
+        **({} if refined is None else {"refined": _refined_document(refined)}),
         "tags": {
             str(tag): [[round(float(c), 12) + 0.0 for c in corner] for corner in corners]
             for tag, corners in zip(target.tag_ids, target.tag_corners, strict=True)
@@ -39,8 +41,12 @@ def target_document(target: Target) -> dict[str, Any]:
 def target_bytes(target: Target) -> bytes:
     """Return ``target.json`` as bytes: one tag a line, the same bytes for the same target."""
     document = target_document(target)
-    tags = document.pop("tags")
+    tags, refined = document.pop("tags"), document.pop("refined", None)
     head = json.dumps(document, indent=2)
+    if refined is not None:  # a row of its covariance a line
+        rows = ",\n".join(f"      {json.dumps(row)}" for row in refined.pop("cov"))
+        members = "".join(f'    "{name}": {json.dumps(value)},\n' for name, value in refined.items())
+        head = f'{head[: head.rindex("}")].rstrip()},\n  "refined": {{\n{members}    "cov": [\n{rows}\n    ]\n  }}\n}}'
     lines = ",\n".join(f'    "{tag}": {json.dumps(corners)}' for tag, corners in tags.items())
     return (head[: head.rindex("}")].rstrip() + ',\n  "tags": {\n' + lines + "\n  }\n}\n").encode()
 
@@ -52,7 +58,8 @@ def target_sha256(target: Target) -> str:
 
 def design_sha256(target: Target) -> str:
     """Return the hash that names a design: the same before and after its box was measured, and measured anew."""
-    return target_sha256(target if target.measured is None else make_target(target.box))
+    as_designed = target.measured is None and target.refined is None
+    return target_sha256(target if as_designed else make_target(target.box))
 
 
 def save_target(target: Target, path: str | Path) -> None:
@@ -99,8 +106,9 @@ def load_target(path: str | Path) -> Target:
             f"units {document.get('units')!r}, metres ('m') are needed", source=name, remedy="make it again"
         )
     box, measured = _box(name, document.get("box")), _measured(name, document.get("measured"))
+    refined = _refined(name, document.get("refined"))
     try:
-        target = make_target(box, measured)
+        target = make_target(box, measured, refined)
     except TargetError as error:
         raise TargetError(f"{error}", source=name) from error
     _check_tags(name, document["tags"], target)
@@ -161,6 +169,39 @@ def _measured(name: str, figures: object) -> Measured | None:
         raise TargetError(
             "measured figures and cov must be numbers", source=name, remedy="make it again with measure-target"
         ) from error
+
+
+def _refined_document(refined: RefinedShape) -> dict[str, Any]:
+    return {
+        "order": list(SHAPE),
+        "values": refined.values.tolist(),
+        "robots": refined.robots,
+        "drives": list(refined.drives),
+        "cov": refined.cov.tolist(),
+    }
+
+
+def _refined(name: str, figures: object) -> RefinedShape | None:
+    if figures is None:
+        return None
+    remedy = "refine it again with fleet-calibrate --joint-box"
+    wanted = ("order", "values", "robots", "drives", "cov")
+    if not isinstance(figures, dict) or set(figures) != set(wanted):
+        raise TargetError(f"'refined' must hold {', '.join(wanted)}", source=name, remedy=remedy)
+    robots, drives = figures["robots"], figures["drives"]
+    if figures["order"] != list(SHAPE):
+        raise TargetError("refined.order is not that of this version", source=name, remedy=remedy)
+    if isinstance(robots, bool) or not isinstance(robots, int) or robots < 1:
+        raise TargetError(f"refined.robots is {robots!r}, a positive number is needed", source=name, remedy=remedy)
+    if not (isinstance(drives, list) and len(drives) <= MAX_DRIVES and all(isinstance(d, str) for d in drives)):
+        raise TargetError("refined.drives must be a list of texts", source=name, remedy=remedy)
+    try:
+        values, cov = (np.array(figures[key], dtype=np.float64) for key in ("values", "cov"))
+        return RefinedShape(values=values, cov=cov, robots=robots, drives=tuple(drives))
+    except TargetError as error:
+        raise TargetError(f"{error}", source=name) from error
+    except (ValueError, TypeError, OverflowError) as error:
+        raise TargetError("refined values and cov must be numbers", source=name, remedy=remedy) from error
 
 
 def _check_tags(name: str, tags: object, target: Target) -> None:

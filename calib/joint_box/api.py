@@ -1,0 +1,94 @@
+"""The library's call: drives of many robots in, one refined box and all calibrations out."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from boxcal.calib.errors import CalibError
+from boxcal.calib.joint_box.one_of_many import Member, calibrate_with
+from boxcal.calib.joint_box.together import JointBox, Run, solve_box
+from boxcal.calib.results.calibration import Calibration
+from boxcal.calib.settings import Job, Settings
+from boxcal.detect.correspondences import Correspondences
+from boxcal.target.box import Target, make_target
+from boxcal.target.files.target_json import load_target
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class RefinedFleet:
+    """A fleet calibrated together.
+
+    Attributes
+    ----------
+    target
+        The box, refined: give it to :func:`boxcal.save_target`, and to the calibrations of other robots.
+    calibrations
+        Of every robot that took part, by name.
+    left_out
+        Why a robot did not, by name.
+    joint
+        The joint solution, with all its figures.
+    """
+
+    target: Target
+    calibrations: Mapping[str, Calibration]
+    left_out: Mapping[str, str]
+    joint: JointBox
+
+
+def refine_box(
+    drives: Mapping[str, Correspondences],
+    target: Target | str | Path | None = None,
+    *,
+    settings: Settings | None = None,
+    run: Run = map,
+) -> RefinedFleet:
+    """Return the true shape of a box from the drives of many robots around it, and every robot's calibration with it.
+
+    No calibration counts what its own drive told of the box as news.
+
+    Parameters
+    ----------
+    drives
+        One drive a robot, by name.
+    target
+        The box, or its ``target.json``; the default box as designed if not given.
+    settings
+        As for :func:`boxcal.calibrate`.
+    run
+        What does the work on many robots, like ``map``; that of a pool of processes, say.
+
+    Raises
+    ------
+    BoxcalError
+        If fewer than two robots can take part, or no majority of them saw one box.
+
+    Examples
+    --------
+    >>> import boxcal
+    >>> drives = {f"r{k}": boxcal.simulate(stops=8, seed=k).correspondences for k in range(3)}
+    >>> fleet = boxcal.refine_box(drives)
+    >>> sorted(fleet.calibrations), fleet.target.refined.robots
+    (['r0', 'r1', 'r2'], 3)
+    """
+    if not drives:
+        raise CalibError("no drives were given", needed="at least two robots are needed")
+    box = target if isinstance(target, Target) else load_target(target) if target is not None else make_target()
+    chosen = settings or Settings(report=False)
+    members = [
+        Member(
+            job=Job(robot=name, logs=(Path(name),), target=box, settings=chosen, out=None),
+            drives=(replace(drive, robot=name),),
+        )
+        for name, drive in drives.items()
+    ]
+    joint = solve_box(members, run)
+    taking = [k for k, block in enumerate(joint.blocks) if block is not None]
+    boxes = (joint.without(k) for k in taking)
+    results = run(calibrate_with, [joint.members[k] for k in taking], boxes, [joint.target] * len(taking))
+    return RefinedFleet(
+        target=joint.target,
+        calibrations={joint.members[k].job.robot: result for k, result in zip(taking, results, strict=True)},
+        left_out={name: str(error) for name, error in joint.left_out.items()},
+        joint=joint,
+    )

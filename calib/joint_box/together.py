@@ -1,0 +1,167 @@
+"""All robots of one box solved together: its refined shape, and every robot's calibration with it."""
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+from boxcal.calib.errors import CalibError
+from boxcal.calib.joint_box.block import Block, inverse
+from boxcal.calib.joint_box.difference import difference
+from boxcal.calib.joint_box.one_of_many import Member, Part, begin, follow
+from boxcal.calib.joint_box.rounds import Joined, join
+from boxcal.calib.joint_box.shape_prior import ShapePrior, shape_prior
+from boxcal.calib.joint_box.sharpness import Sharpness, ruler
+from boxcal.calib.one_robot.solving import options_of
+from boxcal.target.arrays import Array
+from boxcal.target.box import Target
+from boxcal.target.errors import BoxcalError
+
+LEAST_ROBOTS = 2
+
+
+Run = Callable[..., Iterable[Any]]
+"""What does work on many robots: as ``map`` does over several sequences, results in their order."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class JointBox:
+    """Shape of one box that its robots found together.
+
+    Attributes
+    ----------
+    target
+        The box, refined, with its covariance.
+    members
+        The robots that were to take part.
+    prior
+        What was known of the box before.
+    blocks
+        Information of each robot; None of one that was left out.
+    left_out
+        Why a robot was left out, by name.
+    joined
+        The joint solution, of those that took part.
+    before, after
+        How well the shape was known to the middle one of the robots, and is to all of them.
+    """
+
+    target: Target
+    members: tuple[Member, ...]
+    prior: ShapePrior
+    blocks: tuple[Block | None, ...]
+    left_out: dict[str, BoxcalError]
+    joined: Joined
+    before: Sharpness
+    after: Sharpness
+
+    @property
+    def robots(self) -> int:
+        """Number of robots that the shape was found from."""
+        return sum(block is not None for block in self.blocks)
+
+    def without(self, k: int) -> Target | None:
+        """Return the box without what one of its robots told of it: all that its own calibration may take as known.
+
+        None for a robot that was left out.
+        """
+        block = self.blocks[k]
+        if block is None:
+            return None
+        return self.prior.refined(*self.joined.agreement.posterior.without(block), (), self.robots - 1)
+
+
+def solve_box(members: Sequence[Member], run: Run = map) -> JointBox:
+    """Return the shape of the box that robots drove around, found by all of them together.
+
+    Every robot tells what it knows of the shape, everything of its own eliminated; that is summed with what was known
+    before, solved for, and sent back until nothing moves. A robot whose box differs from that of the others beyond
+    chance is left out.
+
+    Parameters
+    ----------
+    members
+        Robots whose jobs have one target.
+    run
+        What does the work on all robots.
+
+    Raises
+    ------
+    CalibError
+        If fewer than two robots can take part, or no majority of them saw one box.
+    """
+    prior = shape_prior(options_of(members[0].job))
+    parts: list[Part] = list(run(partial(begin, names=prior.names), members))
+    left_out = {m.job.robot: p.problem for m, p in zip(members, parts, strict=True) if p.problem is not None}
+    there = [k for k, part in enumerate(parts) if part.block is not None]
+    if len(there) < LEAST_ROBOTS:
+        raise CalibError(
+            f"{len(there)} of {len(members)} robots can take part in the joint solution",
+            needed=f"at least {LEAST_ROBOTS} are needed",
+            remedy="leave out --joint-box",
+        )
+    first = [block for part in parts if (block := part.block) is not None]
+
+    def ask(shape: Array) -> list[Block]:
+        work = partial(follow, names=prior.names, shape=shape)
+        for k, part in zip(there, run(work, [members[k] for k in there], [parts[k] for k in there]), strict=True):
+            parts[k] = part
+        return [block for k in there if (block := parts[k].block) is not None]
+
+    joined = join(first, prior, ask)
+    _check_majority(joined, [members[k].job.robot for k in there])
+    return _concluded(members, parts, prior, joined, left_out | _of_another_box(members, there, joined, prior))
+
+
+def _check_majority(joined: Joined, names: Sequence[str]) -> None:
+    found = joined.agreement
+    if not found.majority or int(found.counts.sum()) < LEAST_ROBOTS:
+        agree = [name for name, counts in zip(names, found.counts, strict=True) if counts]
+        raise CalibError(
+            f"the robots' boxes differ: no more than {len(agree)} of {len(names)} robots "
+            f"agree on one ({', '.join(agree[:5])}{' ...' if len(agree) > 5 else ''})",
+            remedy="was it another copy, or were its sheets glued anew between drives? Calibrate those apart",
+        )
+
+
+def _of_another_box(
+    members: Sequence[Member], there: Sequence[int], joined: Joined, prior: ShapePrior
+) -> dict[str, BoxcalError]:
+    found, out = joined.agreement, dict[str, BoxcalError]()
+    for row, k in enumerate(there):
+        if not found.counts[row]:
+            what = difference(joined.blocks[row], found.posterior, prior)
+            out[members[k].job.robot] = CalibError(
+                f"its box differs from that of the {int(found.counts.sum())} others: {what}",
+                remedy="left out of the joint solution; was it another copy, or were its sheets glued anew?",
+            )
+    return out
+
+
+def _concluded(
+    members: Sequence[Member],
+    parts: Sequence[Part],
+    prior: ShapePrior,
+    joined: Joined,
+    left_out: dict[str, BoxcalError],
+) -> JointBox:
+    """Return the refined box, and what tells each robot the box without what it told itself."""
+    found = joined.agreement.posterior
+    taking = iter(joined.blocks)
+    blocks = [None if part.block is None else next(taking) for part in parts]
+    blocks = [None if m.job.robot in left_out else b for m, b in zip(members, blocks, strict=True)]
+    counting = [(part, block) for part, block in zip(parts, blocks, strict=True) if block is not None]
+    everything = tuple(name for part, _ in counting for name in part.drives)
+    target = prior.refined(found.shape, found.cov, everything, len(counting))
+    measure = ruler(target, prior.names)
+    alone = [measure.of(inverse(block.information + found.prior)) for _, block in counting]
+    return JointBox(
+        target=target,
+        members=tuple(members),
+        prior=prior,
+        blocks=tuple(blocks),
+        left_out=left_out,
+        joined=joined,
+        before=sorted(alone, key=lambda s: s.shape)[len(alone) // 2],
+        after=measure.of(found.cov),
+    )
