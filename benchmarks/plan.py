@@ -6,8 +6,8 @@ Three tables:
    two rounds of 10, distances and aims at random, as an even ring leaves the camera open). Both drives are simulated;
    their sigmas are the Cramer-Rao bound, not what the planner says. The *worst sigma* is the largest over its goal. The
    strict line plans for the ring's own six sigmas as goals.
-2. *Promises*: planned drives are driven around boxes made by hand, drawn as the planner assumes them, and estimated;
-   errors over promised sigmas.
+2. *Promises*: planned drives are driven around three boxes made by hand, drawn as the planner assumes them, and
+   estimated; errors over promised sigmas.
 3. *What next*: partial drives of 3 to 6 stops are estimated, then one more stop is driven: the one proposed, or one at
    random from which the box is seen. How often does the worst sigma halve, and is the promise kept?
 
@@ -37,6 +37,7 @@ from boxcal.calib.planning.goal import LABELS, Goal, bars_of_estimate, figures, 
 from boxcal.calib.planning.leg_information import leg_information_of
 from boxcal.calib.planning.next_stops import what_next
 from boxcal.calib.planning.plan import DrivePlan, PlanOptions, plan_drive
+from boxcal.calib.planning.promise import Promise
 from boxcal.calib.planning.search import prior_information
 from boxcal.calib.planning.stop_information import expected_problem, picture_information
 from boxcal.calib.planning.views import tags_seen
@@ -44,6 +45,7 @@ from boxcal.calib.planning.ways import Router
 from boxcal.calib.simulate.drive import Drive, DriveOptions, exact_correspondences, simulate_drive
 from boxcal.calib.simulate.imperfections import Imperfections, WheelFaults
 from boxcal.calib.simulate.robot import Robot, random_robot
+from boxcal.calib.simulate.viewpoints import choose_stops
 from boxcal.calib.uncertainty.cramer_rao import Truth, cramer_rao, errors
 from boxcal.detect.correspondences import Correspondences
 from boxcal.target.arrays import Array
@@ -54,6 +56,8 @@ from boxcal.target.errors import BoxcalError
 TARGET = make_target()
 GIVEN = Assumptions(height=0.0, growth=0.0)
 RING, FEW, PLANNED = 20, 8, 12
+REPEATED = 3
+"""Drives of each plan: the errors of one robot's wheels hang together."""
 INSIDE = 1.959964
 """Standard deviations within which 95 % of a normal variable lie."""
 
@@ -130,20 +134,24 @@ def planned(number: int) -> Planned:
     )
 
 
-def hand_made(of: Robot, stops: Array | int, rng: np.random.Generator) -> tuple[Drive, Correspondences]:
-    """Return a drive around a box made by hand, drawn as the planner assumes boxes, and what the robot sees."""
-    driven = drive(of, stops, rng)
+def hand_made(of: Robot, stops: Array, seed: tuple[int, ...]) -> tuple[Drive, Correspondences]:
+    """Return a drive around a box made by hand, drawn as the planner assumes boxes, and what the robot sees.
+
+    With the same seed a drive of more stops begins with the same box, legs and pictures: it is the drive gone on with.
+    """
+    driven = drive(of, stops, np.random.default_rng([*seed, 0]))
+    of_box, of_pictures = np.random.default_rng([*seed, 1]), np.random.default_rng([*seed, 2])
     seen = exact_correspondences(of, TARGET, driven)
     options = EstimateOptions(lens=of.camera.kind, target=TARGET)
     problem = build_problem([seen], [tuple(range(len(seen.stops)))], options, GIVEN.encoder_step)
     sigma = GIVEN.components.prior_sigma(problem)[problem.shapes]
-    p_box, _ = problem.target.landmarks(sigma * rng.standard_normal(len(sigma)))
+    p_box, _ = problem.target.landmarks(sigma * of_box.standard_normal(len(sigma)))
     ends = np.cumsum([len(stop.landmark_ids) for stop in seen.stops])[:-1]
     views = []
     for stop, p, T in zip(seen.stops, np.split(p_box, ends), driven.T_box_cam, strict=True):
         T_cam_box = inverse(T)
         uv = project(of.camera, p @ T_cam_box[:3, :3].T + T_cam_box[:3, 3])
-        noise = GIVEN.corner_px * rng.standard_normal(uv.shape)
+        noise = GIVEN.corner_px * of_pictures.standard_normal(uv.shape)
         cov = np.broadcast_to(np.eye(2) * GIVEN.corner_px**2, stop.cov_px2.shape).copy()
         views.append(replace(stop, uv_px=uv + noise, cov_px2=cov))
     return driven, replace(seen, stops=tuple(views))
@@ -177,16 +185,18 @@ def promised_sigma(plan: DrivePlan) -> Array:
     return np.sqrt(np.diag(turn @ cov @ turn.T))
 
 
-def promise(number: int) -> Array | None:
-    """Return errors over promised sigmas, (14,), of one planned drive; None if it could not be estimated."""
+def promise(number: int) -> list[Array]:
+    """Return errors over promised sigmas, (14,), of drives of one plan; of those that could be estimated."""
     of = robot(number)
     plan = plan_drive(of, TARGET, PlanOptions(stops=PLANNED), GIVEN)
-    driven, seen = hand_made(of, plan.poses, np.random.default_rng([5, number]))
-    try:
-        return errors(solved(of, seen), truth(of, driven)) / promised_sigma(plan)
-    except BoxcalError as error:
-        print(f"{of.name}: {error}")
-        return None
+    sigma, found = promised_sigma(plan), []
+    for k in range(REPEATED):
+        driven, seen = hand_made(of, plan.poses, (5, number, k))
+        try:
+            found.append(errors(solved(of, seen), truth(of, driven)) / sigma)
+        except BoxcalError as error:
+            print(f"{of.name}: {error}")
+    return found
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -195,6 +205,7 @@ class Next:
 
     before: float
     promised: float
+    promise: Promise
     found: float
     at_random: float
 
@@ -204,25 +215,32 @@ def next_stop(number: int) -> Next | None:
     rng = np.random.default_rng([9, number])
     of, count = robot(1000 + number), 3 + number % 4
     try:
-        driven, seen = hand_made(of, count, rng)
+        begun = choose_stops(of, TARGET, count, DriveOptions().clearance + of.reach, rng)
+        _, seen = hand_made(of, begun, (9, number))
         known = solved(of, seen)
         (stop,) = what_next(known, [seen], TARGET, count=1)
         space = free_space(Floor(), TARGET.box, of.reach)
         free, _ = free_poses(of, TARGET, space, Distances(), min_side_px=GIVEN.min_side_px, count=1, rng=rng)
-        here = driven.stop_poses[-1]
+        here = begun[-1]
         turn = Router(space).ways(here[None], free).turn.sum()
         goals = [[stop.x, stop.y, here[2] + stop.turn], [free[0, 0], free[0, 1], here[2] + turn]]
-        after = [_after(of, driven.stop_poses, np.array(goal), number) for goal in goals]
+        after = [_after(of, np.array([*begun, goal]), number) for goal in goals]
     except BoxcalError as error:
         print(f"{of.name}: {error}")
         return None
     bars = bars_of_estimate(known)
-    return Next(before=worst(bars).ratio, promised=worst(stop.after).ratio, found=after[0], at_random=after[1])
+    return Next(
+        before=worst(bars).ratio,
+        promised=worst(stop.after).ratio,
+        promise=stop.promise,
+        found=after[0],
+        at_random=after[1],
+    )
 
 
-def _after(of: Robot, stops: Array, goal: Array, number: int) -> float:
-    """Return the worst sigma over its goal of a drive with one more stop; infinite where it cannot be solved."""
-    _, seen = hand_made(of, np.concatenate([stops, goal[None]]), np.random.default_rng([9, number, 1]))
+def _after(of: Robot, stops: Array, number: int) -> float:
+    """Return the worst sigma over its goal of a drive gone on with; infinite where it cannot be solved."""
+    _, seen = hand_made(of, stops, (9, number))
     try:
         return worst(bars_of_estimate(solved(of, seen))).ratio
     except BoxcalError as error:
@@ -293,6 +311,12 @@ def show_next(found: list[Next]) -> None:
         f"  promised over found: sigma median {np.median(off):.2f}, within 20 %: {np.mean(np.abs(off - 1) < 0.2):.0%};"
         f" gain median {np.median(gain):.2f}, within 20 %: {np.mean(np.abs(gain - 1) < 0.2):.0%}"
     )
+    low, high = (np.array([getattr(n.promise, end) / n.promise.middle for n in found]) for end in ("low", "high"))
+    print(
+        f"  promised range, median {np.median(low):.2f} to {np.median(high):.2f} of the promise: holds "
+        f"{np.mean((low <= 1 / off) & (1 / off <= high)):.0%}, found below it {np.mean(1 / off < low):.0%}, "
+        f"above {np.mean(1 / off > high):.0%}"
+    )
 
 
 def main() -> None:
@@ -308,7 +332,7 @@ def main() -> None:
         if args.only in {None, "plans"}:
             show_plans(list(pool.map(planned, range(robots))))
         if args.only in {None, "promises"}:
-            show_promises(np.array([z for z in pool.map(promise, range(robots)) if z is not None]))
+            show_promises(np.array([z for of_plan in pool.map(promise, range(robots)) for z in of_plan]))
         if args.only in {None, "next"}:
             show_next([n for n in pool.map(next_stop, range(drives)) if n is not None])
 

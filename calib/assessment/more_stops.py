@@ -46,13 +46,13 @@ def more_stops(calibration: Calibration, drives: Sequence[Correspondences], targ
 
 
 def sentence_of(stops: Sequence[NextStop]) -> str:
-    """Return the next stops in a sentence, with what they promise of the figure that is furthest from its goal."""
+    """Return the next stops in a sentence, with what they promise of the figure furthest from its goal."""
     before = worst(stops[0].before)
     after = next(bar for bar in stops[-1].after if bar.name == before.name)
     return (
         f"Drive on from the last stop and stop {', then '.join(_place(stop) for stop in stops)}: that takes "
-        f"'{before.label.lower()}' from {said(before)} to {said(after)}. plan-drive --after gives more such stops, or "
-        "a whole new drive."
+        f"'{before.label.lower()}' from {said(before)} into the range {stops[-1].promised(after)} (nine drives in "
+        "ten). plan-drive --after gives more such stops."
     )
 
 

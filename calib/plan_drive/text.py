@@ -38,13 +38,17 @@ def _of(bar: Bar, value: float) -> Bar:
 
 
 def next_text(stops: Sequence[NextStop]) -> str:
-    """Return the next stops, each with all that it promises."""
+    """Return the next stops, each with all that it promises, as the ranges of nine drives in ten."""
     lines = []
     for number, stop in enumerate(stops, 1):
         lines.append(f"{number}. {stop.text}")
         lines += [
-            f"     {before.label:<36}{said(before):>9} -> {said(after)}"
+            f"     {before.label:<36}{said(before):>9} -> {stop.promised(after)}"
             for before, after in zip(stop.before, stop.after, strict=True)
         ]
         lines.append(f"     reads {stop.tags} tags of faces {', '.join(map(str, stop.faces))}")
+    lines += [
+        "",
+        "each figure is found in its range in nine drives of ten; the fewer legs so far, the less is the slip known",
+    ]
     return "\n".join(lines)

@@ -9,7 +9,8 @@ from boxcal.calib.errors import CalibError
 from boxcal.calib.geometry.so3_se3 import exp_so3, inverse, rigid
 from boxcal.calib.likelihood.components import VarianceComponents
 from boxcal.calib.likelihood.corner_floor import with_floor
-from boxcal.calib.likelihood.estimate import Estimate
+from boxcal.calib.likelihood.estimate import Estimate, NoiseLevels
+from boxcal.calib.likelihood.estimator import LEGS_FOR_SLIP
 from boxcal.calib.likelihood.levenberg_marquardt import Weights, equations, leg_information, linearize
 from boxcal.calib.likelihood.normal_equations import Normal, eliminate
 from boxcal.calib.likelihood.options import EstimateOptions
@@ -38,12 +39,16 @@ class DriveInformation:
         Information on them and on the last stop's x, y, heading and encoder errors.
     poses : (P, 3), m and rad
         Stops so far; the robot stands at the last one.
+    slip_doubt
+        Standard deviation of the wheels' slip over its value, on which what wheels will tell depends; None if it was
+        assumed.
     """
 
     model: Model
     names: tuple[str, ...]
     chain: Array
     poses: Array
+    slip_doubt: float | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -70,6 +75,8 @@ class Solved:
         Variance components.
     corner_px, encoder_step : px, rad
         Noise of corners; 0 for encoders without steps.
+    slip_spread
+        Standard deviation of the slip over its mean; 0 where it was given or assumed.
     """
 
     camera: CameraModel
@@ -86,6 +93,14 @@ class Solved:
     components: VarianceComponents
     corner_px: float
     encoder_step: float
+    slip_spread: float
+
+    @property
+    def slip_doubt(self) -> float | None:
+        """Standard deviation of the slip over its value; None where the legs are too few to tell it."""
+        if sum(int(used.sum()) for used in self.legs_used) < LEGS_FOR_SLIP:
+            return None
+        return self.slip_spread
 
 
 def solved_by_estimate(estimate: Estimate) -> Solved:
@@ -105,6 +120,7 @@ def solved_by_estimate(estimate: Estimate) -> Solved:
         components=estimate.components,
         corner_px=estimate.noise.pixel_px,
         encoder_step=estimate.noise.encoder_step,
+        slip_spread=_spread(estimate.noise),
     )
 
 
@@ -157,7 +173,12 @@ def solved_by_calibration(calibration: Calibration, drives: Sequence[Corresponde
         ),
         corner_px=detail.noise.pixel_px,
         encoder_step=detail.noise.encoder_step,
+        slip_spread=_spread(detail.noise),
     )
+
+
+def _spread(noise: NoiseLevels) -> float:
+    return noise.slip_sigma / noise.slip if noise.slip > 0 else 0.0
 
 
 def _of(calibration: Calibration, drive: int) -> list[StopResult]:
@@ -224,7 +245,7 @@ def information_of(
     chain = _chain(problem, replace(state, tilt=solved.tilt, shape=shape), solved.components, weights)
     n = len(problem.names)
     chain[np.arange(n), np.arange(n)] += 1 / np.square(vague_sigma(problem.names, known))  # what is open stays solvable
-    return DriveInformation(model=model, names=problem.names, chain=chain, poses=poses)
+    return DriveInformation(model=model, names=problem.names, chain=chain, poses=poses, slip_doubt=solved.slip_doubt)
 
 
 def _corner_weights(problem: Problem, solved: Solved, drives: Sequence[Correspondences]) -> Array:

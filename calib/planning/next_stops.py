@@ -27,6 +27,7 @@ from boxcal.calib.planning.goal import (
     worst,
 )
 from boxcal.calib.planning.objective import Criterion
+from boxcal.calib.planning.promise import Promise, promise_of
 from boxcal.calib.planning.search import make_search, prior_information
 from boxcal.calib.results.calibration import Calibration
 from boxcal.calib.simulate.robot import Robot
@@ -53,6 +54,9 @@ class NextStop:
         Length of the way there.
     before, after
         Figures that the user cares about before and after this stop.
+    promise
+        Range of what will be found, over the figures computed with the slip as it is known now; those after this stop
+        are the middle of it.
     """
 
     x: float
@@ -65,6 +69,13 @@ class NextStop:
     way: float
     before: tuple[Bar, ...]
     after: tuple[Bar, ...]
+    promise: Promise
+
+    def promised(self, bar: Bar) -> str:
+        """Return between what values one of the figures after this stop will lie, nine times in ten."""
+        ends = (self.promise.low, self.promise.high)
+        low, high = (said(replace(bar, value=bar.value * end / self.promise.middle)) for end in ends)
+        return f"{low} to {high}"
 
     @property
     def text(self) -> str:
@@ -76,7 +87,7 @@ class NextStop:
         then = next(bar for bar in self.after if bar.name == open_.name)
         return (
             f"Stop at x {self.x:+.2f} m, y {self.y:+.2f} m, heading {degrees(self.heading):.0f}\N{DEGREE SIGN}{spin} "
-            f"({self.way:.1f} m from here): {open_.label.lower()} {said(open_)} -> {said(then)}."
+            f"({self.way:.1f} m from here): {open_.label.lower()} {said(open_)} -> {self.promised(then)}."
         )
 
 
@@ -163,7 +174,8 @@ def next_stops(
         step = search.next(chain, here, visited)
         if step is None:
             break
-        after = search.figures.as_bars(step.values * share)
+        promise = promise_of(known.slip_doubt, len(out) + 1)
+        after = search.figures.as_bars(step.values * share * promise.middle)
         visited.append(step.row)
         here, chain = search.choice.poses[step.row], step.chain
         out.append(
@@ -178,6 +190,7 @@ def next_stops(
                 way=step.length,
                 before=before,
                 after=after,
+                promise=promise,
             )
         )
         before = after

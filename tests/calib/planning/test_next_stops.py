@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.special import gamma
 
 import boxcal
 from boxcal.calib.assessment.more_stops import MENDED_BY_STOPS
@@ -17,6 +18,7 @@ from boxcal.calib.planning.drive_information import information_of, solved_by_es
 from boxcal.calib.planning.floor import Floor
 from boxcal.calib.planning.goal import Goal, along_camera, bars_of_estimate, figures, worst
 from boxcal.calib.planning.next_stops import NextStop, first_stops, next_stops, what_next
+from boxcal.calib.planning.promise import Promise, promise_of
 from boxcal.calib.results.verdict import Level
 from boxcal.calib.simulate.drive import Drive, DriveOptions, exact_correspondences, simulate_drive
 from boxcal.calib.simulate.robot import turtlebot
@@ -85,6 +87,30 @@ def test_next_stop_keeps_its_promise(partial: Partial) -> None:
     promised = {bar.name: bar.value for bar in stop.after}
     for bar in bars_of_estimate(then):
         assert bar.value == pytest.approx(promised[bar.name], rel=0.4), bar.name
+
+
+def test_a_promise_is_a_range_as_wide_as_slip_is_unsure(partial: Partial) -> None:
+    target, _, seen, found = partial
+    stop = what_next(found, [seen], target, count=1)[0]
+    assert stop.promise == promise_of(found.noise.slip_sigma / found.noise.slip, 1)
+    bar = replace(stop.after[0], value=0.02)
+    wide = replace(stop, promise=Promise(low=0.4, middle=0.8, high=1.6))
+    assert wide.promised(bar) == "1 cm to 4 cm"
+
+
+def test_a_promised_range_is_where_the_slip_will_be_found() -> None:
+    rng = np.random.default_rng(1)
+    for legs, stops in ((4, 1), (4, 3), (9, 1)):
+        now, new = 2 * legs - 3, 2 * stops
+        known = rng.chisquare(now, 20_000) / now
+        then = (now * known + rng.chisquare(new, 20_000)) / (now + new)
+        found = np.sqrt(then * (now + new) / (now + new - 2)) / np.sqrt(known * now / (now - 2))
+        mean = np.sqrt(now / 2) * gamma((now - 1) / 2) / gamma(now / 2)
+        promise = promise_of(float(np.sqrt(now / (now - 2) / mean**2 - 1)), stops)
+        assert 0.89 < np.mean((promise.low < found) & (found < promise.high)) < 0.995
+        assert np.mean(found < promise.middle) == pytest.approx(0.5, abs=0.05)
+        assert np.mean(found > promise.high) < 0.055
+    assert promise_of(0.0, 3).high == pytest.approx(1.12)
 
 
 def test_next_stops_stay_on_the_floor(partial: Partial) -> None:
