@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import cv2
@@ -185,6 +186,7 @@ def _decoded(image: NDArray[np.uint8], corners: Array, patterns: Patterns) -> Ta
     )
 
 
+@lru_cache(maxsize=16)
 def _turned(patterns: Patterns) -> Array:
     """Return all patterns' inner modules in four orientations, (4 T, (M - 2)^2), zero mean and unit length.
 

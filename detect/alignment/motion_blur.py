@@ -24,6 +24,8 @@ MOST = 0.85
 """Largest length of (c, s): a variance twelve times as large along the motion as across it."""
 LEAST = 0.2
 """Smaller ones are passed over: a motion of 1.5 px has it, and resampling of a picture may have half of it."""
+_SLIGHT = 0.75
+"""A first step shorter than this share of what counts is not followed: it is right to a tenth where it is short."""
 LONGEST = 0.4
 CLEAR = 40.0
 """How much a step must lessen the sum of squared residuals, in variances of a residual, for blur not to be round."""
@@ -44,7 +46,10 @@ def estimate_blur(frame: Frame, patterns: Patterns, tags: TagAlignments) -> Arra
     """Return the blur (3,) of a picture in which tags are aligned; None where it is round, as far as they tell."""
     size = np.linalg.norm(tags.corners_px[:, 2] - tags.corners_px[:, 0], axis=1)
     order, found = np.argsort(-size), np.zeros(2)
-    if len(tags) == 0 or _step(frame, patterns, tags.take(order[:ASKED]), found)[1] < CLEAR:
+    if len(tags) == 0:
+        return None
+    first, explained = _step(frame, patterns, tags.take(order[:ASKED]), found)
+    if explained < CLEAR or np.linalg.norm(first) < _SLIGHT * LEAST:
         return None
     some = tags.take(order[:TAGS])
     for _ in range(ROUNDS):

@@ -115,13 +115,22 @@ def undistort_locally(lens: Array, normalisation: Array, uv_px: Array) -> Array:
 
     ``normalisation`` (N, 3) holds the centres (x, y) px and 1 / scale px.
     """
-    normalisation = normalisation.reshape(normalisation.shape[:1] + (1,) * (uv_px.ndim - 2) + (3,))
-    b, D = local_undistortion(lens, normalisation[..., :2])
-    d = uv_px - lens[:2]
-    s = square(lens, d)
-    g, _, _ = depth(lens, np.sum(s * s, axis=-1) * lens[PER_RADIUS] ** 2)
-    f = D / (g - np.sum(b * s, axis=-1))
-    return np.asarray((d * f[..., None] + (lens[:2] - normalisation[..., :2])) * normalisation[..., 2:])
+    # by components, without small arrays of pairs: alignments call this for few tags at a time
+    (tag_x, tag_y, scale), more = normalisation.T, (slice(None),) + (None,) * (uv_px.ndim - 2)
+    skew, aspect, per_px2 = lens[SKEW], np.exp(lens[LOG_ASPECT]), lens[PER_RADIUS] ** 2
+    tag_dx, tag_dy = tag_x - lens[CENTRE_X], tag_y - lens[CENTRE_Y]
+    bx, by = tag_dx - skew * tag_dy, aspect * tag_dy
+    _, slope, D = depth(lens, (bx * bx + by * by) * per_px2)
+    bx, by = slope * bx, slope * by
+    dx, dy = uv_px[..., 0] - lens[CENTRE_X], uv_px[..., 1] - lens[CENTRE_Y]
+    x, y = dx - skew * dy, aspect * dy
+    a1, a2, a3 = lens[A1], lens[A2], lens[A3]
+    q = (x * x + y * y) * per_px2
+    f = D[more] / (1 - q * (a1 + q * (a2 + q * a3)) - bx[more] * x - by[more] * y)
+    out = np.empty_like(uv_px)
+    out[..., 0] = (dx * f - tag_dx[more]) * scale[more]
+    out[..., 1] = (dy * f - tag_dy[more]) * scale[more]
+    return out
 
 
 def distort_locally(lens: Array, normalisation: Array, xy: Array) -> Array:

@@ -9,6 +9,8 @@ from boxcal.detect.alignment.registration.tag_alignments import TagAlignments
 from boxcal.detect.alignment.tag_patterns import Patterns
 from boxcal.target.arrays import Array
 
+_NEXT = np.array([1, 2, 3, 0])
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Limits:
@@ -75,14 +77,14 @@ def verified(patterns: Patterns, tags: TagAlignments, limits: Limits) -> NDArray
 
 def module_px(patterns: Patterns, corners_px: Array) -> Array:
     """Return how wide a module is seen, (N,) px: the narrower way across the tag."""
-    a, b = corners_px[:, 2] - corners_px[:, 0], corners_px[:, 3] - corners_px[:, 1]
-    area = 0.5 * np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
-    side = np.linalg.norm(corners_px - np.roll(corners_px, -1, axis=1), axis=2).max(axis=1)
+    x, y = corners_px[..., 0], corners_px[..., 1]
+    area = 0.5 * np.abs((x[:, 2] - x[:, 0]) * (y[:, 3] - y[:, 1]) - (y[:, 2] - y[:, 0]) * (x[:, 3] - x[:, 1]))
+    side = np.hypot(x[:, _NEXT] - x, y[:, _NEXT] - y).max(axis=1)
     return np.asarray(area / np.maximum(side, 1e-9) / patterns.modules)
 
 
 def convex(corners_px: Array) -> NDArray[np.bool_]:
     """Return which quadrilaterals (N, 4, 2) run clockwise as seen, without dents."""
-    along = np.roll(corners_px, -1, axis=1) - corners_px
-    after = np.roll(along, -1, axis=1)
+    along = corners_px[:, _NEXT] - corners_px
+    after = along[:, _NEXT]
     return np.asarray(np.all(along[..., 0] * after[..., 1] - along[..., 1] * after[..., 0] > 0, axis=1))

@@ -38,11 +38,17 @@ def response_table(response: str) -> Array:
     raise DetectError(f"tone is {response!r}, one of linear, srgb is needed")
 
 
+@cache
+def _lights(entries: int) -> Array:
+    """Return the light 0..1 of the entries of a table."""
+    return np.linspace(0, 1, entries)
+
+
 def with_response(tags: TagAlignments, old: Array, new: Array) -> TagAlignments:
     """Return tags aligned under one response curve as a start under another: the light of white and black exchanged."""
     offset, gain = tags.theta[:, BLACK], tags.theta[:, CONTRAST]
-    levels = [np.interp(light, np.linspace(0, 1, len(old)), old) for light in (offset, offset + gain)]
-    black, white = (np.interp(level, new, np.linspace(0, 1, len(new))) for level in levels)
+    levels = [np.interp(light, _lights(len(old)), old) for light in (offset, offset + gain)]
+    black, white = (np.interp(level, new, _lights(len(new))) for level in levels)
     theta = tags.theta.copy()
     theta[:, BLACK], theta[:, CONTRAST] = black, np.maximum(white - black, 1e-3)
     theta[:, GRADIENT_X : GRADIENT_Y + 1] *= (theta[:, CONTRAST] / np.maximum(gain, 1e-3))[:, None]
