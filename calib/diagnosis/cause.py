@@ -95,6 +95,15 @@ class OfPictures(OfWheels):
         return True
 
 
+_FARTHEST = 20.0
+"""Sizes beyond so many standard deviations of their prior are no sizes at all: the data are of something else."""
+
+
+def can_be(cause: Cause, solved: Solved) -> bool:
+    """Return whether a size that was solved for is one that the cause can have."""
+    return bool(np.all(np.abs(solved.values) < _FARTHEST * np.array(cause.prior))) and cause.possible(solved)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reference:
     """Wheels and camera about which the effect of causes is linear; held, so that effects do not change as they move.

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.special import chdtrc
 
 from boxcal.calib.diagnosis.catalogue import candidates
-from boxcal.calib.diagnosis.cause import Cause, Solved
+from boxcal.calib.diagnosis.cause import Cause, Solved, can_be
 from boxcal.calib.diagnosis.doubts import Doubt, doubts
 from boxcal.calib.diagnosis.evidence import log_evidence
 from boxcal.calib.diagnosis.ranking import Ranked, rank
@@ -95,14 +95,13 @@ def explain(fit: Fit, needed: float = NEEDED) -> Explained:
             return replace(found, doubts=more.doubts)
         start = replace(fit, weights=replace(fit.weights, legs=more.legs))
         adopted = (*found.adopted, (more.cause, more.gain))
-        here = refit(start, [c for c, _ in adopted])
-        if not _shows(here, more.cause, more.gain):  # once faulty legs are left out again
+        here = _refit(start, [c for c, _ in adopted])
+        if here is None or not _shows(here, more.cause, more.gain):  # once faulty legs are left out again
             vanished = (*vanished, more.cause.family)
             continue
         kept = tuple(a for a in adopted if a[0] is more.cause or not _needless(_solved(here, *a)))
-        if len(kept) < len(adopted):
-            here = refit(start, [c for c, _ in kept])
-        found = Explained(fit=here, adopted=kept)
+        fewer = _refit(start, [c for c, _ in kept]) if len(kept) < len(adopted) else None
+        found = Explained(fit=here, adopted=adopted) if fewer is None else Explained(fit=fewer, adopted=kept)
     return replace(found, doubts=_next(found, vanished, np.inf).doubts)
 
 
@@ -124,9 +123,9 @@ def _next(found: Explained, vanished: Sequence[str], needed: float) -> _Search:
             break
         cause = ranked.cause
         held = replace(start, options=replace(fit.options, find_faults=False))
-        trial = refit(held, [cause])
-        gain = log_evidence(trial) - before - ranked.log_family
-        if not _shows(trial, cause, gain):  # what is gained is the legs that count again, not the cause
+        trial = _refit(held, [cause])
+        gain = 0.0 if trial is None else log_evidence(trial) - before - ranked.log_family
+        if trial is None or not _shows(trial, cause, gain):  # what is gained is legs that count again, not the cause
             gain = min(gain, 0.0)
         if start is fit:
             known[id(ranked)] = gain
@@ -135,6 +134,14 @@ def _next(found: Explained, vanished: Sequence[str], needed: float) -> _Search:
     if best.cause is not None:
         return best
     return _Search(doubts=doubts([(ranked, known[id(ranked)]) for ranked in here]))
+
+
+def _refit(fit: Fit, causes: Sequence[Cause]) -> Fit | None:
+    """Return the solution with more explanations; None where its equations cannot be solved, as of senseless data."""
+    try:
+        return refit(fit, causes)
+    except np.linalg.LinAlgError:
+        return None
 
 
 def _with_all_legs(fit: Fit) -> Fit:
@@ -155,7 +162,7 @@ def _solved(fit: Fit, cause: Cause, gain: float) -> Solved:
 def _shows(fit: Fit, cause: Cause, gain: float) -> bool:
     """Return whether a cause that was solved for has a size that is clearly there, and that it can have."""
     solved = _solved(fit, cause, gain)
-    return not _needless(solved) and cause.possible(solved)
+    return not _needless(solved) and can_be(cause, solved)
 
 
 def _needless(solved: Solved) -> bool:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import logsumexp
 
-from boxcal.calib.diagnosis.cause import Cause, Solved
+from boxcal.calib.diagnosis.cause import Cause, Solved, can_be
 from boxcal.calib.diagnosis.ranking import Ranked
 from boxcal.calib.likelihood.finding import Finding
 from boxcal.calib.likelihood.fit import Fit
@@ -60,7 +60,7 @@ class Doubt:
     def finding(self, fit: Fit) -> Finding | None:
         """Return what is said of it; None where it is too improbable for words, or its size is not one it can have."""
         solved = Solved(values=self.values, cov=self.cov, p_value=float(np.exp(-self.log_bayes)))
-        if self.probability < NAMED or not self.cause.possible(solved):
+        if self.probability < NAMED or not can_be(self.cause, solved):
             return None
         told = self.cause.finding(solved, fit.problem)
         return Finding(

@@ -91,7 +91,15 @@ _LEAST_RATIO, _MOST_RATIO, _FARTHEST = 0.2, 0.95, 1.0
 
 
 def largest_change(before: VarianceComponents, after: VarianceComponents) -> float:
-    """Return the largest change of any component but slip, as the logarithm of a ratio."""
+    """Return the largest change of any component but slip, as the logarithm of a ratio.
+
+    Raises
+    ------
+    LinAlgError
+        If a component is no number: the equations that it is of have no solution.
+    """
     pairs = [(before.noise_scale, after.noise_scale), *zip(before.local_sigma, after.local_sigma, strict=True)]
     pairs += [(before.target[name], sigma) for name, sigma in after.target.items()]
+    if not np.all(np.isfinite(pairs)):
+        raise np.linalg.LinAlgError("variances that are no numbers")
     return max(float(abs(np.log(b / a))) for a, b in pairs if a > 0 and b > 0)

@@ -16,6 +16,7 @@ from boxcal.calib.diagnosis.explained_estimate import estimate_explained
 from boxcal.calib.geometry.so3_se3 import exp_se3, log_so3, wrap
 from boxcal.calib.likelihood import EstimateOptions
 from boxcal.calib.likelihood.estimate import Estimate
+from boxcal.calib.likelihood.components import largest_change
 from boxcal.calib.likelihood.estimator import fit
 from boxcal.calib.likelihood.finding import Finding
 from boxcal.calib.likelihood.fit import Fit
@@ -210,10 +211,25 @@ def test_a_likely_doubt_is_a_note_with_its_probability() -> None:
     assert reason.level is Level.GOOD
     assert replace(likely, probability=0.3).finding(explained.fit) is None
     backlash = next(cause for cause in candidates(explained.fit) if isinstance(cause, Backlash))
-    for sign in (1, -1):  # wheels do not run ahead of their encoders
-        values = sign * np.radians([1.0, 1.5])
+    for factor in (1, -1, 100):  # wheels do not run ahead of their encoders, nor a hundred degrees behind them
+        values = factor * np.radians([1.0, 1.5])
         lag = replace(likely, cause=backlash, values=values, cov=np.radians(0.2) ** 2 * np.eye(2))
-        assert (lag.finding(explained.fit) is not None) == (sign > 0)
+        assert (lag.finding(explained.fit) is not None) == (factor == 1)
+
+
+def test_causes_whose_equations_have_no_solution_are_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    solved = fit([drive(Imperfections(wheels=WheelFaults(scrub=(0.0, 0.0, 0.02))), seed=7)], None, OPTIONS)
+    broken = replace(solved.components, noise_scale=np.nan)
+    with pytest.raises(np.linalg.LinAlgError, match="no numbers"):
+        largest_change(solved.components, broken)
+
+    def unsolvable(_: Fit, __: object) -> Fit:
+        raise np.linalg.LinAlgError("Singular matrix")
+
+    monkeypatch.setattr(choose, "refit", unsolvable)
+    explained = explain(solved)
+    assert not explained.adopted
+    assert explained.fit is solved
 
 
 def test_a_clean_drive_leaves_its_sigmas_as_they_are(clean: Fit) -> None:
