@@ -14,6 +14,7 @@ from boxcal.calib.likelihood.estimate import Estimate
 from boxcal.calib.likelihood.explanation import Explanation
 from boxcal.calib.likelihood.fit import Fit, Known, log_noise
 from boxcal.calib.likelihood.initial_guess import CameraStart, camera_start, first_states
+from boxcal.calib.likelihood.leg_spread import spread_of, spread_weights
 from boxcal.calib.likelihood.levenberg_marquardt import (
     CONVERGED,
     Linearization,
@@ -34,8 +35,6 @@ from boxcal.calib.likelihood.outliers import (
     flag_legs,
     leg_tests,
     robust_scale,
-    tail_of,
-    tail_weights,
 )
 from boxcal.calib.likelihood.problem import Problem, build_problem, with_kind
 from boxcal.calib.likelihood.score_test import extended
@@ -215,7 +214,7 @@ def solve_likelihood(
     """
     at, weights, components = _beginning(problem, state, options, known)
     legs_seen = LegMemory()
-    iterations, tail, fresh, converged, floors = 0, np.inf, True, False, _FLOORS
+    iterations, fresh, converged, floors = 0, True, False, _FLOORS
     near = None if known is None else known.profile
     for round_ in range(rounds):
         first = round_ == 0 and known is None
@@ -235,12 +234,12 @@ def solve_likelihood(
                 (problem, at, components), floors, fresh = other, floors - 1, False
         before = components
         components, scale_sigma, profile = _components(problem, at, components, weights, options, near)
-        tests = leg_tests(problem, at, weights, profile, tail)
+        tests = leg_tests(problem, at, weights, profile)
         legs = weights.legs
         if options.find_faults:
             kept = legs_seen.settled(flag_legs(problem, tests, weights, options.false_alarm))
-            tail = legs_seen.heaviest(tail_of(tests.square[kept > 0]) if options.slip is None else np.inf)
-            legs = tail_weights(tests, kept, tail)
+            spread = legs_seen.widest(spread_of(tests.square[kept > 0]) if options.slip is None else 0.0)
+            legs = spread_weights(tests.expected_square, kept, spread)
         same = fresh and bool(np.all(np.abs(legs - weights.legs) < _CLOSE_WEIGHT))
         near = profile if np.array_equal(legs > 0, weights.legs > 0) else None
         weights = Weights(corners=corners, legs=legs)

@@ -11,6 +11,7 @@ import numpy as np
 from scipy import special
 
 from boxcal.calib.geometry.parameters import WHEELS
+from boxcal.calib.likelihood.leg_spread import ENOUGH, surprise
 from boxcal.calib.likelihood.levenberg_marquardt import Linearization, Weights
 from boxcal.calib.likelihood.normal_equations import Solution
 from boxcal.calib.likelihood.problem import Problem
@@ -18,12 +19,8 @@ from boxcal.calib.likelihood.residuals import FIRST_STOP, LEG_UNKNOWNS, SECOND_S
 from boxcal.calib.likelihood.slip_profile import SlipProfile
 from boxcal.target.arrays import Array, Ids
 
-ENOUGH = 6
-"""With fewer legs than this none is left out: 6 unknowns are fitted to 3 numbers a leg."""
-TAIL = 4.0
-"""Degrees of freedom of the legs' noise where legs slip unlike: variances that spread by a factor of about five."""
-_CLEARLY = 2.0
-"""How much larger the logarithm of the likelihood with a heavy tail must be."""
+_RETURNS = 2
+"""A leg that was let in again so often stays."""
 _TESTABLE = 1e-6
 """A direction in which the other data say less than this about a leg cannot be tested."""
 
@@ -56,9 +53,7 @@ class LegTests:
     expected_square: Array
 
 
-def leg_tests(
-    problem: Problem, at: Linearization, weights: Weights, profile: SlipProfile, tail: float = np.inf
-) -> LegTests:
+def leg_tests(problem: Problem, at: Linearization, weights: Weights, profile: SlipProfile) -> LegTests:
     """Return the tests of all legs, those rejected included.
 
     A leg of weight w has the covariance C / w. With V what the solution does not know of it (in those units,
@@ -69,8 +64,6 @@ def leg_tests(
     ----------
     problem, at, weights, profile
         The solution.
-    tail
-        Degrees of freedom of the legs' noise: infinite for normal noise.
     """
     i, s = problem.leg_stop, profile.solution
     K, N = len(profile.slip), len(i)
@@ -105,26 +98,20 @@ def leg_tests(
     )
     weight = np.exp(log_weight - log_weight.max(axis=0))
     weight /= weight.sum(axis=0)
-    p = _survival(square, np.maximum(freedom, 1), tail)
+    p = np.where(freedom > 0, special.chdtrc(np.maximum(freedom, 1), square), 1.0)
+    distance = np.sum(weight * square, axis=0)
     best = profile.best
     spread = np.where(testable[best], w[:, None] + unsure[best], 0.0)
     back = L[best] @ vectors[best]
     expected = np.sum(np.where(used[:, None], r[best] ** 2, 0.0), axis=1) + np.trace(V[best], axis1=1, axis2=2)
     return LegTests(
-        p_value=np.sum(weight * np.where(freedom > 0, p, 1.0), axis=0),
+        p_value=surprise(np.sum(weight * p, axis=0), distance, freedom[best], problem.leg_known),
         difference=np.einsum("nij,nj->ni", back, z[best]),
         covariance=(back * spread[:, None, :]) @ np.swapaxes(back, 1, 2),
         whitened=r[best],
-        square=np.sum(weight * square, axis=0),
+        square=distance,
         expected_square=expected / w,
     )
-
-
-def _survival(square: Array, freedom: Array, tail: float) -> Array:
-    """Return the chance of a larger squared distance: chi-square, or F where the noise has a heavy tail."""
-    if np.isinf(tail):
-        return np.asarray(special.chdtrc(freedom, square))
-    return np.asarray(special.fdtrc(freedom, tail, square / freedom))
 
 
 def leg_unknowns(problem: Problem, s: Solution) -> Array:
@@ -151,59 +138,32 @@ def leg_unknowns(problem: Problem, s: Solution) -> Array:
 class LegMemory:
     """Legs rejected in earlier rounds, remembered so that rounds end.
 
-    A leg that is rejected, returns and is rejected again would do so for ever: once a set of rejected legs comes up
-    a second time after another one, no leg returns any more; nor does normal noise after a heavy tail.
+    A leg that is in bends the solution and the level of slip its own way, so that the others look alike; only with it
+    out do they show how unlike they are. What is found with it out counts: a leg that returned twice stays. Nor do legs
+    become alike again.
     """
 
     def __init__(self) -> None:
-        self._sets: list[tuple[int, ...]] = []
-        self._frozen: Array | None = None
-        self._tails: list[float] = []
+        self._used: Array | None = None
+        self._returns: Ids = np.zeros(0, dtype=np.int64)
+        self._spreads: list[float] = []
 
     def settled(self, legs: Array) -> Array:
-        """Return the legs' weights (0 or 1), those of a frozen set kept."""
-        if self._frozen is not None:
-            self._frozen = np.minimum(legs > 0, self._frozen).astype(np.float64)
-            return self._frozen
-        now = tuple(np.flatnonzero(legs == 0).tolist())
-        if now in self._sets[:-1] and now != self._sets[-1]:
-            self._frozen = (legs > 0).astype(np.float64)
-        self._sets.append(now)
-        return np.asarray((legs > 0).astype(np.float64))
+        """Return the legs' weights (0 or 1), those that returned twice kept."""
+        used = legs > 0
+        if self._used is not None:
+            used |= self._returns >= _RETURNS
+            self._returns = self._returns + (used & (self._used == 0))
+        else:
+            self._returns = np.zeros(len(legs), dtype=np.int64)
+        self._used = used.astype(np.float64)
+        return self._used
 
-    def heaviest(self, tail: float) -> float:
-        """Return the legs' degrees of freedom: the least so far once they changed more than twice."""
-        self._tails.append(tail)
-        changes = sum(a != b for a, b in pairwise(self._tails))
-        return min(self._tails) if changes > 2 else tail
-
-
-def tail_of(square: Array) -> float:
-    """Return the degrees of freedom of the legs' noise, from squared distances to what other data predict.
-
-    Normal noise (infinite) unless a multivariate t of few degrees of freedom explains them clearly better, each at the
-    scale that suits it best. Legs of one robot may slip unlike: a doormat, a sill, a start too fast.
-
-    Parameters
-    ----------
-    square : (N,)
-        Squared Mahalanobis distances of legs that count, in 3 dimensions.
-    """
-    if len(square) < ENOUGH:
-        return np.inf
-    scale = np.exp(np.linspace(-3, 3, 61))[:, None]
-    x = square / scale
-    normal = np.max(np.sum(-0.5 * x - 1.5 * np.log(scale), axis=1) - 1.5 * len(square) * np.log(2 * np.pi))
-    t = special.gammaln((TAIL + 3) / 2) - special.gammaln(TAIL / 2) - 1.5 * np.log(TAIL * np.pi)
-    heavy = np.max(np.sum(t - 0.5 * (TAIL + 3) * np.log1p(x / TAIL) - 1.5 * np.log(scale), axis=1))
-    return TAIL if heavy - normal > _CLEARLY else np.inf
-
-
-def tail_weights(tests: LegTests, legs: Array, tail: float) -> Array:
-    """Return the legs' weights under noise of a heavy tail (Lange, Little, Taylor 1989, DOI 10.2307/2290063), (N,)."""
-    if np.isinf(tail):
-        return np.where(legs > 0, 1.0, 0.0)
-    return np.where(legs > 0, (tail + 3) / (tail + tests.expected_square), 0.0)
+    def widest(self, spread: float) -> float:
+        """Return how much the legs' variances spread: the most so far once that changed more than twice."""
+        self._spreads.append(spread)
+        changes = sum(a != b for a, b in pairwise(self._spreads))
+        return max(self._spreads) if changes > 2 else spread
 
 
 def flag_legs(problem: Problem, tests: LegTests, weights: Weights, significance: float) -> Array:
