@@ -15,8 +15,8 @@ from boxcal.calib.diagnosis.choose import explain
 from boxcal.calib.diagnosis.explained_estimate import estimate_explained
 from boxcal.calib.geometry.so3_se3 import exp_se3, log_so3, wrap
 from boxcal.calib.likelihood import EstimateOptions
-from boxcal.calib.likelihood.estimate import Estimate
 from boxcal.calib.likelihood.components import largest_change
+from boxcal.calib.likelihood.estimate import Estimate
 from boxcal.calib.likelihood.estimator import fit
 from boxcal.calib.likelihood.finding import Finding
 from boxcal.calib.likelihood.fit import Fit
