@@ -40,6 +40,7 @@ OF_TARGET = ("sheet-", "print-", "bow")
 REFUSALS = (
     ("wheels-swapped", "joints are swapped"),
     ("wheel-reversed", "readings fall while"),
+    ("box-upside-down", "or the box stands upside down"),
     ("box-on-side", "lies on its side"),
     ("other-box", "another box"),
     ("unit", "--joint-unit|whole numbers"),
@@ -47,7 +48,7 @@ REFUSALS = (
     ("encoder-restart", "readings jump"),
     ("few-stops", "usable stops|fewer than|can be used|too few to tell why"),
 )
-"""What a refusal names, by its words."""
+"""What a refusal names, by its words; where two causes look alike it names both."""
 FAMILIES = re.compile(r"-(right|left|both|\d+).*$")
 
 
@@ -141,11 +142,12 @@ def judged(drive: ImperfectDrive, violation: Violation | None, size: float) -> R
         found = calibrate(drive.seen, TARGET)
     except CalibError as error:
         causes = tuple(cause for cause, words in REFUSALS if re.search(words, str(error)))
-        return Run(causes=causes[:1], size=np.nan, level="refused", worst=0.0, errors=np.zeros(0))
+        causes = causes if len(causes) < 2 else tuple(cause for cause in causes if cause != "few-stops")
+        return Run(causes=causes, size=np.nan, level="refused", worst=0.0, errors=np.zeros(0))
     detail = found.detail
     assert detail is not None
     off = [
-        abs(abs(finding.size) - size * violation.scale) / finding.sigma
+        abs(abs(finding.size) - size * violation.scale) / np.hypot(finding.sigma, violation.usual)
         for finding in found.findings
         if violation is not None and violation.scale and finding.cause.startswith(violation.causes)
     ]

@@ -115,9 +115,7 @@ def _placed(drive: Correspondences, target: Target) -> Correspondences:
 def _steps(drive: Correspondences, target: Target, mode: CameraMode) -> FourSteps | _Relaid:
     """Return the four steps of a drive, or where its landmarks are instead of where they should be."""
     if len(drive.stops) < MIN_STOPS:
-        raise CalibError(
-            f"{len(drive.stops)} usable stops", needed=f"at least {MIN_STOPS} are needed", remedy="add stops"
-        )
+        raise _too_few(drive)
     camera = calibrate_camera(drive.stops, drive.image_size, mode)
     if len(camera.kept) < MIN_STOPS:
         raise CalibError(
@@ -137,6 +135,19 @@ def _steps(drive: Correspondences, target: Target, mode: CameraMode) -> FourStep
         if cause is not None:
             raise cause from error
         return _from_consecutive_stops(drive, camera, error)
+
+
+def _too_few(drive: Correspondences) -> CalibError:
+    """Return that there are too few stops, and that their pictures move if they do: stops are lost so."""
+    count = len(drive.stops)
+    moving = clock_finding(None, moving_pictures(drive), count)
+    if moving is None:
+        return CalibError(f"{count} usable stops", needed=f"at least {MIN_STOPS} are needed", remedy="add stops")
+    return CalibError(
+        f"{count} usable stops, and {moving.text}",
+        needed=f"at least {MIN_STOPS} are needed",
+        remedy=_remedy(moving),
+    )
 
 
 def _from_consecutive_stops(drive: Correspondences, camera: CameraStep, error: CalibError) -> FourSteps:
@@ -218,5 +229,8 @@ def _turned_over(why: Explained) -> Finding:
 
 
 def _error(finding: Finding) -> CalibError:
-    advice = finding.advice[:1].lower() + finding.advice[1:].rstrip(".")
-    return CalibError(finding.text, remedy=advice)
+    return CalibError(finding.text, remedy=_remedy(finding))
+
+
+def _remedy(finding: Finding) -> str:
+    return finding.advice[:1].lower() + finding.advice[1:].rstrip(".")

@@ -32,6 +32,8 @@ class Violation:
         Adds it to imperfections that are there already: (those, size, robot, generator).
     scale
         What a size is multiplied by to be the size that a diagnosis gives; 0 where it gives none.
+    usual
+        Standard deviation of what a hand-made box has of the same, besides.
     """
 
     name: str
@@ -40,6 +42,7 @@ class Violation:
     unit: str
     draw: Draw
     scale: float = 1.0
+    usual: float = 0.0
 
 
 STOPS = 14
@@ -279,7 +282,7 @@ VIOLATIONS: tuple[Violation, ...] = (
         draw=lambda f, _s, _r, _g: _box(f, other=Box(tag_size=0.024, pitch=0.033)),
         scale=0.0,
     ),
-    Violation(name="a sheet low", causes=("sheet",), sizes=(1.0,), unit="mm", draw=_face),
+    Violation(name="a sheet low", causes=("sheet",), sizes=(1.0,), unit="mm", draw=_face, usual=0.35),
     Violation(
         name="faces bowed",
         causes=("bow", "face"),

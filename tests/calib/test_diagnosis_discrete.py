@@ -208,6 +208,16 @@ def test_few_stops_with_impossible_wheels_do_not_say_swapped() -> None:
         first_look([replace(seen, stops=seen.stops[:4])], TARGET)
 
 
+def test_too_few_stops_whose_pictures_move_speak_of_the_clocks() -> None:
+    seen = drive(turtlebot(), Imperfections())
+    few = seen.stops[:2]
+    with pytest.raises(CalibError, match=r"2 usable stops.*add stops"):
+        first_look([replace(seen, stops=few)], TARGET)
+    moving = tuple(replace(stop, cov_px2=np.tile(25.0 * np.eye(2), (len(stop.uv_px), 1, 1))) for stop in few)
+    with pytest.raises(CalibError, match=r"2 usable stops, and at 2 of 2 stops the picture moves.*with one clock"):
+        first_look([replace(seen, stops=moving)], TARGET)
+
+
 def test_clocks_that_drift_apart_are_told_from_an_offset() -> None:
     late = clock_finding(None, (1, 4, 9), 12)
     assert late is not None
