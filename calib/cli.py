@@ -13,6 +13,7 @@ from boxcal.calib.fleet.interrupts import interrupts_held, interrupts_remembered
 from boxcal.calib.fleet.options import options
 
 if TYPE_CHECKING:
+    from boxcal.calib.fleet.joint_box import Refined
     from boxcal.calib.fleet.results_place import ResultsPlace
     from boxcal.calib.results.calibration import Calibration
     from boxcal.calib.settings import Job, Outcome
@@ -56,8 +57,13 @@ def _run(args: argparse.Namespace, command: str, stop_if_asked: Callable[[], Non
         stop_if_asked()
         waiting, start = [job for job in jobs if all(job is not o.job for o in outcomes)], time.time()
         interrupted = not _work(args, waiting, outcomes, stop_if_asked)
+        together = None if interrupted or not args.joint_box else _refine(args, outcomes, place)
+        interrupted = interrupted or (args.joint_box and together is None)
         with interrupts_held():  # what is finished is put down, however often Ctrl-C is pressed
-            status = _conclude(args, jobs, outcomes, command, place)
+            status = _conclude(args, [o.job for o in outcomes] if together else jobs, outcomes, command, place)
+            if together is not None:
+                print("\n" + "\n".join(together.lines))
+                status = max(status, 1) if together.failed else status
         return _interrupted(jobs, outcomes, start) if interrupted else status
 
 
@@ -82,6 +88,22 @@ def _work(
     except KeyboardInterrupt:
         return False
     return True
+
+
+def _refine(args: argparse.Namespace, outcomes: "list[Outcome]", place: "ResultsPlace") -> "Refined | None":
+    """Solve the box by all robots, and make their outcomes anew with it; None if Ctrl-C was pressed."""
+    from boxcal.calib.fleet.batch import local_engine
+    from boxcal.calib.fleet.joint_box import refine
+
+    if not args.quiet:
+        _tell(f"fleet-calibrate: solving the box by {len(outcomes)} robots together ...")
+    try:
+        with local_engine(len(outcomes), workers=args.jobs, limit_s=args.time_limit) as engine:
+            together = refine(outcomes, engine, place.folder, place.said)
+    except KeyboardInterrupt:
+        return None
+    outcomes[:] = together.outcomes
+    return together
 
 
 def _tell(line: str) -> None:

@@ -59,6 +59,11 @@ def options() -> argparse.ArgumentParser:
         action="store_true",
         help="all logs are drives of one robot around the same box, solved together and named as the first log",
     )
+    parser.add_argument(
+        "--joint-box",
+        action="store_true",
+        help="all robots together find the box's true shape, and are calibrated with it; FOLDER gets it as target.json",
+    )
     parser.add_argument("--validate", action="store_true", help="hold every stop out in turn and predict it")
     _files(parser)
     _model(parser)

@@ -42,6 +42,12 @@ def check_options(args: Namespace) -> None:
         raise CalibError(
             f"--draw needs the images, {saved[0]} holds none", remedy="give the recording (.mcap), or leave out --draw"
         )
+    if args.joint_box and (robots == 1 or args.closed_form):
+        found = "one robot is given" if robots == 1 else "--closed-form does not solve for the box"
+        raise CalibError(
+            f"--joint-box needs several robots that are solved for by maximum likelihood: {found}",
+            remedy="leave out --joint-box",
+        )
     if args.closed_form and args.validate:
         raise CalibError(
             "--closed-form and --validate exclude each other: the closed form claims no sigmas",

@@ -5,6 +5,7 @@ These are the units of work: each takes a robot with its data and gives some 12 
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 from boxcal.calib.calibrate import judged
 from boxcal.calib.diagnosis.choose import explain
@@ -21,6 +22,7 @@ from boxcal.calib.results.calibration import Calibration
 from boxcal.calib.settings import Job
 from boxcal.calib.uncertainty.box_size import drive_id
 from boxcal.detect.correspondences import Correspondences
+from boxcal.detect.log.remote.drives import load_drive
 from boxcal.one_thread import one_thread
 from boxcal.target.arrays import Array
 from boxcal.target.box import Target
@@ -37,16 +39,27 @@ class Member:
     job
         Its logs, its box and its settings.
     drives
-        What its logs hold, where that is at hand; else they are read.
+        What its logs hold, where that is at hand.
+    saved
+        Correspondences that were saved of its logs, else; without either the logs are read.
     """
 
     job: Job
     drives: tuple[Correspondences, ...] = ()
+    saved: tuple[Path, ...] = ()
 
     def read(self) -> list[Correspondences]:
-        """Return its drives with the landmarks as its box is described."""
+        """Return its drives with the landmarks as its box is described.
+
+        Raises
+        ------
+        BoxcalError
+            If they cannot be read, or saw another box.
+        """
         if self.drives:
             return [placed(drive, self.job.target) for drive in self.drives]
+        if self.saved:
+            return [placed(load_drive(path), self.job.target) for path in self.saved]
         return [read(log, self.job) for log in self.job.logs]
 
 

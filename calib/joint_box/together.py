@@ -1,7 +1,7 @@
 """All robots of one box solved together: its refined shape, and every robot's calibration with it."""
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -76,22 +76,23 @@ def solve_box(members: Sequence[Member], run: Run = map) -> JointBox:
 
     Every robot tells what it knows of the shape, everything of its own eliminated; that is summed with what was known
     before, solved for, and sent back until nothing moves. A robot whose box differs from that of the others beyond
-    chance is left out.
+    chance is left out. What was found of the box in earlier runs is not counted: they may have been of the same drives.
 
     Parameters
     ----------
     members
         Robots whose jobs have one target.
     run
-        What does the work on all robots.
+        What does the work on all robots; None stands for what was lost.
 
     Raises
     ------
     CalibError
         If fewer than two robots can take part, or no majority of them saw one box.
     """
+    members = [replace(m, job=replace(m.job, target=m.job.target.unrefined)) for m in members]
     prior = shape_prior(options_of(members[0].job))
-    parts: list[Part] = list(run(partial(begin, names=prior.names), members))
+    parts = [_told(part) for part in run(partial(begin, names=prior.names), members)]
     left_out = {m.job.robot: p.problem for m, p in zip(members, parts, strict=True) if p.problem is not None}
     there = [k for k, part in enumerate(parts) if part.block is not None]
     if len(there) < LEAST_ROBOTS:
@@ -105,12 +106,17 @@ def solve_box(members: Sequence[Member], run: Run = map) -> JointBox:
     def ask(shape: Array) -> list[Block]:
         work = partial(follow, names=prior.names, shape=shape)
         for k, part in zip(there, run(work, [members[k] for k in there], [parts[k] for k in there]), strict=True):
-            parts[k] = part
+            parts[k] = parts[k] if part is None else part  # what it said last still holds
         return [block for k in there if (block := parts[k].block) is not None]
 
     joined = join(first, prior, ask)
     _check_majority(joined, [members[k].job.robot for k in there])
     return _concluded(members, parts, prior, joined, left_out | _of_another_box(members, there, joined, prior))
+
+
+def _told(part: Part | None) -> Part:
+    """Return a robot's part, also where nothing came back."""
+    return part or Part(problem=CalibError("the process that worked on it was lost", remedy="give fewer --jobs"))
 
 
 def _check_majority(joined: Joined, names: Sequence[str]) -> None:
