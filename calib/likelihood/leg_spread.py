@@ -22,7 +22,9 @@ _FAULTS = (30.0, 3e5)
 """Variances of faults, in those of the noise; all their logarithms are alike."""
 _CLEARLY = 2.0
 """How much larger the logarithm of the likelihood with a spread must be for legs to be weighed by it."""
-_LOG_SCALE = np.linspace(-3, 3, 31)
+_SURPRISING = 0.01
+"""A leg's error is looked at again if normal noise has less than this chance of one as large."""
+_LOG_SCALE = np.linspace(-3, 3, 19)
 _DIMENSIONS = 3
 _NODES, _NODE_WEIGHTS = np.polynomial.hermite_e.hermegauss(11)
 _LOG_NODE_WEIGHTS = np.log(_NODE_WEIGHTS / _NODE_WEIGHTS.sum())
@@ -45,16 +47,18 @@ def surprise(normal: Array, square: Array, freedom: Array, told: Mask) -> Array:
         Which legs say something of the spread.
     """
     told = told & (freedom == _DIMENSIONS)
-    if np.count_nonzero(told) <= ENOUGH:
+    odd = np.flatnonzero((normal < _SURPRISING) & (freedom > 0))
+    if np.count_nonzero(told) <= ENOUGH or not odd.size:
         return normal
     each = np.where(told[:, None, None], _contaminated(square), 0.0)
-    others = each.sum(axis=0) - each + _LOG_PRIOR[:, None]
+    others = each.sum(axis=0) - each[odd] + _LOG_PRIOR[:, None]
     weight = np.exp(others - others.max(axis=(1, 2), keepdims=True))
     weight /= weight.sum(axis=(1, 2), keepdims=True)
-    x = square[:, None, None, None] / np.exp(_LOG_SCALE[:, None] + _LOG_VARIANCE[1:, None, :])
-    chance = special.chdtrc(np.maximum(freedom, 1)[:, None, None, None], x) @ np.exp(_LOG_NODE_WEIGHTS)
-    p = weight[:, 0].sum(axis=1) * normal + np.sum(weight[:, 1:] * chance, axis=(1, 2))
-    return np.where(freedom > 0, p, 1.0)
+    x = square[odd, None, None, None] / np.exp(_LOG_SCALE[:, None] + _LOG_VARIANCE[1:, None, :])
+    chance = special.chdtrc(freedom[odd, None, None, None], x) @ np.exp(_LOG_NODE_WEIGHTS)
+    p = normal.copy()
+    p[odd] = weight[:, 0].sum(axis=1) * normal[odd] + np.sum(weight[:, 1:] * chance, axis=(1, 2))
+    return p
 
 
 def spread_of(square: Array) -> float:
