@@ -94,8 +94,9 @@ def correspondences_schema() -> Schema:
     """
     from boxcal.detect.correspondences import SCHEMA, Source, StopObservation
     from boxcal.detect.log.wheel_samples import WheelSamples, WheelUnits
+    from boxcal.detect.tags.moving_frames import MovingFrame
 
-    stop = of_dataclass(StopObservation, skip_arrays=True)
+    stop, frame = (of_dataclass(kind, skip_arrays=True) for kind in (StopObservation, MovingFrame))
     schema = _document(
         "correspondences.npz: header",
         "What a robot saw at each stop of one drive, and what its wheels did between: the numbers beside the arrays.",
@@ -107,12 +108,14 @@ def correspondences_schema() -> Schema:
             "encoder_steps": of_dataclass(WheelSamples, skip_arrays=True)["properties"]["encoder_steps"],
             "units": of_dataclass(WheelUnits),
             "stops": {"type": "array", "items": stop, "description": "In order of time."},
+            "moving": {"type": "array", "items": frame, "description": "Frames taken between stops, in order of time."},
         },
-        optional=("encoder_steps", "units"),
+        optional=("encoder_steps", "units", "moving"),
     )
     arrays = {name: text for name, text in attributes(WheelSamples).items() if name != "encoder_steps"}
     own = set(stop["properties"])
     arrays |= {f"stop<number>_{name}": text for name, text in attributes(StopObservation).items() if name not in own}
+    arrays |= {f"moving<number>_{name}": text for name, text in attributes(MovingFrame).items() if name != "t_ns"}
     return {**schema, "arrays": {"header": "This document, UTF-8 bytes.", **arrays}}
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from boxcal.calib.errors import CalibError
 from boxcal.calib.four_steps.step1_camera import CameraMode
 from boxcal.calib.likelihood import CameraKind
+from boxcal.calib.likelihood.moving.merge import Moving
 from boxcal.calib.results.calibration import Calibration
 from boxcal.detect.log.opener import robot_name_of
 from boxcal.detect.log.topics import Topics
@@ -88,6 +89,8 @@ class Settings:
         Found from the samples if None.
     slip : m/sqrt(m), optional
         Estimated if None.
+    moving
+        Whether frames taken between stops are used: where the data allow it, always, or never.
     report
         Write ``report.html`` for every robot (and let the caller write the fleet's).
     draw
@@ -119,6 +122,7 @@ class Settings:
     bow_prior: float | None = None
     encoder_step: float | None = None
     slip: float | None = None
+    moving: Moving = Moving.AUTO
     report: bool = True
     draw: bool = False
     nominal: Nominal | None = None

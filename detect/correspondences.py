@@ -4,6 +4,7 @@ import io
 import json
 import zipfile
 from dataclasses import asdict, dataclass, field, fields, replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from boxcal.detect.errors import DetectError
 from boxcal.detect.log.encoder import gaps_covered, without_strays
 from boxcal.detect.log.recording import Recording
 from boxcal.detect.log.wheel_samples import Flags, JointUnit, WheelSamples, WheelUnits
+from boxcal.detect.tags.moving_frames import MovingFrame, refuse_odd_landmarks
 from boxcal.target.arrays import Array, Ids
 from boxcal.target.box import CORNERS, FACES
 from boxcal.target.files.atomic_write import write_atomically
@@ -66,14 +68,8 @@ class StopObservation:
     rejected_tags: int = 0
 
     def __post_init__(self) -> None:
+        refuse_odd_landmarks("a stop's", self.landmark_ids, (self.p_box, self.uv_px, self.cov_px2))
         n = self.landmark_ids.shape[0]
-        shapes = (self.p_box.shape, self.uv_px.shape, self.cov_px2.shape)
-        if shapes != ((n, 3), (n, 2), (n, 2, 2)):
-            raise DetectError(
-                f"a stop's landmarks: found shapes {shapes} for {n} ids; (L, 3), (L, 2), (L, 2, 2) needed"
-            )
-        if not all(np.all(np.isfinite(a)) for a in (self.p_box, self.uv_px, self.cov_px2)):
-            raise DetectError("a stop's landmarks: a coordinate is not finite; drop such landmarks")
         if self.faces.size == 0:
             object.__setattr__(self, "faces", faces_by_normal(self.landmark_ids, self.p_box))
         elif self.faces.shape != (n,):
@@ -175,6 +171,8 @@ class Correspondences:
         Provenance.
     units
         What the wheel readings were taken for; the angles here are rad.
+    moving
+        Frames taken between stops that show the box, in order of time; empty where none was looked at.
     """
 
     robot: str
@@ -183,6 +181,7 @@ class Correspondences:
     stops: tuple[StopObservation, ...]
     source: Source = Source()
     units: WheelUnits = field(default_factory=WheelUnits)
+    moving: tuple[MovingFrame, ...] = ()
 
     def __post_init__(self) -> None:
         last = -1
@@ -193,6 +192,8 @@ class Correspondences:
                     f"within the {len(self.wheels)} there are"
                 )
             last = stop.last_sample
+        if any(a.t_ns >= b.t_ns for a, b in pairwise(self.moving)):
+            raise DetectError("frames on the move: their times do not ascend; sort them")
 
     def leg(self, i: int) -> tuple[Array, Array]:
         """Return the wheel angles from stop i to stop i + 1, (M,) and (M,) rad, right and left.
@@ -240,6 +241,7 @@ class Correspondences:
                 }
                 for s in self.stops
             ],
+            "moving": [{"t_ns": frame.t_ns} for frame in self.moving],
         }
         arrays: dict[str, Any] = {
             "header": np.frombuffer(json.dumps(header).encode(), dtype=np.uint8),
@@ -250,6 +252,8 @@ class Correspondences:
         }
         for j, stop in enumerate(self.stops):
             arrays.update({f"stop{j}_{name}": getattr(stop, name) for name in _STOP_ARRAYS})
+        for j, frame in enumerate(self.moving):
+            arrays.update({f"moving{j}_{name}": getattr(frame, name) for name in _STOP_ARRAYS})
         buffer = io.BytesIO()
         np.savez_compressed(buffer, **arrays)
         write_atomically(Path(path), buffer.getvalue())
@@ -296,6 +300,10 @@ def load_correspondences(path: str | Path) -> Correspondences:
                 stops=stops,
                 source=_source(header["source"]),
                 units=_units(header.get("units", {})),
+                moving=tuple(
+                    MovingFrame(t_ns=int(frame["t_ns"]), **{k: data[f"moving{j}_{k}"] for k in _STOP_ARRAYS})
+                    for j, frame in enumerate(header.get("moving", []))
+                ),
             )
     except DetectError:
         raise

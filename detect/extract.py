@@ -58,6 +58,8 @@ class ExtractSettings:
         Fewest tags that make a stop usable.
     floor_px : px
         Standard deviation per axis below which no corner is believed.
+    moving
+        Whether to look at some frames between stops, too.
     """
 
     stops: StopSettings = field(default_factory=StopSettings)
@@ -68,6 +70,7 @@ class ExtractSettings:
     max_frames: int = 20
     min_tags: int = 4
     floor_px: float = FLOOR_PX
+    moving: bool = True
 
     def __post_init__(self) -> None:
         for name, least in (("settle", 0.0), ("max_frames", 1), ("min_tags", 1), ("floor_px", 1e-6)):
@@ -153,17 +156,18 @@ def extract_recording(
             recording = recording.with_clock_offset(offset)
             found = _seen(recording, stops, target, settings, tell, pictures)
     recording.refuse_times_apart()
-    scale = found[0].print_scale()
+    scale, looked_for = found[0].print_scale(), target
     if scale != 1.0:
         tell(f"tags of two faces fit prints of {scale:.0%} only: looking again", 0.0)
         again = _seen(recording, stops, scaled_prints(target, scale), settings, tell, pictures)
-        # one picture told the size: the others must bear it out
-        found = max(found, again, key=lambda looked: looked[0].tags)
+        if again[0].tags > found[0].tags:  # one picture told the size: the others must bear it out
+            found, looked_for = again, scaled_prints(target, scale)
     look, seen = found
     if len(seen) < MIN_STOPS:
         raise DetectError(
             look.why_not(len(stops), len(seen), settings.stops, settings.min_tags), source=recording.path.name
         )
+    moving = look.between([stop for stop, _, _ in seen], stops, looked_for) if settings.moving else ()
     covs = covariances([detections for _, detections, _ in seen], settings.floor_px)
     return Correspondences(
         robot=robot_name_of(recording.path),
@@ -175,6 +179,7 @@ def extract_recording(
         ),
         source=source_of(recording, target_sha256(target), look.notes()),
         units=recording.units,
+        moving=tuple(replace(frame, p_box=target.p_box(frame.landmark_ids)) for frame in moving),
     )
 
 

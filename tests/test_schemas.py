@@ -2,7 +2,9 @@
 
 import copy
 import json
+import re
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +19,7 @@ from boxcal.calib.planning.plan import PlanOptions, plan_drive
 from boxcal.calib.results.json_format import calibration_document
 from boxcal.calib.settings import Settings
 from boxcal.calib.simulate.robot import turtlebot
+from boxcal.detect.tags.moving_frames import MovingFrame
 from boxcal.json_schema import Schema
 from boxcal.schemas import all_schemas
 from boxcal.target.files.target_json import target_document
@@ -86,11 +89,10 @@ def test_files_that_lack_a_field_or_have_another_type_do_not(
 
 def test_the_schema_lists_every_array_of_saved_correspondences(tmp_path: Path) -> None:
     drive = boxcal.simulate(stops=3, seed=1).correspondences
-    drive.save(tmp_path / "drive.npz")
+    seen = {name: getattr(drive.stops[0], name) for name in ("landmark_ids", "p_box", "faces", "uv_px", "cov_px2")}
+    replace(drive, moving=(MovingFrame(t_ns=1, **seen),)).save(tmp_path / "drive.npz")
     with np.load(tmp_path / "drive.npz") as saved:
-        names = {
-            name.replace(name.split("_")[0], "stop<number>") if name.startswith("stop") else name for name in saved
-        }
+        names = {re.sub(r"^(stop|moving)\d+_", r"\1<number>_", name) for name in saved}
     assert names == set(all_schemas()["correspondences"]["arrays"])
 
 

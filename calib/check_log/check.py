@@ -93,7 +93,7 @@ def check_log(
     stands = find_stops(recording.wheels)
     drive, findings = None, []
     try:
-        drive = extract_recording(recording, target, settings=ExtractSettings(max_frames=_FRAMES))
+        drive = extract_recording(recording, target, settings=ExtractSettings(max_frames=_FRAMES, moving=False))
     except DetectError as error:
         findings.append(refused("recording", error))
     else:

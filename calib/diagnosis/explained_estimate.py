@@ -12,13 +12,17 @@ from boxcal.calib.diagnosis.target_causes import target_findings
 from boxcal.calib.four_steps.procedure import FourSteps
 from boxcal.calib.likelihood.estimate import Estimate
 from boxcal.calib.likelihood.estimator import fit, reported
+from boxcal.calib.likelihood.moving.merge import Moving, with_moving_frames
 from boxcal.calib.likelihood.options import EstimateOptions
 from boxcal.calib.likelihood.summary import reported_cov
 from boxcal.detect.correspondences import Correspondences
 
 
 def estimate_explained(
-    drives: Sequence[Correspondences], start: Sequence[FourSteps] | FourSteps | None, options: EstimateOptions
+    drives: Sequence[Correspondences],
+    start: Sequence[FourSteps] | FourSteps | None,
+    options: EstimateOptions,
+    moving: Moving = Moving.OFF,
 ) -> tuple[Estimate, EstimateOptions]:
     """Return the estimate with whatever explains its drives, and options to solve parts of them alike.
 
@@ -29,6 +33,8 @@ def estimate_explained(
     ----------
     drives, start, options
         As for :func:`boxcal.calib.likelihood.estimate`.
+    moving
+        Whether frames on the move are used.
 
     Raises
     ------
@@ -42,6 +48,8 @@ def estimate_explained(
     found = _with_unseen(found, replace(explained, fit=solved))
     findings = (*explained.findings, *leg_findings(solved, found, drives), *target_findings(solved))
     of_wheels = tuple(cause for cause, _ in explained.adopted if not cause.in_pictures)
+    if moving is not Moving.OFF:
+        found = with_moving_frames(found, solved, drives, moving)
     options = replace(options, lens=found.camera.kind, explanations=(*options.explanations, *of_wheels))
     return replace(found, findings=(*findings, *found.findings)), options
 

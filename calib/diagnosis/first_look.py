@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 
@@ -19,7 +20,8 @@ from boxcal.calib.four_steps.step1_camera import CameraMode, CameraStep, calibra
 from boxcal.calib.geometry.diff_drive import legs_between
 from boxcal.calib.likelihood.finding import Finding
 from boxcal.calib.likelihood.robust_steps import robust_steps
-from boxcal.detect.correspondences import Correspondences
+from boxcal.detect.correspondences import Correspondences, StopObservation
+from boxcal.detect.tags.moving_frames import MovingFrame
 from boxcal.target.box import FACES, Target
 
 LAYOUT_RMS_PX = 1.0
@@ -105,11 +107,20 @@ def _relaid(
 
 
 def _placed(drive: Correspondences, target: Target) -> Correspondences:
-    stops = []
-    for stop in drive.stops:
-        rows = np.array([target.row_of(int(i) // 4) for i in stop.landmark_ids], dtype=np.int64)
-        stops.append(replace(stop, p_box=target.p_box(stop.landmark_ids), faces=target.tag_faces[rows]))
-    return replace(drive, stops=tuple(stops))
+    return replace(
+        drive,
+        stops=tuple(_on_it(stop, target) for stop in drive.stops),
+        moving=tuple(_on_it(frame, target) for frame in drive.moving),
+    )
+
+
+_Seen = TypeVar("_Seen", StopObservation, MovingFrame)
+
+
+def _on_it(seen: _Seen, target: Target) -> _Seen:
+    """Return landmarks where a target has them."""
+    rows = np.array([target.row_of(int(i) // 4) for i in seen.landmark_ids], dtype=np.int64)
+    return replace(seen, p_box=target.p_box(seen.landmark_ids), faces=target.tag_faces[rows])
 
 
 def _steps(drive: Correspondences, target: Target, mode: CameraMode) -> FourSteps | _Relaid:

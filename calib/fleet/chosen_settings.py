@@ -6,6 +6,7 @@ from math import radians
 from boxcal.calib.exports.nominal import load_nominal
 from boxcal.calib.four_steps.step1_camera import CameraMode
 from boxcal.calib.likelihood import CameraKind
+from boxcal.calib.likelihood.moving.merge import Moving
 from boxcal.calib.settings import Settings
 from boxcal.detect.log.topics import Topics
 from boxcal.detect.log.wheel_samples import JointUnit, WheelUnits
@@ -47,6 +48,7 @@ def chosen_settings(args: Namespace, target: Target, *, report: bool) -> Setting
         face_prior=None if face is None else (face / half_face, face),
         bow_prior=None if args.bow_prior_mm is None else args.bow_prior_mm * 1e-3,
         encoder_step=None if args.encoder_step_deg is None else radians(args.encoder_step_deg),
+        moving=Moving(args.moving),
         slip=None if args.slip_mm is None else args.slip_mm * 1e-3,
         report=report,
         draw=args.draw,

@@ -183,6 +183,12 @@ def _model(parser: argparse.ArgumentParser) -> None:
         help="to what the box' width and depth were measured (not)",
     )
     model.add_argument("--encoder-step-deg", type=_SIZE, metavar="DEG", help="found from the samples if not given")
+    model.add_argument(
+        "--moving",
+        choices=("auto", "on", "off"),
+        default="auto",
+        help="frames taken between stops: where the data allow it, always (else refuse the drive), never (auto)",
+    )
     model.add_argument("--slip-mm", type=_SIZE, metavar="MM", help="of a wheel per root metre; estimated if not given")
 
 

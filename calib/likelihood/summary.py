@@ -56,7 +56,7 @@ def summarise(fit: Fit, drives: Sequence[Correspondences]) -> Estimate:
         ),
         cov=cov[:COUNT, :COUNT],
         names=problem.names,
-        values=_values(problem, state),
+        values=values_of(problem, state),
         cov_all=cov,
         flagged_legs=legs,
         flagged_corners=_flagged_corners(fit, drives),
@@ -106,7 +106,7 @@ def reported_cov(cov: Array, state: State, unknown: Mask) -> Array:
     return np.asarray(out)
 
 
-def _values(problem: Problem, state: State) -> Array:
+def values_of(problem: Problem, state: State) -> Array:
     """Return the values of all shared unknowns; 0 for the extrinsics' perturbation."""
     values = shared_values(problem, state)
     values[CAMERA], values[WHEELS], values[problem.extras] = state.lens[CAMERA], state.wheels, state.lens[5:]

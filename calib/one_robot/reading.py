@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from boxcal.calib.errors import CalibError
+from boxcal.calib.likelihood.moving.merge import Moving
 from boxcal.calib.settings import CORRESPONDENCES, Job, Nominal, Settings
 from boxcal.detect.correspondences import Correspondences, load_correspondences, taken_as
 from boxcal.detect.extract import ExtractSettings, Pictures, extract
@@ -30,7 +31,7 @@ def read(
             return placed(drive, job.target)
         except CalibError as error:
             raise error.of(log.name) from error
-    settings = ExtractSettings(bits=job.settings.bits)
+    settings = ExtractSettings(bits=job.settings.bits, moving=job.settings.moving is not Moving.OFF)
     return extract(
         log,
         job.target,
@@ -67,12 +68,13 @@ def placed(drive: Correspondences, target: Target) -> Correspondences:
     """
     try:
         stops = tuple(replace(stop, p_box=target.p_box(stop.landmark_ids)) for stop in drive.stops)
+        moving = tuple(replace(frame, p_box=target.p_box(frame.landmark_ids)) for frame in drive.moving)
     except KeyError as error:
         raise CalibError(
             f"tag {error} was seen, the target does not carry it",
             remedy="give the target.json that the log was read with",
         ) from error
-    return replace(drive, stops=stops, source=replace(drive.source, target_sha256=target_sha256(target)))
+    return replace(drive, stops=stops, moving=moving, source=replace(drive.source, target_sha256=target_sha256(target)))
 
 
 def at_box(drive: Correspondences, target: Target, *, given: bool) -> Correspondences:

@@ -92,7 +92,7 @@ def _likelihood(
 ) -> tuple[Estimate, EstimateOptions]:
     """Return the maximum likelihood estimate, and the options that it was made with."""
     options = options_of(job)
-    found, options = estimate_explained(drives, steps, options)
+    found, options = estimate_explained(drives, steps, options, job.settings.moving)
     return replace(found, notes=found.notes + box_notes(job.target, drives)), options
 
 

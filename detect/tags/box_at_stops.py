@@ -1,6 +1,6 @@
 """The box looked for at the stops of a recording, and what explains that it is not found."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import cv2
 import numpy as np
@@ -9,9 +9,11 @@ from boxcal.detect.alignment.detector import KnownCamera
 from boxcal.detect.image.bit_depth import DeepGrey, eight_bits
 from boxcal.detect.log.recording import Recording
 from boxcal.detect.log.safe_text import listed, printable
-from boxcal.detect.stops import StopSettings
+from boxcal.detect.stops import Stop, StopSettings
 from boxcal.detect.tags.averaging import AveragedCorners
 from boxcal.detect.tags.detections import TagSettings, find_tags, other_family
+from boxcal.detect.tags.moving_frames import MovingFrame
+from boxcal.detect.tags.on_the_move import TRIED, BoxOnTheMove, Choice, budget, candidates, may_be_measured
 from boxcal.detect.tags.print_size import print_scale
 from boxcal.detect.tags.stop_measurement import measure_stop
 from boxcal.target.arrays import Ids
@@ -81,6 +83,30 @@ class BoxAtStops:
         self.rejected.append(count)
         if self.last_frame is not None and count > (0 if self._contradicting is None else self._contradicting[0]):
             self._contradicting = (count, self.last_frame)
+
+    def between(self, stops: Sequence[Stop], stands: Sequence[Stop], target: Target) -> tuple[MovingFrame, ...]:
+        """Return frames taken between stops that show the box, a few that tell much (see ``on_the_move``)."""
+        if self._camera is None or not may_be_measured(self._tags, self.image_size) or len(stops) < MIN_STOPS:
+            return ()
+        recording = self._recording
+        choice = Choice(among=candidates(recording.wheels, stops, stands, recording.frame_t_ns))
+        look, wanted = BoxOnTheMove(target, self._tags, self._camera), budget(len(stops) - 1)
+        found: list[MovingFrame] = []
+        for _ in range(round(TRIED * wanted)):
+            at = choice.next()
+            if at is None or len(found) == wanted or self._pixels > MOST_PIXELS:
+                break
+            row = int(choice.among.frames[at])
+            seen = [
+                look.at(image, t_ns)
+                for t_ns, image in recording.read_deep_frames([row], self._bits)
+                if (image.shape[1], image.shape[0]) == self.image_size
+            ]
+            self._pixels += self.image_size[0] * self.image_size[1]
+            shown = [frame for frame in seen if frame is not None]
+            choice.learn(at, shown=bool(shown))
+            found += shown
+        return tuple(sorted(found, key=lambda frame: frame.t_ns))
 
     def print_scale(self) -> float:
         """Return the size of the prints against their description if that explains rejected tags, else 1."""

@@ -1,0 +1,96 @@
+"""Rolling shutter: rows of a frame on the move are seen one after the other."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from boxcal.calib.geometry.so3_se3 import exp_so3
+from boxcal.calib.likelihood.explanation import Columns
+from boxcal.calib.likelihood.problem import Problem
+from boxcal.calib.likelihood.residuals import Corners
+from boxcal.calib.likelihood.state import State, camera_motions
+from boxcal.target.arrays import Array
+from boxcal.target.camera.camera_model import project_with_jacobians
+
+ROLLING = "camera_readout"
+PRIOR_S = 0.01
+"""Standard deviation of the readout time beforehand, s: many cameras read all rows at once, few take 30 ms."""
+_SHORT_S = 1e-4
+"""A shorter readout moves corners in proportion."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Readout:
+    """Readout time of a frame as an unknown; its columns differ from corner to corner, see :func:`with_rolling`."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Its one unknown, s: positive if upper rows are seen first."""
+        return (ROLLING,)
+
+    @property
+    def prior(self) -> tuple[float, ...]:
+        """Standard deviation beforehand, s."""
+        return (PRIOR_S,)
+
+    def columns(self, problem: Problem, state: State) -> Columns:  # noqa: ARG002 (see the class)
+        """Return nothing: no stop sees it."""
+        return Columns()
+
+
+def with_rolling(problem: Problem, state: State, corners: Corners, rates: Array, height: int) -> Corners:
+    """Return the corners with the readout time, which is the last of the shared unknowns.
+
+    The middle row is seen at the frame's time, rows above it earlier, the robot rolling on as it does then.
+
+    Parameters
+    ----------
+    problem, state, corners
+        The corners about a state, all rows seen at once.
+    rates : (P, 2), rad/s
+        How fast the wheels turn; 0 at stops.
+    height : px
+        Of the images.
+    """
+    twist = _twists(problem, state, rates)[problem.corner_stop]
+    n = len(state.lens)
+    row = problem.uv_px[:, 1] / height - 0.5
+    column = (corners.jacobian[:, :, n : n + 6] @ twist[:, :, None])[:, :, 0] * row[:, None]
+    readout_s = float(state.explained[-1])
+    moved = readout_s * column
+    if abs(readout_s) > _SHORT_S:
+        moved = (problem.whiten @ _moved(problem, state, twist * (readout_s * row)[:, None])[:, :, None])[:, :, 0]
+    G, m, n_shared = corners.J_shared.shape
+    J_shared = np.zeros((G, m + 1, n_shared))
+    J_shared[:, :m], J_shared[:, m, -1] = corners.J_shared, 1.0
+    below = ((0, 0), (0, 1), (0, 0))
+    return replace(
+        corners,
+        residual=corners.residual - moved,
+        jacobian=np.concatenate([corners.jacobian, column[:, :, None]], axis=2),
+        J_shared=J_shared,
+        J_pose=np.pad(corners.J_pose, below),
+        J_local=np.pad(corners.J_local, below),
+    )
+
+
+def _twists(problem: Problem, state: State, rates: Array) -> Array:
+    """Return the motions of the camera in a second as right perturbations of ``T_box_cam``, (P, 6)."""
+    rR, rL, b = state.wheels
+    v, w = (rates @ np.array([rR, rL])) / 2, (rates @ np.array([rR, -rL])) / b
+    theta = state.poses[:, 2]
+    velocity = np.stack([v * np.cos(theta), v * np.sin(theta), w], axis=1)
+    return np.asarray((camera_motions(problem, state).J_pose @ velocity[:, :, None])[:, :, 0])
+
+
+def _moved(problem: Problem, state: State, motion: Array) -> Array:
+    """Return how far corners move, (L, 2) px, if the camera moves otherwise for each, (L, 6)."""
+    motions, stop = camera_motions(problem, state), problem.corner_stop
+    R = motions.R_box_cam[stop]
+    p_box, _ = problem.target.landmarks(state.shape)
+    p = (np.swapaxes(R, 1, 2) @ (p_box - motions.p_box_cam[stop])[:, :, None])[:, :, 0]
+    turn, way = motion[:, :3], motion[:, 3:]
+    way = way + np.cross(turn, way) / 2
+    after = (np.swapaxes(exp_so3(turn), 1, 2) @ (p - way)[:, :, None])[:, :, 0]
+    ends = [project_with_jacobians(problem.lens, state.lens, x)[0] for x in (p, after)]
+    return np.asarray(ends[1] - ends[0])

@@ -1,0 +1,215 @@
+"""Solution of stops and frames on the move together, started from that of the stops."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from boxcal.calib.likelihood.corner_floor import with_floor
+from boxcal.calib.likelihood.explanation import Columns, Explanation
+from boxcal.calib.likelihood.fit import Fit
+from boxcal.calib.likelihood.leg_model import leg_model
+from boxcal.calib.likelihood.levenberg_marquardt import Linearization, Weights
+from boxcal.calib.likelihood.moving.clock import CameraLate
+from boxcal.calib.likelihood.moving.noise import FrameNoise
+from boxcal.calib.likelihood.moving.rolling import Readout, with_rolling
+from boxcal.calib.likelihood.moving.system import Levels, solved_at
+from boxcal.calib.likelihood.moving.weave import Woven, weave
+from boxcal.calib.likelihood.problem import Problem, build_problem
+from boxcal.calib.likelihood.residuals import corner_equations, corner_residuals, explained_columns, leg_residuals
+from boxcal.calib.likelihood.state import State, retract
+from boxcal.detect.correspondences import Correspondences
+from boxcal.target.arrays import Array, Ids
+
+FIRST_JITTER_S = 1e-3
+_REWOVEN_S = 2e-4
+"""A change of the offset beyond this (s) sets the frames to new places on the path."""
+_FINEST_STEP = 1e-6
+"""Encoder step (rad) of readings that show none, so that errors in time reach them."""
+_STEPS = 10
+_CLOSE = 1e-2
+"""Promised decrease of the sum of squares at which the solver ends: a tenth of a standard deviation."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Joint:
+    """Stops and frames on the move about one state.
+
+    Attributes
+    ----------
+    woven, problem
+        The data, in one row.
+    late_s : s
+        Clock offset that the frames' places on the path allow for; what is left of it is an unknown.
+    height : px
+        Of the images.
+    weights
+        Of corners (those of frames hold the frames' noise) and legs.
+    at
+        The likelihood about the state.
+    """
+
+    woven: Woven
+    problem: Problem
+    late_s: float
+    height: int
+    weights: Weights
+    at: Linearization
+
+    @property
+    def state(self) -> State:
+        """Values of all unknowns."""
+        return self.at.state
+
+    @property
+    def moving_corners(self) -> Ids:
+        """Corners of frames on the move."""
+        return np.flatnonzero(np.isin(self.problem.corner_stop, self.woven.moving))
+
+
+def joined(fit: Fit, drive: Correspondences, frames: Ids, late_s: float, noise: FrameNoise) -> Joint:
+    """Return the stops of a solution with frames on the move between them, these where the wheels lead from the stops.
+
+    Parameters
+    ----------
+    fit
+        Solution of the stops of one drive.
+    drive
+        That drive.
+    frames : (F,)
+        Which of its frames to use.
+    late_s : s
+        Clock offset to begin with.
+    noise
+        Of the frames, to begin with.
+    """
+    woven = weave(drive, fit.problem.stop, frames, late_s)
+    problem = _problem(fit, woven)
+    return _about(fit, drive, (woven, problem), _first_state(fit, woven, problem), late_s, noise)
+
+
+def _about(  # noqa: PLR0917 - stops and frames, and about what
+    fit: Fit, drive: Correspondences, data: tuple[Woven, Problem], state: State, late_s: float, noise: FrameNoise
+) -> Joint:
+    """Return stops and frames about a state."""
+    woven, problem = data
+    weights, height = _weights(fit, woven, problem, noise), drive.image_size[1]
+    at = _linearized(problem, state, weights, woven, height)
+    return Joint(woven=woven, problem=problem, late_s=late_s, height=height, weights=weights, at=at)
+
+
+def _problem(fit: Fit, woven: Woven) -> Problem:
+    explanations: tuple[Explanation, ...] = (*fit.problem.explanations, CameraLate(rates=woven.rates), Readout())
+    options = replace(fit.options, lens=fit.problem.lens, explanations=explanations)
+    step = max(fit.problem.step, _FINEST_STEP)
+    problem = build_problem([woven.drive], [tuple(range(len(woven.frame)))], options, step)
+    return with_floor(problem, fit.problem.floor_px)
+
+
+def _first_state(fit: Fit, woven: Woven, problem: Problem) -> State:
+    """Return the state of the stops with the frames where the wheels lead from the stops before them."""
+    count = len(woven.frame)
+    stops = np.flatnonzero(woven.frame < 0)
+    model = leg_model(problem.path, fit.state.wheels, np.zeros((count - 1, 2)), np.zeros((count - 1, 2)))
+    poses = np.zeros((count, 3))
+    poses[stops] = fit.state.poses
+    for k in woven.moving.tolist():
+        x, y, theta = poses[k - 1]
+        dx, dy, turn = model.displacement[k - 1]
+        c, s = np.cos(theta), np.sin(theta)
+        poses[k] = x + c * dx - s * dy, y + s * dx + c * dy, theta + turn
+
+    def of_stops(values: Array) -> Array:
+        out = np.zeros((count, *values.shape[1:]))
+        out[stops] = values
+        return out
+
+    return replace(
+        fit.state,
+        explained=np.concatenate([fit.state.explained, np.zeros(2)]),
+        poses=poses,
+        lean=of_stops(fit.state.lean),
+        growth=of_stops(fit.state.growth),
+        encoder_errors=of_stops(fit.state.encoder_errors),
+    )
+
+
+def _weights(fit: Fit, woven: Woven, problem: Problem, noise: FrameNoise) -> Weights:
+    """Return the weights of corners and legs, what was found faulty at stops left out."""
+    corners = np.full(len(problem.uv_px), noise.scale**-2.0)
+    corners[~np.isin(problem.corner_stop, woven.moving)] = fit.weights.corners
+    stop_of = np.cumsum(woven.frame < 0) - 1
+    legs = fit.weights.legs[stop_of[:-1]] * problem.leg_known
+    return Weights(corners=corners, legs=legs)
+
+
+def _linearized(problem: Problem, state: State, weights: Weights, woven: Woven, height: int) -> Linearization:
+    """Return the likelihood about a state, rows of moving frames read one after the other."""
+    columns: Columns = explained_columns(problem, state)
+    corners = corner_residuals(problem, state, columns)
+    corners = with_rolling(problem, state, corners, woven.rates, height)
+    legs = leg_residuals(problem, state, columns)
+    normal, local, squares = corner_equations(problem, corners, weights.corners)
+    return Linearization(
+        corner_normal=normal, corner_local=local, corner_squares=squares, corners=corners, legs=legs, state=state,
+        columns=columns,
+    )  # fmt: skip
+
+
+def linearized(joint: Joint, state: State) -> Linearization:
+    """Return the likelihood of stops and frames about another state."""
+    return _linearized(joint.problem, state, joint.weights, joint.woven, joint.height)
+
+
+def stepped(joint: Joint, levels: Levels, weight: Array, weights: Weights | None = None) -> Joint:
+    """Return the likelihood after a step, the mean of solutions at some levels by their weights (K,).
+
+    From there on corners and legs may have other ``weights``.
+    """
+    joint = joint if weights is None else replace(joint, weights=weights)
+    s = levels.solution
+    d_shared, d_stops = weight @ s.d_shared, np.tensordot(weight, s.d_stops, 1)
+    d_local = s.local_step(d_shared, d_stops) * levels.local_sigma
+    state = retract(joint.problem, joint.state, d_shared, d_stops, d_local)
+    return replace(joint, at=linearized(joint, state))
+
+
+def rewoven(fit: Fit, drive: Correspondences, joint: Joint, noise: FrameNoise) -> Joint:
+    """Return stops and frames with the offset that was found taken into the frames' places on the path."""
+    late_s = joint.late_s + float(joint.state.explained[-2])
+    old = joint.woven
+    woven = weave(drive, fit.problem.stop, old.frame[old.moving], late_s)
+    source = np.empty(len(woven.frame), dtype=np.int64)
+    source[woven.frame < 0] = np.flatnonzero(old.frame < 0)
+    source[woven.moving] = old.moving[np.searchsorted(old.frame[old.moving], woven.frame[woven.moving])]
+    state = joint.state
+    explained = state.explained.copy()
+    explained[-2] = 0.0
+    state = replace(
+        state,
+        explained=explained,
+        poses=state.poses[source],
+        lean=state.lean[source],
+        growth=state.growth[source],
+        encoder_errors=state.encoder_errors[source],
+    )
+    return _about(fit, drive, (woven, _problem(fit, woven)), state, late_s, noise)
+
+
+def maximised(fit: Fit, drive: Correspondences, joint: Joint, noise: FrameNoise) -> tuple[Joint, bool]:
+    """Return the likelihood at its maximum for given noise, and whether the solver got there."""
+    slip, jitter = np.array([noise.slip]), np.array([noise.jitter_s])
+    for _ in range(_STEPS):
+        levels = solved(fit, joint, noise, slip, jitter)
+        promised = float(levels.solution.decrease[0])
+        if promised < _CLOSE:
+            return joint, joint.at.valid
+        joint = stepped(joint, levels, np.ones(1))
+        if abs(joint.state.explained[-2]) > _REWOVEN_S:
+            joint = rewoven(fit, drive, joint, noise)
+    return joint, False
+
+
+def solved(fit: Fit, joint: Joint, noise: FrameNoise, slip: Array, jitter_s: Array) -> Levels:
+    """Return the solutions about the state at levels of slip and jitter (K,); see :func:`solved_at`."""
+    at, weights = joint.at, joint.weights
+    return solved_at(joint.problem, joint.woven, at, fit.components, weights, noise, slip, jitter_s)

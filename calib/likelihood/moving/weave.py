@@ -1,0 +1,135 @@
+"""Frames on the move set among the stops of a drive, at the times that a clock offset gives them.
+
+Wheel readings at a frame's time are interpolated and become samples of their own, so that a frame is a stop of no
+length: each leg falls into parts, and the slip of each is the noise of what the wheels rolled in it.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from boxcal.detect.correspondences import Correspondences, StopObservation
+from boxcal.target.arrays import Array, Ids, Mask
+
+_LEAST_RATE = 0.05
+"""Wheel rate (rad/s) below which a frame tells nothing of the clocks, and may belong to a stand."""
+_APART_S = 0.005
+"""Frames nearer in time than this to a stop or to each other are not used: hardly anything rolls between."""
+_RATE_SAMPLES = 2
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Woven:
+    """A drive whose stops and frames on the move stand in one row.
+
+    Attributes
+    ----------
+    drive
+        Stops and frames, in order of time.
+    frame : (P,)
+        Number of the moving frame at each place of that row; -1 for a stop.
+    rates : (P, 2), rad/s
+        How fast the right and the left wheel turn there; 0 at stops.
+    bend : (P, 2), rad
+        By how much readings may be wrong for being interpolated; 0 at stops.
+    """
+
+    drive: Correspondences
+    frame: Ids
+    rates: Array
+    bend: Array
+
+    @property
+    def moving(self) -> Ids:
+        """Places of the frames in the row, (F,)."""
+        return np.flatnonzero(self.frame >= 0)
+
+
+def weave(drive: Correspondences, kept: Ids, frames: Ids, late_s: float) -> Woven:
+    """Return a drive with some frames on the move set among some of its stops.
+
+    Frames that the offset puts into a stand, before the first or behind the last stop, where the wheels hardly turn or
+    where their travel is not known are passed over.
+
+    Parameters
+    ----------
+    drive
+        The drive, with its frames on the move.
+    kept : (K,)
+        Numbers of the stops to use, ascending.
+    frames : (F,)
+        Numbers of the frames to use, ascending.
+    late_s : s
+        Stamp of a frame less the time at which it was taken.
+    """
+    wheels = drive.wheels
+    t0 = int(wheels.t_ns[0])
+    t = (wheels.t_ns - t0) / 1e9
+    at = np.array([(drive.moving[f].t_ns - t0) / 1e9 - late_s for f in frames])
+    usable = _between_stops(drive, kept, at, t0)
+    after = np.clip(np.searchsorted(t, at), 1, len(t) - 1)
+    phi = np.stack([wheels.phi_R, wheels.phi_L], axis=1)
+    low, high = np.maximum(after - _RATE_SAMPLES, 0), np.minimum(after + _RATE_SAMPLES - 1, len(t) - 1)
+    rates = (phi[high] - phi[low]) / np.maximum(t[high] - t[low], 1e-9)[:, None]
+    usable &= (np.abs(rates).max(axis=1) > _LEAST_RATE) & wheels.covered[after]
+    usable &= np.diff(at, prepend=-np.inf) > _APART_S
+    rows = np.flatnonzero(usable)
+    at, after, rates = at[rows], after[rows], rates[rows]
+    share = ((at - t[after - 1]) / (t[after] - t[after - 1]))[:, None]
+    between = phi[after - 1] + share * (phi[after] - phi[after - 1])
+    around = phi[np.minimum(after + 1, len(t) - 1)] - phi[after] - phi[after - 1] + phi[np.maximum(after - 2, 0)]
+    bend = np.abs(around) / 2 * share * (1 - share) / 2
+    stamps = np.maximum(np.round(at * 1e9).astype(np.int64) + t0, wheels.t_ns[after - 1] + 1)
+    stamps = np.minimum(stamps, wheels.t_ns[after] - 1)
+    more = replace(
+        wheels,
+        t_ns=np.insert(wheels.t_ns, after, stamps),
+        phi_R=np.insert(wheels.phi_R, after, between[:, 0]),
+        phi_L=np.insert(wheels.phi_L, after, between[:, 1]),
+        covered=np.insert(wheels.covered, after, True),
+    )
+    stops = [_shifted(drive.stops[int(j)], after) for j in kept]
+    sample = after + np.arange(len(after))
+    seen = [_as_stop(drive, int(frames[row]), int(sample[k]), between[k], int(stamps[k])) for k, row in enumerate(rows)]
+    order = np.argsort([s.first_sample for s in (*stops, *seen)], kind="stable")
+    nothing = np.zeros((len(stops), 2))
+    return Woven(
+        drive=replace(drive, wheels=more, stops=tuple((*stops, *seen)[k] for k in order), moving=()),
+        frame=np.concatenate([np.full(len(stops), -1), np.asarray(frames)[rows]]).astype(np.int64)[order],
+        rates=np.concatenate([nothing, rates])[order],
+        bend=np.concatenate([nothing, bend])[order],
+    )
+
+
+def _between_stops(drive: Correspondences, kept: Ids, at: Array, t0: int) -> Mask:
+    """Return whether times (F,), s, lie between the first and the last stop that count, and in no stand, (F,) bool."""
+    spans = np.array([(s.t_start_ns - t0, s.t_end_ns - t0) for s in drive.stops]) / 1e9
+    standing = np.zeros(len(at), dtype=np.bool_)
+    for start, end in spans:
+        standing |= (at > start - _APART_S) & (at < end + _APART_S)
+    return np.asarray(~standing & (at > spans[kept[0], 1]) & (at < spans[kept[-1], 0]))
+
+
+def _shifted(stop: StopObservation, inserted: Ids) -> StopObservation:
+    """Return a stop with its samples numbered anew, samples inserted before those at some numbers."""
+    before = int(np.searchsorted(inserted, stop.first_sample, side="right"))
+    return replace(stop, first_sample=stop.first_sample + before, last_sample=stop.last_sample + before)
+
+
+def _as_stop(drive: Correspondences, number: int, sample: int, phi: Array, t_ns: int) -> StopObservation:
+    """Return a frame as a stop of one sample."""
+    frame = drive.moving[number]
+    return StopObservation(
+        t_start_ns=t_ns,
+        t_end_ns=t_ns,
+        first_sample=sample,
+        last_sample=sample,
+        phi_R=float(phi[0]),
+        phi_L=float(phi[1]),
+        landmark_ids=frame.landmark_ids,
+        p_box=frame.p_box,
+        faces=frame.faces,
+        uv_px=frame.uv_px,
+        cov_px2=frame.cov_px2,
+        frames=1,
+    )

@@ -1,0 +1,207 @@
+"""Frames taken between stops: a few chosen by what they tell for what they cost, and the tags measured in each.
+
+What a frame tells of wheels and camera extrinsics is how far the robot turned on little way since the nearest stop, and
+of the clocks how fast the wheels turn there. What it costs is a search that may be in vain, since the camera may have
+turned away: how often a turn keeps the box in view is learned from the frames looked at so far.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+
+import numpy as np
+
+from boxcal.detect.alignment.candidates import find_candidates
+from boxcal.detect.alignment.detector import KnownCamera, detect_in_grey
+from boxcal.detect.alignment.pyramid_search import FEW_TAGS
+from boxcal.detect.alignment.tag_patterns import target_patterns
+from boxcal.detect.image.bayer import even_mosaic, unnamed_mosaic
+from boxcal.detect.image.bit_depth import DeepGrey
+from boxcal.detect.image.gray import LEAST_SIDE_PX, to_grey
+from boxcal.detect.log.wheel_samples import WheelSamples
+from boxcal.detect.stops import Stop
+from boxcal.detect.tags.averaging import FLOOR_PX
+from boxcal.detect.tags.detections import TagSettings, detector_settings
+from boxcal.detect.tags.moving_frames import MovingFrame
+from boxcal.target.arrays import Array, Ids
+from boxcal.target.box import Target
+
+A_LEG, FEWEST, MOST = 0.6, 6, 40
+"""Frames that are measured: so many a leg, and at least and at most so many in all."""
+TRIED = 1.6
+"""Frames looked at for each that is measured, at most."""
+_MARGIN_NS = 50_000_000
+"""Frames this near to a stand may be of a robot that settles."""
+_LEAST_RATE = 0.2
+"""Wheel rate (rad/s) below which a frame tells nothing of the clocks."""
+_CLOCK_S, _FAST = 0.1, 8.0
+"""An error in time of this (s) counts as much as a turn; rates (rad/s) beyond count as this."""
+_WAY = 0.5
+"""Way (rad of a wheel) that counts besides the one rolled: what the readings' errors amount to."""
+_TURNS = np.array([0.25, 0.5, 1.0, 1.5, 2.5])
+"""Bounds of the classes of turns, as differences of the wheels' angles, rad."""
+_MOST_TURN = 0.75
+"""A turn beyond this (rad, as above) tells little more: then the way in between matters."""
+_USUALLY_SEEN = np.array([[3.0, 2.0, 0.5, 0.2, 0.1, 0.1], [3.0, 3.0, 2.5, 1.5, 1.0, 1.0]])
+_USUALLY_MISSED = np.array([[0.2, 1.0, 2.5, 3.0, 3.0, 3.0], [0.1, 0.2, 0.5, 1.5, 2.0, 2.0]])
+"""What is learned from: frames that showed the box, or not, behind and before a stop, by classes of turns."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Candidates:
+    """Frames between stops.
+
+    Attributes
+    ----------
+    frames : (F,)
+        Rows of the recording's frames, ascending.
+    side : (F,)
+        Twice the number of the leg; one more where the stop behind it is nearer than the one before.
+    turn, way : (F,), rad
+        Difference of the wheels' angles, and their mean travel, since or until the nearer stop.
+    rate : (F,), rad/s
+        How fast the faster wheel turns.
+    """
+
+    frames: Ids
+    side: Ids
+    turn: Array
+    way: Array
+    rate: Array
+
+
+def candidates(wheels: WheelSamples, stops: Sequence[Stop], stands: Sequence[Stop], t_ns: Ids) -> Candidates:
+    """Return the frames between stops at which the wheels turn.
+
+    Parameters
+    ----------
+    wheels
+        All samples.
+    stops
+        Stops at which the box was seen, in order.
+    stands
+        All stands, seen or not.
+    t_ns : (N,), ns
+        Stamps of all frames.
+    """
+    t = wheels.t_ns
+    phi = np.stack([wheels.phi_R, wheels.phi_L], axis=1)
+    rolled = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(phi, axis=0)).mean(axis=1))])
+    ends = np.array([s.t_end_ns for s in stops])
+    starts = np.array([s.t_start_ns for s in stops])
+    leg = np.searchsorted(ends, t_ns) - 1
+    between = (leg >= 0) & (leg < len(stops) - 1)
+    for stand in stands:
+        between &= (t_ns < stand.t_start_ns - _MARGIN_NS) | (t_ns > stand.t_end_ns + _MARGIN_NS)
+    after = np.clip(np.searchsorted(t, t_ns), 1, len(t) - 1)
+    rate = np.abs(phi[after] - phi[after - 1]).max(axis=1) / ((t[after] - t[after - 1]) / 1e9)
+    whole = np.array([bool(np.all(wheels.covered[a:b])) for a, b in _samples(stops)])
+    between &= (rate > _LEAST_RATE) & whole[np.clip(leg, 0, len(whole) - 1)]
+    rows = np.flatnonzero(between)
+    leg, at = leg[rows], t_ns[rows]
+
+    def read(when: Ids, values: Array) -> Array:
+        return np.asarray(np.interp(when - t[0], t - t[0], values))
+
+    here = np.stack([read(at, phi[:, 0]), read(at, phi[:, 1])], axis=1)
+    at_stops = np.array([(s.phi_R, s.phi_L) for s in stops])
+    ways = np.stack(
+        [read(at, rolled) - read(ends[leg], rolled), read(starts[leg + 1], rolled) - read(at, rolled)], axis=1
+    )
+    behind = (ways[:, 1] < ways[:, 0]).astype(np.int64)
+    difference = here - at_stops[leg + behind]
+    return Candidates(
+        frames=rows,
+        side=2 * leg + behind,
+        turn=np.abs(difference[:, 0] - difference[:, 1]),
+        way=ways[np.arange(len(rows)), behind],
+        rate=rate[rows],
+    )
+
+
+def _samples(stops: Sequence[Stop]) -> list[tuple[int, int]]:
+    return [(a.last_sample + 1, b.first_sample + 1) for a, b in pairwise(stops)]
+
+
+@dataclass(slots=True, kw_only=True, eq=False)
+class Choice:
+    """The next frame worth looking at, given what those before it showed.
+
+    Attributes
+    ----------
+    among
+        The frames.
+    seen, missed : (2, 6)
+        How many frames showed the box, and did not, behind and before their stop, by classes of turns; to begin with
+        what is usual.
+    left : (F,)
+        What a frame adds, if it shows the box: less where its side of the leg has some.
+    """
+
+    among: Candidates
+    seen: Array = field(default_factory=_USUALLY_SEEN.copy)
+    missed: Array = field(default_factory=_USUALLY_MISSED.copy)
+    left: Array = field(default_factory=lambda: np.zeros(0))
+
+    def __post_init__(self) -> None:
+        told = np.minimum(self.among.turn, _MOST_TURN) ** 2 + (_CLOCK_S * np.minimum(self.among.rate, _FAST)) ** 2
+        self.left = told / (_WAY + self.among.way)
+
+    @property
+    def _kind(self) -> tuple[Ids, Ids]:
+        return self.among.side % 2, np.searchsorted(_TURNS, self.among.turn)
+
+    def next(self) -> int | None:
+        """Return the candidate to look at next; None if none is left."""
+        kind = self._kind
+        worth = self.left * self.seen[kind] / (self.seen[kind] + self.missed[kind])
+        best = int(np.argmax(worth)) if len(worth) else 0
+        return best if len(worth) and worth[best] > 0 else None
+
+    def learn(self, at: int, *, shown: bool) -> None:
+        """Take in whether a candidate showed the box."""
+        kind, turn = self._kind[0][at], self._kind[1][at]
+        (self.seen if shown else self.missed)[kind, turn] += 1
+        self.left[at] = 0
+        if shown:
+            self.left[self.among.side == self.among.side[at]] *= 0.15
+
+
+class BoxOnTheMove:
+    """Looks at single frames of a camera that is known from stops."""
+
+    def __init__(self, target: Target, tags: TagSettings, camera: KnownCamera) -> None:
+        self._target, self._tags, self._camera = target, tags, camera
+
+    def at(self, image: DeepGrey, t_ns: int) -> MovingFrame | None:
+        """Return what a frame shows; None if it shows too little of the box."""
+        mosaic = unnamed_mosaic(image)
+        grey, grey8 = to_grey(image if mosaic is None else even_mosaic(image, mosaic))
+        patterns, settings = target_patterns(self._target), detector_settings(self._tags)
+        if not any(
+            len(find_candidates(grey8, patterns, settings.windows_px[:1], scale=scale).rows) >= FEW_TAGS
+            for scale in (0.5, 1.0)
+        ):
+            return None  # sooner than a search that does not give up so easily
+        found = detect_in_grey(grey, grey8, self._target, settings, self._camera)
+        if len(found.ids) < FEW_TAGS:
+            return None
+        ids = (4 * found.ids[:, None] + np.arange(4)).ravel()
+        return MovingFrame(
+            t_ns=t_ns,
+            landmark_ids=ids,
+            p_box=self._target.p_box(ids),
+            faces=self._target.faces(ids),
+            uv_px=found.corners_px.reshape(-1, 2),
+            cov_px2=found.cov_px2.reshape(-1, 2, 2) + FLOOR_PX**2 * np.eye(2),
+        )
+
+
+def may_be_measured(tags: TagSettings, image_size: tuple[int, int]) -> bool:
+    """Tell whether single frames of this size are measured well enough to be used."""
+    return tags.accurate and min(image_size) >= LEAST_SIDE_PX
+
+
+def budget(legs: int) -> int:
+    """Return how many frames on the move are measured on so many legs."""
+    return min(max(round(A_LEG * legs), FEWEST), MOST)
