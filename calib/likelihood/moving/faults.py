@@ -40,7 +40,7 @@ def sound(fit: Fit, drive: Correspondences, frames: Ids, noise: FrameNoise) -> t
         if len(joint.woven.moving) < FEWEST:
             return None, left_out
         found = settled(fit, drive, joint, noise)
-        if not found.converged:
+        if found is None:
             return None, left_out
         there = found.joint.woven
         odd = _odd(fit, found)

@@ -42,15 +42,12 @@ class Settled:
         That noise.
     levels, weight
         Solutions about it at the levels of slip and jitter that are probable, and their weights (K,), which sum to 1.
-    converged
-        Whether solver and noise came to rest.
     """
 
     joint: Joint
     noise: FrameNoise
     levels: Levels
     weight: Array
-    converged: bool
 
     @property
     def cov(self) -> Array:
@@ -65,8 +62,8 @@ class Settled:
         return int(np.argmax(self.weight))
 
 
-def settled(fit: Fit, drive: Correspondences, joint: Joint, noise: FrameNoise) -> Settled:
-    """Return stops and frames at their maximum, with noise levels that the data tell.
+def settled(fit: Fit, drive: Correspondences, joint: Joint, noise: FrameNoise) -> Settled | None:
+    """Return stops and frames at their maximum, with noise levels that the data tell; None if the solver fails.
 
     Parameters
     ----------
@@ -75,7 +72,10 @@ def settled(fit: Fit, drive: Correspondences, joint: Joint, noise: FrameNoise) -
     joint, noise
         Where to begin.
     """
-    joint, there = maximised(fit, drive, joint, noise)
+    reached = maximised(fit, drive, joint, noise)
+    if reached is None:
+        return None
+    joint = reached
     noise, levels, weight = _updated(fit, joint, noise, None)
     for _ in range(_ROUNDS):
         before = noise
@@ -85,8 +85,9 @@ def settled(fit: Fit, drive: Correspondences, joint: Joint, noise: FrameNoise) -
             break
     joint = stepped(joint, levels, weight)
     left = solved(fit, joint, noise, np.array([noise.slip]), np.array([noise.jitter_s])).solution.decrease
-    there &= joint.at.valid and bool(left[0] < _AT_REST)
-    return Settled(joint=joint, noise=noise, levels=levels, weight=weight, converged=there)
+    if not (joint.at.valid and left[0] < _AT_REST):
+        return None
+    return Settled(joint=joint, noise=noise, levels=levels, weight=weight)
 
 
 def _near(before: FrameNoise, after: FrameNoise) -> bool:

@@ -51,7 +51,7 @@ def with_moving_frames(
         If they must be used and cannot.
     """
     count = sum(len(drive.moving) for drive in drives)
-    if moving is Moving.AUTO and not count:
+    if moving is Moving.AUTO and count < FEWEST:
         return found
     result = _with_frames(found, fit, drives)
     if isinstance(result, Estimate):

@@ -26,6 +26,10 @@ _REWOVEN_S = 2e-4
 _FINEST_STEP = 1e-6
 """Encoder step (rad) of readings that show none, so that errors in time reach them."""
 _STEPS = 10
+_DIVERGED = 3.0
+"""Corners' squares so many times those at the start are of a solver that runs away."""
+LONGEST_S = 1.0
+"""Longer changes of the offset (s) leave the leg that a frame belongs to."""
 _CLOSE = 1e-2
 """Promised decrease of the sum of squares at which the solver ends: a tenth of a standard deviation."""
 
@@ -195,18 +199,23 @@ def rewoven(fit: Fit, drive: Correspondences, joint: Joint, noise: FrameNoise) -
     return _about(fit, drive, (woven, _problem(fit, woven)), state, late_s, noise)
 
 
-def maximised(fit: Fit, drive: Correspondences, joint: Joint, noise: FrameNoise) -> tuple[Joint, bool]:
-    """Return the likelihood at its maximum for given noise, and whether the solver got there."""
+def maximised(fit: Fit, drive: Correspondences, joint: Joint, noise: FrameNoise) -> Joint | None:
+    """Return the likelihood at its maximum for given noise; None if the solver does not get there."""
     slip, jitter = np.array([noise.slip]), np.array([noise.jitter_s])
+    most = _DIVERGED * float(joint.at.corner_squares.sum())
     for _ in range(_STEPS):
+        if not (joint.at.valid and joint.at.corner_squares.sum() <= most):
+            return None
         levels = solved(fit, joint, noise, slip, jitter)
         promised = float(levels.solution.decrease[0])
         if promised < _CLOSE:
-            return joint, joint.at.valid
+            return joint
         joint = stepped(joint, levels, np.ones(1))
+        if abs(joint.state.explained[-2]) > LONGEST_S:
+            return None
         if abs(joint.state.explained[-2]) > _REWOVEN_S:
             joint = rewoven(fit, drive, joint, noise)
-    return joint, False
+    return None
 
 
 def solved(fit: Fit, joint: Joint, noise: FrameNoise, slip: Array, jitter_s: Array) -> Levels:
