@@ -244,7 +244,7 @@ class Solution:
         """Return the local unknowns' variances, (P, q), from the covariances of all others (P, n + 5, n + 5)."""
         e = self.eliminated
         K = np.concatenate([e.by_shared, e.by_chain], axis=2)
-        return np.asarray(np.einsum("pqq->pq", e.inverse) + np.einsum("pqi,pij,pqj->pq", K, joint, K))
+        return np.asarray(np.einsum("pqq->pq", e.inverse) + np.sum(K @ joint * K, axis=2))
 
 
 def solve(normal: Normal) -> Solution:

@@ -150,13 +150,13 @@ def squares_left(at: Linearization, components: VarianceComponents, solution: So
     normal, local, s = at.corner_normal, at.corner_local, components.local_sigma
     x, y, z = solution.d_shared, solution.d_stops, solution.d_local * s
     linear = normal.a @ x + np.sum(normal.c * y) + np.sum(local.c * z)
+    y_, z_ = y[..., None], z[..., None]
     square = (
         x @ normal.A @ x
-        + 2 * np.einsum("i,pik,pk->", x, normal.B, y)
-        + np.einsum("pi,pij,pj->", y, normal.D, y)
-        + np.einsum("pi,pij,pj->", z, local.D, z)
-        + 2 * np.einsum("i,pik,pk->", x, local.by_shared, z)
-        + 2 * np.einsum("pi,pik,pk->", y, local.by_chain, z)
+        + 2 * np.sum(x @ normal.B * y)
+        + np.sum((normal.D @ y_ + 2 * local.by_chain @ z_)[..., 0] * y)
+        + np.sum((local.D @ z_)[..., 0] * z)
+        + 2 * np.sum(x @ local.by_shared * z)
     )
     return max(float(at.corner_squares.sum() - 2 * linear + square), 0.0)
 
