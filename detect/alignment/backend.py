@@ -75,6 +75,7 @@ def numba_backend() -> Backend:
         box_refinement,
         finish,
         gauss_newton,
+        misfit_sums,
     )
 
     return Backend(
@@ -82,7 +83,7 @@ def numba_backend() -> Backend:
         accumulate=gauss_newton.accumulate,
         iterate=gauss_newton.iterate,
         finish=finish.finish,
-        misfit_sums=gauss_newton.misfit_sums,
+        misfit_sums=misfit_sums.misfit_sums,
         levenberg_marquardt=box_refinement.levenberg_marquardt,
         predict=box_refinement.predict,
     )

@@ -95,6 +95,7 @@ def compile_half(which: str, further: Sequence[str] = ()) -> None:
     if which != _HALVES[0]:
         _box(compute)
         _corners(compute)
+        _misfit()
         for name in further:
             import_module(name).compile_all()
 
@@ -137,6 +138,13 @@ def _corners(compute: Backend) -> None:
         sums=no_sums(1, batch.cells),
         covariance=True,
     )
+
+
+def _misfit() -> None:
+    from boxcal.detect.alignment.numba.gauss_newton import kept_nothing  # noqa: PLC0415 - slow to import
+    from boxcal.detect.alignment.numba.misfit_sums import sums_of  # noqa: PLC0415
+
+    sums_of(_batch(), kept_nothing(1), np.zeros((1, 4, 2)), np.ones(1), np.ones(1, dtype=np.int64))
 
 
 @contextmanager

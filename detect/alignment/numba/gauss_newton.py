@@ -9,12 +9,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from boxcal.detect.alignment.numba.arrays import clear, clear_rows, finite, put, put_rows
-from boxcal.detect.alignment.numba.block_motion import motion_of_tag
 from boxcal.detect.alignment.numba.cholesky import solve_positive
-from boxcal.detect.alignment.numba.cluster_sums import clusters_of_tag
 from boxcal.detect.alignment.numba.image_model import ROWS, add_products, differentiate
 from boxcal.detect.alignment.numba.kernel import kernel
-from boxcal.detect.alignment.numba.pixels import BLOCK, add_blocks, collect, initial_intensity, replace_pixels, room
+from boxcal.detect.alignment.numba.pixels import (
+    BLOCK,
+    OF_PIXEL,
+    add_blocks,
+    collect,
+    initial_intensity,
+    replace_pixels,
+    room,
+)
 from boxcal.detect.alignment.registration.finish import KURTOSIS_PRIOR
 from boxcal.detect.alignment.registration.gauss_newton import (
     KURTOSIS_RANGE,
@@ -26,10 +32,9 @@ from boxcal.detect.alignment.registration.gauss_newton import (
     StepRules,
 )
 from boxcal.detect.alignment.registration.image_model import Sums, no_sums
-from boxcal.detect.alignment.registration.misfit_sums import MisfitSums
 from boxcal.detect.alignment.registration.parameters import KURTOSIS, LOG_PSF, PARAMETERS
-from boxcal.detect.alignment.registration.tag_alignments import TagAlignments
 from boxcal.detect.alignment.registration.tag_batch import Batch
+from boxcal.detect.alignment.tag_patterns import Index
 from boxcal.target.arrays import Array
 
 _NO_STEP = StepRules(
@@ -37,23 +42,31 @@ _NO_STEP = StepRules(
 )
 
 
-class _Misfit(NamedTuple):
-    """Settings and results of the sums that tell what the model leaves out, if they are wanted."""
+class LastStep(NamedTuple):
+    """Pixels and Jacobians of tags at the last step, kept where they are wanted.
+
+    How many pixels of a tag were ``used``; they begin at ``64 first``, and its blocks of 64 of them at ``first``.
+    """
 
     wanted: bool
-    cluster_px: NDArray[np.int64]
-    corners: Array
-    noise2: Array
-    prior: float
-    observed: Array
-    expected: Array
-    motion: Array
+    first: Index
+    used: Index
+    pixels: NDArray[np.float32]
+    jacobian: NDArray[np.float32]
 
 
-_NONE = np.zeros(0)
-_NO_MISFIT = _Misfit(
-    False, np.zeros(0, np.int64), np.zeros((0, 4, 2)), _NONE, KURTOSIS_PRIOR, _NONE, _NONE, np.zeros((0, 3))
-)
+def kept_nothing(tags: int) -> LastStep:
+    """Return room for no pixels of some tags."""
+    return LastStep(
+        wanted=False,
+        first=np.zeros(tags + 1, np.int64),
+        used=np.zeros(tags, np.int64),
+        pixels=np.empty((OF_PIXEL, 0), np.float32),
+        jacobian=np.empty((0, ROWS, BLOCK), np.float32),
+    )
+
+
+_NOTHING = kept_nothing(0)
 _FAR_MODULES = 0.1
 """A tag that has moved less still covers the same pixels."""
 
@@ -63,30 +76,40 @@ def iterate(batch: Batch, sums: Sums, *, normalised: Array, module_px: Array, ru
 
     For the arguments see :func:`boxcal.detect.alignment.registration.gauss_newton.iterate`.
     """
-    _iterate(batch.arrays(), sums, normalised, module_px, rules, _NO_MISFIT)
+    _iterate(batch.arrays(), sums, normalised, module_px, rules, _NOTHING)
 
 
 def accumulate(batch: Batch) -> Sums:
     """Return the normal equations of tags; see :func:`boxcal.detect.alignment.registration.image_model.accumulate`."""
     sums = no_sums(len(batch), batch.cells)
-    _iterate(batch.arrays(), sums, np.zeros((len(batch), 4, 2)), np.ones(len(batch)), _NO_STEP, _NO_MISFIT)
+    _iterate(batch.arrays(), sums, np.zeros((len(batch), 4, 2)), np.ones(len(batch)), _NO_STEP, _NOTHING)
     return sums
 
 
-def misfit_sums(batch: Batch, tags: TagAlignments, cluster_px: NDArray[np.int64]) -> MisfitSums:
-    """Return what :func:`boxcal.detect.alignment.registration.misfit_sums.misfit_sums` does."""
-    n = len(batch)
-    out = MisfitSums(observed=np.zeros(n), expected=np.zeros(n), motion=np.zeros((n, 3)))
-    corners, noise2 = np.ascontiguousarray(tags.corners_px), tags.noise**2
-    wanted = _Misfit(True, cluster_px, corners, noise2, KURTOSIS_PRIOR, *out)
-    sums = no_sums(n, batch.cells)
-    _iterate(batch.arrays(), sums, np.zeros((n, 4, 2)), np.ones(n), _NO_STEP, wanted)
-    return out
+def last_step(batch: Batch) -> LastStep:
+    """Return the pixels of tags and what the parameters do to each, without a step."""
+    first = np.append(0, np.cumsum(_blocks(batch)))
+    blocks = int(first[-1])
+    kept = kept_nothing(len(batch))._replace(
+        wanted=True,
+        first=first,
+        pixels=np.empty((OF_PIXEL, BLOCK * blocks), np.float32),
+        jacobian=np.empty((blocks, ROWS, BLOCK), np.float32),
+    )
+    sums = no_sums(len(batch), batch.cells)
+    _iterate(batch.arrays(), sums, np.zeros((len(batch), 4, 2)), np.ones(len(batch)), _NO_STEP, kept)
+    return kept
+
+
+def _blocks(batch: Batch) -> Index:
+    """Return how many blocks of pixels tags (N,) can have at most."""
+    left, right, top, bottom = batch.bounding_boxes.T
+    return np.asarray(-(-np.maximum(right - left, 0) * np.maximum(bottom - top, 0) // BLOCK), dtype=np.int64)
 
 
 @kernel()
-def _iterate(batch: Any, sums: Any, normalised: Any, module_px: Any, rules: Any, misfit: Any) -> None:  # noqa: PLR0917
-    """Take the steps of each tag, or fill its sums alone, or those of the misfit: all in one, as it compiles once."""
+def _iterate(batch: Any, sums: Any, normalised: Any, module_px: Any, rules: Any, kept: Any) -> None:  # noqa: PLR0917
+    """Take the steps of each tag, or fill its sums alone: all in one, as it compiles once."""
     normal, gradient, stats, theta = sums.normal, sums.gradient, sums.stats, batch.theta
     step = np.zeros(PARAMETERS)
     for k in range(len(batch.rows)):
@@ -106,11 +129,9 @@ def _iterate(batch: Any, sums: Any, normalised: Any, module_px: Any, rules: Any,
             else:
                 replace_pixels(theta[k], pixels, n)
             jac = differentiate(batch, k, pixels, n, stats[k])
-            if misfit.wanted:
-                misfit.observed[k], misfit.expected[k] = clusters_of_tag(
-                    batch, k, pixels, n, jac, misfit.cluster_px[k], misfit.corners[k], misfit.noise2[k], misfit.prior
-                )
-                motion_of_tag(batch, k, pixels, n, jac, misfit.noise2[k], misfit.motion[k])
+            if kept.wanted:
+                kept.used[k] = n
+                _keep(pixels, n, jac, kept.pixels, kept.jacobian, kept.first[k])
                 break
             add_products(jac, normal[k], gradient[k])
             if rules.sums_only:
@@ -133,6 +154,16 @@ def _iterate(batch: Any, sums: Any, normalised: Any, module_px: Any, rules: Any,
             if number >= len(rules.free) - 1 and moved * module_px[k] < rules.stop_px and not converging:
                 break
         add_blocks(pixels, n, jac, sums.blocks[k])
+
+
+@kernel(inner=True)
+def _keep(pixels: Any, n: Any, jac: Any, all_pixels: Any, all_jac: Any, first: Any) -> None:  # noqa: PLR0917
+    """Copy a tag's pixels and Jacobian behind those of the tags before."""
+    for row in range(OF_PIXEL):
+        for p in range(n):
+            all_pixels[row, BLOCK * first + p] = pixels[row, p]
+    for part in range(len(jac)):
+        put_rows(all_jac[first + part], jac[part])
 
 
 @kernel(inner=True)
