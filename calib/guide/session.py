@@ -9,6 +9,7 @@ from boxcal.calib.guide.estimate.solver import Solver
 from boxcal.calib.guide.outlook import GuideOptions
 from boxcal.calib.guide.progress import Progress
 from boxcal.calib.guide.recording.recorder import Recorder, begin_recording
+from boxcal.calib.guide.sources.descriptions import Descriptions
 from boxcal.calib.guide.sources.inbox import LiveMessage
 from boxcal.calib.guide.sources.link import Link
 from boxcal.calib.guide.work.tasks import Tasks
@@ -48,9 +49,10 @@ class Session:
         self.said: deque[str] = deque(maxlen=200)
         self.compiling = "getting ready"
         self.stopped = threading.Event()
-        self._requests: deque[str] = deque(maxlen=8)
+        self._requests: deque[tuple[str, str]] = deque(maxlen=8)
         self._solver = Solver(options.robot, options.target)
         self._told: dict[str, str] = {}
+        self._descriptions = Descriptions()
         self._begin()
         threading.Thread(target=self._prepare, name="compile", daemon=True).start()
 
@@ -59,10 +61,11 @@ class Session:
         self.tasks = Tasks(self.progress, self.said)
         self.recorder: Recorder | None = None
         self._idle_picture_ns = 0
+        self._begun = False
 
-    def request(self, what: str) -> None:
-        """Ask for something from the page: ``calibrate`` or ``again``."""
-        self._requests.append(what)
+    def request(self, what: str, which: str = "") -> None:
+        """Ask for something from the page: ``calibrate``, ``again`` (a new drive), or a ``camera`` by its topic."""
+        self._requests.append((what, which))
 
     def run(self, publish: Callable[["Session"], None]) -> None:
         """Work until stopped; ``publish`` is called some ten times a second."""
@@ -101,7 +104,10 @@ class Session:
             self.recorder, self.progress.problems["recording"] = begin_recording(
                 self.options.recordings, self.options.robot
             )
-        recorder = self.recorder
+        again = self._descriptions.again(messages[0].log_ns) if messages and not self._begun else []
+        self._begun = self._begun or bool(messages)
+        self._descriptions.keep(messages, self.link.topics)
+        messages, recorder = [*again, *messages], self.recorder
         wanted = [m for m in messages if not (m.picture and self._is_idle(m.log_ns))]
         kept = [m for m in wanted if recorder is None or recorder.keep(m)]
         try:
@@ -133,19 +139,27 @@ class Session:
 
     def _answer_requests(self) -> None:
         while self._requests:
-            what = self._requests.popleft()
-            if what == "calibrate" and not self.tasks.is_calibrating:
-                self.progress.full.written = {}
-                self.progress.wants["calibrate"] = True
-            elif what == "again" and not self.tasks.idle:
-                self._requests.append(what)
+            what, which = self._requests.popleft()
+            if what == "calibrate":
+                if not self.tasks.is_calibrating:
+                    self.progress.full.written = {}
+                    self.progress.wants["calibrate"] = True
+            elif not self.tasks.idle:
+                self._requests.append((what, which))
                 return
             elif what == "again":
-                if self.recorder is not None:
-                    self.recorder.close()
-                self.progress.full.give_up()
-                self.tasks.close()
-                self._begin()
+                self._begin_again()
+            elif what == "camera" and which in self.link.selection.cameras:
+                self.link.choose_camera(which)
+                self._begin_again()
+
+    def _begin_again(self) -> None:
+        """Begin a new drive; the recording of the last one is finished."""
+        if self.recorder is not None:
+            self.recorder.close()
+        self.progress.full.give_up()
+        self.tasks.close()
+        self._begin()
 
     def _tell_changes(self) -> None:
         """Say on the terminal what has changed in the link, the recorder and the drive."""

@@ -23,6 +23,7 @@ from boxcal.calib.guide.sources.link import Link
 from boxcal.calib.planning.goal import Bar
 from boxcal.calib.settings import Settings
 from boxcal.detect.correspondences import Correspondences
+from boxcal.detect.log.containers.base import Channel
 from boxcal.detect.log.topics import Topics
 
 Started = Callable[[], "Running"]
@@ -199,6 +200,26 @@ def test_places_planned_for_fewer_stops_are_not_shown(start: Started) -> None:
     assert running.session.progress.places
     outlook.placed_after = 1
     assert not running.session.progress.places
+
+
+def test_another_camera_begins_a_new_drive_that_still_knows_the_robot(start: Started, tmp_path: Path) -> None:
+    running = start()
+    described = Channel(topic="/robot_description", type="std_msgs/msg/String", encoding="cdr")
+    rear = Channel(topic="/rear/compressed", type=CAMERA.type, encoding="cdr")
+    running.link.offer([WHEELS, CAMERA, rear])
+    until(lambda: running.state.get("cameras", {}).get("all") == [CAMERA.topic, rear.topic])
+    assert not running.state["cameras"]["chosen"]
+    running.put([heard(described, T0, b"urdf"), *_still(0, 10)])
+    until(lambda: running.session.progress.drive.wheels.heard)
+    first = running.session.progress
+    running.session.request("camera", "/nothing")
+    running.session.request("camera", rear.topic)
+    until(lambda: running.session.progress is not first, 60)
+    assert running.link.topics.camera_topic == rear.topic
+    threading.Event().wait(1.1)  # recordings are named by the second
+    running.put(_still(10, 10))
+    until(lambda: running.state["recording"].get("messages", 0) == 11)
+    assert len(list((tmp_path / "recordings").iterdir())) == 2
 
 
 def test_topics_that_vanish_are_said_on_the_page(start: Started) -> None:

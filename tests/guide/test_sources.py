@@ -24,6 +24,7 @@ from websockets.asyncio.server import ServerConnection
 
 from boxcal.calib.guide.drive.wheels_so_far import WheelsSoFar
 from boxcal.calib.guide.recording.chunked_file import ChunkedFile
+from boxcal.calib.guide.sources.descriptions import Descriptions
 from boxcal.calib.guide.sources.file import follow_file
 from boxcal.calib.guide.sources.inbox import MOST_OTHER_BYTES, MOST_PICTURE_BYTES, Inbox, LiveMessage
 from boxcal.calib.guide.sources.link import Link, without_credentials
@@ -242,7 +243,7 @@ def test_rosbridge_is_heard_as_json() -> None:
 def test_a_recording_is_followed_while_it_grows(tmp_path: Path) -> None:
     path = tmp_path / "growing.mcap"
     link = Link(address=str(path), topics=Topics(), inbox=Inbox())
-    thread = threading.Thread(target=lambda: asyncio.run(follow_file(link, path)))
+    thread = threading.Thread(target=lambda: asyncio.run(follow_file(link, path)), daemon=True)
     thread.start()
     until(lambda: "waited for" in link.said)
     file = ChunkedFile(path)
@@ -253,10 +254,14 @@ def test_a_recording_is_followed_while_it_grows(tmp_path: Path) -> None:
         file.flush()
         until(lambda: came.extend(link.inbox.take(0.05)) or len(came) == 2 * k + 2)  # noqa: B023
     file.close()
+    until(lambda: link.said == "the recording is finished")
+    assert [m.log_ns for m in came if not m.picture] == [T0, T0 + 1, T0 + 2]
+    link.choose_camera(CAMERA.topic)
+    again: list[LiveMessage] = []
+    until(lambda: again.extend(link.inbox.take(0.05)) or len(again) == 6)
+    link.stopped.set()
     thread.join(10)
     assert not thread.is_alive()
-    assert link.said == "the recording is finished"
-    assert [m.log_ns for m in came if not m.picture] == [T0, T0 + 1, T0 + 2]
 
 
 def test_what_is_followed_is_what_a_reader_of_the_recording_would_read() -> None:
@@ -286,7 +291,39 @@ def test_of_raw_and_compressed_pictures_the_compressed_are_taken_unless_named() 
     other = Channel(topic="/other", type="sensor_msgs/msg/Image", encoding="cdr")
     two = select([raw, other, WHEELS], Topics())
     assert not two.camera
-    assert "--camera-topic" in two.problem
+    assert "--camera-topic, or choose it on the page" in two.problem
+    assert two.cameras == ("/cam", "/other")
+
+
+def test_a_camera_that_is_named_on_the_page_is_listened_to() -> None:
+    other = Channel(topic="/rear/compressed", type=CAMERA.type, encoding="cdr")
+    asked: list[dict[str, object]] = []
+
+    async def talk(socket: ServerConnection) -> None:
+        await socket.send(INFO)
+        await socket.send(advertised(WHEELS, CAMERA, other))
+        async for message in socket:
+            asked.append(json.loads(message))  # noqa: PERF401  (looked at meanwhile)
+
+    with Server(talk, FOXGLOVE) as server, Followed(server.url) as link:
+        until(lambda: len(link.selection.cameras) == 2 and not link.selection.camera)
+        until(lambda: len(asked) == 1)
+        link.choose_camera(other.topic)
+        until(lambda: len(asked) == 2)
+        assert link.selection.camera == other.topic
+        assert [s["channelId"] for s in asked[1]["subscriptions"]] == [3]
+        link.choose_camera(CAMERA.topic)
+        until(lambda: len(asked) == 4)
+        assert [a["op"] for a in asked[2:]] == ["unsubscribe", "subscribe"]
+
+
+def test_what_a_server_says_once_of_the_robot_is_known_to_the_next_drive_too() -> None:
+    described = Channel(topic="/robot_description", type="std_msgs/msg/String", encoding="cdr")
+    held = Descriptions()
+    held.keep([heard(WHEELS, 1, b"wheels"), heard(described, 2, b"urdf"), heard(CAMERA, 3, b"jpeg")], Topics())
+    assert [(m.log_ns, m.data) for m in held.again(9)] == [(9, b"urdf")]
+    held.keep([heard(described, 4, bytes(9 << 20))], Topics())
+    assert len(held.again(9)) == 1, "nor is memory filled with them"
 
 
 def test_pictures_that_come_too_fast_are_dropped_and_memory_stays_flat() -> None:

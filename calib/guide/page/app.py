@@ -32,9 +32,9 @@ def page_server(session: Session, board: Board, host: str, port: int) -> PageSer
 
     async def ask(request: Request) -> Response:
         what = request.path_params["what"]
-        if what not in {"calibrate", "again"}:
-            return PlainTextResponse("Only calibrate and again can be asked for.\n", 404)
-        session.request(what)
+        if what not in {"calibrate", "again", "camera"}:
+            return PlainTextResponse("Only calibrate, again and camera can be asked for.\n", 404)
+        session.request(what, request.query_params.get("topic", ""))
         return Response(status_code=202)
 
     routes: list[BaseRoute] = [

@@ -21,6 +21,7 @@ _AT_PLACE_M, _AT_PLACE_DEG = 0.12, 12.0
 _DECADES = 1.5
 """Decades above the goal at which a bar is empty."""
 _OLD_S = 2.0
+MOST_CAMERAS = 24
 _REACH_M = 0.12
 """Reach of a robot of which nothing is known yet."""
 
@@ -46,6 +47,10 @@ def state_of(session: Session) -> dict[str, Any]:
         "banner": _banner(session, places),
         "stops": drive.stops_taken,
         "picture": _picture(session),
+        "cameras": {
+            "chosen": session.link.selection.camera,
+            "all": list(session.link.selection.cameras[:MOST_CAMERAS]),
+        },
         "plan": _plan(session, here, places),
         "bars": [_bar(bar) for bar in outlook.bars],
         "bars_note": "" if outlook.bars else session.progress.running.problem,

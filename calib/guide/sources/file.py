@@ -13,19 +13,19 @@ _EVERY_S = 0.2
 async def follow_file(link: Link, path: Path) -> None:
     """Hand on the messages of an MCAP file as it grows, until the link is stopped or the file is finished.
 
-    What stands in the file already is read first, as fast as it can be.
+    What stands in the file already is read first, as fast as it can be; again where another camera is named.
     """
     while not link.stopped.is_set():
         try:
             with path.open("rb", buffering=0) as file:
-                reader = GrowingMcap(file, path.name)
+                reader, choices = GrowingMcap(file, path.name), link.choices
                 link.found()
-                while not link.stopped.is_set() and not reader.finished:
-                    if not await _pass_on(link, reader):
+                while not link.stopped.is_set() and link.choices == choices:
+                    if reader.finished:
+                        link.lost("the recording is finished")
+                    if reader.finished or not await _pass_on(link, reader):
                         await asyncio.sleep(_EVERY_S)
-                if reader.finished:
-                    link.lost("the recording is finished")
-                    return
+                continue
         except FileNotFoundError:
             link.lost(f"no file {path.name} yet; it is waited for")
         except OSError as error:

@@ -4,16 +4,18 @@ The protocol: https://github.com/foxglove/ws-protocol/blob/main/docs/spec.md. ``
 call the same messages. Sizes are bounded; what is out of order ends the connection with a sentence.
 """
 
+import asyncio
 import base64
 import binascii
+import contextlib
 import json
 import struct
 from typing import TYPE_CHECKING, Any
 
 from boxcal.calib.guide.sources.link import Link
+from boxcal.calib.guide.sources.protocol import spoken
 from boxcal.detect.errors import DetectError
 from boxcal.detect.log.containers.base import MAX_SCHEMA_BYTES, Channel, checked_name, ros_type
-from boxcal.detect.log.safe_text import printable
 
 if TYPE_CHECKING:
     from websockets.asyncio.client import ClientConnection
@@ -21,6 +23,8 @@ if TYPE_CHECKING:
 SUBPROTOCOLS = ("foxglove.sdk.v1", "foxglove.websocket.v1")
 MOST_CHANNELS = 20_000
 _MESSAGE_DATA = 1
+_CHOOSE_EVERY_S = 0.2
+_NOT_SPOKEN = "a message that is not of the Foxglove protocol"
 _MESSAGE_HEAD = struct.Struct("<BIQ")
 _SCHEMA_OF = {"cdr": "ros2msg", "ros1": "ros1msg", "protobuf": "protobuf", "json": "jsonschema"}
 
@@ -48,16 +52,31 @@ class FoxgloveListener:
         DetectError
             If the server does not speak the protocol.
         """
-        if first is not None:
-            await self._take(first)
-        async for message in self._socket:
-            await self._take(message)
+        choosing = asyncio.create_task(self._choose_again())
+        try:
+            if first is not None:
+                await self._take(first)
+            async for message in self._socket:
+                await self._take(message)
+        finally:
+            choosing.cancel()
+            with contextlib.suppress(asyncio.CancelledError, ConnectionError):
+                await choosing
+
+    async def _choose_again(self) -> None:
+        """Choose anew whenever the user has named another camera."""
+        known = self._link.choices
+        while True:
+            await asyncio.sleep(_CHOOSE_EVERY_S)
+            if self._link.choices != known:
+                known = self._link.choices
+                await self._choose()
 
     async def _take(self, message: str | bytes) -> None:
         if isinstance(message, bytes):
             self._data(message)
             return
-        try:
+        with spoken(self._link, _NOT_SPOKEN, "start foxglove_bridge on the robot, version 0.7 or newer"):
             content = json.loads(message)
             kind = content["op"]
             if kind == "serverInfo":
@@ -66,14 +85,6 @@ class FoxgloveListener:
                 await self._advertised(content["channels"])
             elif kind == "unadvertise":
                 await self._unadvertised(content["channelIds"])
-        except DetectError:
-            raise
-        except (ValueError, TypeError, LookupError, RecursionError) as error:
-            raise DetectError(
-                f"a message that is not of the Foxglove protocol ({printable(str(error)[:80])})",
-                source=self._link.name,
-                remedy="start foxglove_bridge on the robot, version 0.7 or newer",
-            ) from error
 
     def _data(self, message: bytes) -> None:
         """Hand on a message of a topic; other binary messages (times, answers) are passed over."""
@@ -106,9 +117,10 @@ class FoxgloveListener:
         new = [n for n, channel in self._offered.items() if channel.topic in wanted and n not in self._ids]
         left = [n for n in self._ids if self._offered[n].topic not in wanted]
         if left:
-            await self._send("unsubscribe", subscriptionIds=[self._ids[n] for n in left])
-            for n in left:
-                del self._subscribed[self._ids.pop(n)]
+            subscriptions = [self._ids.pop(n) for n in left]
+            for subscription in subscriptions:
+                del self._subscribed[subscription]
+            await self._send("unsubscribe", subscriptionIds=subscriptions)
         if new:
             for n in new:
                 self._ids[n], self._subscribed[self._next_id] = self._next_id, self._offered[n]

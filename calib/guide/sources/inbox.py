@@ -12,6 +12,7 @@ MOST_OTHER_BYTES = 64 << 20
 PICTURES_A_SECOND = 10.0
 """Rate at which pictures are taken in; more say nothing new of a robot that stands."""
 _LATEST_NS = (1 << 63) - 1
+_BACK_S = 1.0
 _OVERHEAD = 256
 """Bytes that a message takes beside its content: empty ones fill the memory, too."""
 
@@ -75,6 +76,8 @@ class Inbox:
         size = message.size
         with self._changed:
             if message.picture:
+                if self._next_picture - now > _BACK_S:  # a recording is read again from its beginning
+                    self._next_picture = now
                 if now < self._next_picture:
                     self.dropped_pictures += 1
                     return

@@ -3,7 +3,7 @@
 import re
 import threading
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from boxcal.calib.guide.sources.inbox import Inbox, LiveMessage
 from boxcal.calib.guide.sources.selection import Selection, select
@@ -33,6 +33,8 @@ class Link:
         Sentence about why not, or what is missing.
     selection
         Topics that are listened to.
+    choices
+        How often another camera was named.
     losses
         How often it was lost again.
     stopped
@@ -45,6 +47,7 @@ class Link:
     connected: bool = False
     said: str = ""
     selection: Selection = field(default_factory=Selection)
+    choices: int = 0
     losses: int = 0
     stopped: threading.Event = field(default_factory=threading.Event)
     _known: dict[tuple[str, str, str, bytes], Channel] = field(default_factory=dict)
@@ -62,6 +65,11 @@ class Link:
         """Note that it is not, with the reason in a sentence."""
         self.losses += self.connected
         self.connected, self.said = False, why
+
+    def choose_camera(self, topic: str) -> None:
+        """Name the camera; whoever listens chooses anew soon."""
+        self.topics = replace(self.topics, camera_topic=topic)
+        self.choices += 1
 
     def known(self, channel: Channel) -> Channel:
         """Return the channel that was known by the same description, so that a reconnected one is no new one."""

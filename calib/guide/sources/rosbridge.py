@@ -12,14 +12,15 @@ from typing import TYPE_CHECKING, Any
 
 from boxcal.calib.guide.sources.inbox import PICTURES_A_SECOND
 from boxcal.calib.guide.sources.link import Link
+from boxcal.calib.guide.sources.protocol import spoken
 from boxcal.detect.errors import DetectError
 from boxcal.detect.log.containers.base import Channel, checked_name, ros_type
-from boxcal.detect.log.safe_text import printable
 
 if TYPE_CHECKING:
     from websockets.asyncio.client import ClientConnection
 
-_ASK_EVERY_S = 3.0
+_ASK_EVERY_S, _CHOOSE_EVERY_S = 3.0, 0.2
+_NEITHER = "neither a Foxglove bridge nor rosbridge"
 _MOST_TOPICS = 20_000
 
 
@@ -43,13 +44,15 @@ class RosbridgeListener:
                 await asking
 
     async def _ask(self) -> None:
-        """Ask for the topics now and then: what was not there may come, what was there may go."""
+        """Ask for the topics now and then: what was not there may come, what was there may go, and be named anew."""
         while True:
             await self._send("call_service", service="/rosapi/topics", id="topics")
-            await asyncio.sleep(_ASK_EVERY_S)
+            known, asked = self._link.choices, time.monotonic()
+            while time.monotonic() - asked < _ASK_EVERY_S and self._link.choices == known:
+                await asyncio.sleep(_CHOOSE_EVERY_S)
 
     async def _take(self, message: str | bytes) -> None:
-        try:
+        with spoken(self._link, _NEITHER, "start foxglove_bridge or rosbridge_server on the robot"):
             content = json.loads(message)
             kind = content["op"]
             if kind == "publish":
@@ -60,14 +63,6 @@ class RosbridgeListener:
                     self._link.said = "its rosapi does not answer; start rosapi_node beside rosbridge"
                     return
                 await self._offered(content["values"])
-        except DetectError:
-            raise
-        except (ValueError, TypeError, LookupError, RecursionError) as error:
-            raise DetectError(
-                f"neither a Foxglove bridge nor rosbridge ({printable(str(error)[:80])})",
-                source=self._link.name,
-                remedy="start foxglove_bridge or rosbridge_server on the robot",
-            ) from error
 
     def _published(self, content: dict[str, Any]) -> None:
         channel = self._channels.get(content["topic"])

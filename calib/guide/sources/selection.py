@@ -56,8 +56,9 @@ def select(channels: Iterable[Channel], topics: Topics) -> Selection:
     uses = {channel.topic: (use_of(channel, topics), channel.type) for channel in channels}
     pictures = [topic for topic, (use, _) in uses.items() if use is Use.IMAGE]
     smaller = {t.removesuffix(_COMPRESSED) for t in pictures if t.endswith(_COMPRESSED)}
+    choice = sorted(t for t in pictures if t not in smaller)
     if topics.camera_topic is None:
-        pictures = [t for t in pictures if t not in smaller]
+        pictures = choice
     wheels = [topic for topic, (use, _) in uses.items() if use is Use.WHEELS]
     about = [topic for topic, (use, _) in uses.items() if use is Use.ABOUT]
     problems, camera = [], ""
@@ -67,7 +68,8 @@ def select(channels: Iterable[Channel], topics: Topics) -> Selection:
     except DetectError as error:
         videos = [topic for topic, (use, _) in uses.items() if use is Use.VIDEO]
         only = f"; {listed(videos)} is a video, which is not followed: publish pictures" if videos else ""
-        problems.append(str(error).removeprefix(": ") + only)
+        here = ", or choose it on the page" if len(choice) > 1 else ""
+        problems.append(str(error).removeprefix(": ") + only + here)
     if not wheels:
         problems.append(
             f"no topic of wheels among {len(uses)} (joint states, ticks or odometry are needed); name a wheel with "
@@ -77,5 +79,5 @@ def select(channels: Iterable[Channel], topics: Topics) -> Selection:
         camera=camera,
         others=tuple((wheels + about)[:MOST_TOPICS]),
         problem="; ".join(problems),
-        cameras=tuple(sorted(pictures)),
+        cameras=tuple(choice),
     )

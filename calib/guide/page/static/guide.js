@@ -55,6 +55,16 @@ function camera(picture) {
   image.src = `picture.jpg?${number}`;
 }
 
+function cameras(now) {
+  const node = $("cameras");
+  node.hidden = now.all.length < (now.chosen ? 2 : 1);
+  node.classList.toggle("open", !now.chosen);
+  if (document.activeElement === node && node.dataset.all === JSON.stringify(now.all)) return;
+  node.dataset.all = JSON.stringify(now.all);
+  list(node, now.chosen ? now.all : ["", ...now.all], (topic) => { const item = element("option", "", topic || "choose a camera"); item.value = topic; return item; });
+  node.value = now.chosen;
+}
+
 function next(places) {
   $("next").hidden = !places.length;
   if (!places.length) return;
@@ -101,6 +111,7 @@ function show(now) {
   text("stops", String(now.stops)); text("stops-word", now.stops === 1 ? "stop" : "stops");
   list($("warnings"), now.warnings, (w) => { const item = element("li", w.level); item.append(element("span", "", w.text)); return item; });
   camera(now.picture);
+  cameras(now.cameras);
   Plan.draw($("plan"), now.plan);
   next(now.plan.next);
   list($("bars"), now.bars, bar);
@@ -127,5 +138,10 @@ function connect() {
 
 $("calibrate").addEventListener("click", () => ask("calibrate"));
 $("again").addEventListener("click", () => { if (!state || !state.stops || confirm("Begin a new drive? What was recorded is kept.")) ask("again"); });
+$("cameras").addEventListener("change", (event) => {
+  const topic = event.target.value;
+  event.target.blur();
+  if (topic && (!state.stops || confirm("Begin a new drive with this camera? What was recorded is kept."))) ask(`camera?topic=${encodeURIComponent(topic)}`);
+});
 addEventListener("resize", () => { if (state) Plan.draw($("plan"), state.plan); });
 connect();
