@@ -32,9 +32,14 @@ class LogFinding:
     advice: str = ""
 
     @property
+    def word(self) -> str:
+        """The level in a word: ok, look or wrong."""
+        return _WORDS[self.level]
+
+    @property
     def line(self) -> str:
         """The finding in one line."""
-        return f"{_WORDS[self.level]:<5}  {self.topic:<9}  {self.text}" + (f" {self.advice}" if self.advice else "")
+        return f"{self.word:<5}  {self.topic:<9}  {self.text}" + (f" {self.advice}" if self.advice else "")
 
 
 def fine(topic: str, text: str) -> LogFinding:

@@ -1,11 +1,14 @@
 """Findings on a recording as such: topics, rates, gaps and clocks."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from boxcal.calib.check_log.findings import LogFinding, fine, look, sentence
 from boxcal.detect.log.clocks import LEAST_OFFSET_S
 from boxcal.detect.log.recording import Recording
 from boxcal.detect.log.safe_text import listed, printable
+from boxcal.detect.log.wheel_samples import WheelSamples
 from boxcal.target.arrays import Ids
 
 _GAP = 5.0
@@ -33,16 +36,26 @@ def rate_hz(t_ns: Ids) -> float:
 
 def recording_findings(recording: Recording) -> list[LogFinding]:
     """Return what topics, rates, gaps and clocks of a recording say."""
-    found = [*_wheels(recording), *_camera(recording), *_clock(recording)]
+    wheels = wheels_findings(recording.wheels, recording.wheel_topics, recording.quantity)
+    found = [*wheels, *_camera(recording), *_clock(recording)]
     notes = [note for note in recording.notes if not note.startswith(_CLOCK_NOTE)]
     return [*found, *(look("recording", sentence(note)) for note in notes)]
 
 
-def _wheels(recording: Recording) -> list[LogFinding]:
-    wheels, where = recording.wheels, listed(recording.wheel_topics)
+def wheels_findings(wheels: WheelSamples, topics: Sequence[str], quantity: str) -> list[LogFinding]:
+    """Return what rates and gaps of the wheels' samples say.
+
+    Parameters
+    ----------
+    wheels
+        At least one sample.
+    topics, quantity
+        Where they come from, and what they are.
+    """
+    where = listed(topics)
     seconds = (int(wheels.t_ns[-1]) - int(wheels.t_ns[0])) / 1e9
     rate = rate_hz(wheels.t_ns)
-    text = f"{where}: {recording.quantity} at {rate:.0f} Hz over {seconds:.0f} s."
+    text = f"{where}: {quantity} at {rate:.0f} Hz over {seconds:.0f} s."
     steps = [np.degrees(s) for s in wheels.encoder_steps if s > 0]
     if steps:
         text += f" Encoder step {max(steps):.3g}\N{DEGREE SIGN}."

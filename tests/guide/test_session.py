@@ -105,6 +105,7 @@ def test_a_drive_leads_to_bars_next_stops_a_verdict_and_a_report(log: Path, star
     until(lambda: [s["n"] for s in running.state["plan"]["stops"]] == [1, 2, 3, 4, 5], 60)
     assert running.state["plan"]["robot"]["source"] in {"seen", "reckoned"}
     until(lambda: running.state["verdict"], 60)
+    assert {"wheels", "stops", "box"} <= {topic for _, topic, _ in running.state["verdict"]["checked"]}
     running.session.request("calibrate")
     until(lambda: running.state["finished"], 60)
     assert running.state["banner"]["title"].startswith("Calibrated")

@@ -45,6 +45,10 @@ class FullSolution:
         """Whether one that is written is under way."""
         return self._future is not None and self._writes
 
+    def get_ready(self) -> None:
+        """Have the solver loaded beforehand."""
+        self._solver.get_ready()
+
     def judge(self, drive: Correspondences) -> None:
         """Begin to solve a drive for its verdict; only while idle."""
         self._begin(self._solver.judge(drive), drive, writes=False)

@@ -1,5 +1,6 @@
 """The full calibration with its verdict, in a process of its own: it may take long, and may be given up."""
 
+import importlib
 import multiprocessing
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
@@ -29,6 +30,10 @@ class Solver:
         """Begin to solve a drive and write its results and report; the result holds its verdict."""
         return self._submit(self._job(out, log, command), drive)
 
+    def get_ready(self) -> None:
+        """Start the process and let it load what it needs, so that the first drive does not wait for that."""
+        self._pool_there().submit(_load)
+
     def give_up(self) -> None:
         """End the process, whatever it does."""
         if self._pool is not None:
@@ -42,18 +47,26 @@ class Solver:
         return Job(robot=self._robot, logs=(log,), target=self._target, settings=settings, out=out, command=command)
 
     def _submit(self, job: Job, drive: Correspondences) -> "Future[dict[str, object]]":
-        if self._pool is None:
-            self._others = set(multiprocessing.active_children())
-            self._pool = ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn"))
         try:
-            return self._pool.submit(solved, job, drive)
+            return self._pool_there().submit(solved, job, drive)
         except BrokenProcessPool:  # it was ended from outside while it waited
             self.give_up()
             return self._submit(job, drive)
 
+    def _pool_there(self) -> ProcessPoolExecutor:
+        if self._pool is None:
+            self._others = set(multiprocessing.active_children())
+            self._pool = ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn"))
+        return self._pool
+
+
+def _load() -> None:
+    importlib.import_module("boxcal.calib.calibrate")
+    importlib.import_module("boxcal.calib.report.robot")
+
 
 def solved(job: Job, drive: Correspondences) -> dict[str, object]:
-    """Return what a page shows of a solved drive: level, headline and sentences of its verdict.
+    """Return what a page shows of a solved drive: its verdict, and what the quick check finds in wheels and stops.
 
     Raises
     ------
@@ -61,6 +74,8 @@ def solved(job: Job, drive: Correspondences) -> dict[str, object]:
         If the drive does not determine the calibration.
     """
     from boxcal.calib.calibrate import calibrate_drives  # noqa: PLC0415  heavy, and for this process only
+    from boxcal.calib.check_log.recorded import wheels_findings  # noqa: PLC0415
+    from boxcal.calib.check_log.stops import stop_findings  # noqa: PLC0415
     from boxcal.one_thread import hold_process_to_one_thread  # noqa: PLC0415
 
     hold_process_to_one_thread()
@@ -68,8 +83,11 @@ def solved(job: Job, drive: Correspondences) -> dict[str, object]:
     verdict = found.verdict
     if verdict is None:
         raise AssertionError("a calibration is judged before it is returned")
+    wheels = wheels_findings(drive.wheels, drive.source.wheel_topics, drive.source.wheel_quantity)
+    checked = [*wheels, *stop_findings(drive, job.target)]
     return {
         "level": str(verdict.level),
         "headline": verdict.headline,
         "lines": [list(line) for line in verdict.lines()],
+        "checked": [[f.word, f.topic, f"{f.text} {f.advice}".strip()] for f in checked],
     }

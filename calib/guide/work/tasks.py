@@ -207,6 +207,8 @@ class Tasks:
         drive, outlook = self.progress.drive, self.progress.outlook
         t, count = time.monotonic(), drive.stops_taken
         outlook.latency = t - self._measure_due
+        if new and count == 1:
+            self.progress.full.get_ready()
         if new:
             outlook.taken_at = (t, count)
             corners = drive.taken.stops[-1].corners

@@ -93,6 +93,9 @@ function end(now) {
     text("verdict", `${done.level.toUpperCase()}: ${done.headline}`);
     list($("why"), done.lines.filter(([label]) => label !== "hence").slice(0, 6), ([label, line]) => element("li", "", label === "do" ? line : `${label}: ${line}`));
   }
+  const checked = now.verdict.checked || [];
+  $("checked-card").hidden = !checked.length;
+  list($("checked"), checked, ([word, topic, line]) => { const item = element("li", word); item.append(element("b", "", word), element("span", "topic", topic), element("span", "", line)); return item; });
   const judged = !now.verdict.level ? "" : now.verdict.level === "good" ? `good after ${now.verdict.stops} stops` : `not good yet after ${now.verdict.stops} stops`;
   text("judged", now.calibrating ? "calibrating ..." : done.level ? "" : judged);
   const button = $("calibrate");
