@@ -13,10 +13,12 @@ from boxcal.calib.fleet.interrupts import interrupts_held, interrupts_remembered
 from boxcal.calib.fleet.options import options
 
 if TYPE_CHECKING:
+    from boxcal.calib.fleet.engine.calls import Engine
     from boxcal.calib.fleet.joint_box import Refined
     from boxcal.calib.fleet.results_place import ResultsPlace
     from boxcal.calib.results.calibration import Calibration
     from boxcal.calib.settings import Job, Outcome
+    from boxcal.target.errors import BoxcalError
 
 NOT_GOOD, INTERRUPTED = 3, 130
 """Exit statuses: a verdict that is not good (with ``--strict``); Ctrl-C, as shells have it."""
@@ -40,6 +42,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _run(args: argparse.Namespace, command: str, stop_if_asked: Callable[[], None]) -> int:
     if not args.quiet:  # before what takes a second to load
         _tell(f"fleet-calibrate: {len(args.logs)} log{'s' if len(args.logs) > 1 else ''}, starting ...")
+    from boxcal.calib.fleet.engine.chosen import chosen_engine
     from boxcal.calib.fleet.plan import finished_before
     from boxcal.calib.fleet.results_place import results_place
     from boxcal.target.errors import BoxcalError
@@ -48,36 +51,47 @@ def _run(args: argparse.Namespace, command: str, stop_if_asked: Callable[[], Non
         try:
             place = open_places.enter_context(results_place(args.out))
             jobs, box = _jobs(args, command, place)
+            outcomes = finished_before(jobs, place.folder) if args.resume else []
+            waiting = [job for job in jobs if all(job is not o.job for o in outcomes)]
+            engine, remarks = chosen_engine(args, len(jobs if args.joint_box else waiting))
+            open_places.enter_context(engine)
         except BoxcalError as error:
             _tell(f"fleet-calibrate: {error}")
             return 2
-        if not args.quiet:
-            _tell(box)
-        outcomes = finished_before(jobs, place.folder) if args.resume else []
+        for line in [] if args.quiet else [box, *remarks]:
+            _tell(line)
         stop_if_asked()
-        waiting, start = [job for job in jobs if all(job is not o.job for o in outcomes)], time.time()
-        interrupted = not _work(args, waiting, outcomes, stop_if_asked)
-        together = None if interrupted or not args.joint_box else _refine(args, outcomes, place)
-        interrupted = interrupted or (args.joint_box and together is None)
+        start = time.time()
+        ended = _work(args, waiting, outcomes, engine, stop_if_asked)
+        whole = len(outcomes) == len(jobs)
+        together = _refine(args, outcomes, engine, place) if whole and args.joint_box else None
+        whole = whole and (together is not None or not args.joint_box)
         with interrupts_held():  # what is finished is put down, however often Ctrl-C is pressed
             status = _conclude(args, [o.job for o in outcomes] if together else jobs, outcomes, command, place)
             if together is not None:
                 print("\n" + "\n".join(together.lines))
                 status = max(status, 1) if together.failed else status
-        return _interrupted(jobs, outcomes, start) if interrupted else status
+        if ended is not None:
+            _tell(f"fleet-calibrate: {ended}")
+            return max(status, 1)
+        return status if whole else _interrupted(jobs, outcomes, start)
 
 
 def _work(
-    args: argparse.Namespace, waiting: "list[Job]", outcomes: "list[Outcome]", stop_if_asked: Callable[[], None]
-) -> bool:
-    """Calibrate whoever waits and append what comes of it; return whether all were done before Ctrl-C."""
+    args: argparse.Namespace,
+    waiting: "list[Job]",
+    outcomes: "list[Outcome]",
+    engine: "Engine",
+    stop_if_asked: Callable[[], None],
+) -> "BoxcalError | None":
+    """Calibrate whoever waits and append what comes of it, until Ctrl-C; return what ended the engine, if anything."""
     from boxcal.calib.console.progress import make_progress
-    from boxcal.calib.fleet.batch import calibrate_fleet, local_engine
+    from boxcal.calib.errors import CalibError
+    from boxcal.calib.fleet.batch import calibrate_fleet
 
     try:
         with (
             make_progress(len(waiting), quiet=args.quiet) as progress,
-            local_engine(len(waiting), workers=args.jobs, limit_s=args.time_limit) as engine,
             closing(calibrate_fleet(waiting, engine=engine, progress=progress.stage)) as running,
         ):
             stop_if_asked()
@@ -86,19 +100,25 @@ def _work(
                 progress.done(outcome)
                 stop_if_asked()
     except KeyboardInterrupt:
-        return False
-    return True
+        return None
+    except CalibError as error:
+        return error
+    return None
 
 
-def _refine(args: argparse.Namespace, outcomes: "list[Outcome]", place: "ResultsPlace") -> "Refined | None":
+def _refine(
+    args: argparse.Namespace, outcomes: "list[Outcome]", engine: "Engine", place: "ResultsPlace"
+) -> "Refined | None":
     """Solve the box by all robots, and make their outcomes anew with it; None if Ctrl-C was pressed."""
-    from boxcal.calib.fleet.batch import local_engine
+    from boxcal.calib.fleet.engine.chosen import local_engine
     from boxcal.calib.fleet.joint_box import refine
 
     if not args.quiet:
         _tell(f"fleet-calibrate: solving the box by {len(outcomes)} robots together ...")
     try:
-        with local_engine(len(outcomes), workers=args.jobs, limit_s=args.time_limit) as engine:
+        with ExitStack() as opened:
+            if not engine.sees_files:  # the robots' saved files lie here
+                engine = opened.enter_context(local_engine(len(outcomes), workers=args.jobs, limit_s=args.time_limit))
             together = refine(outcomes, engine, place.folder, place.said)
     except KeyboardInterrupt:
         return None

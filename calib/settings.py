@@ -197,7 +197,8 @@ class Outcome:
     job
         What was to be done.
     calibration
-        The result with its verdict, None if it failed.
+        The result with its verdict, without what grows with its drive (:mod:`boxcal.calib.results.without_drive`);
+        None if it failed.
     error
         Why it failed; None if all went well.
     details

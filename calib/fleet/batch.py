@@ -1,43 +1,17 @@
 """Many robots at once: each log is calibrated by a call of its own, and failures are kept apart."""
 
-import os
-import time
-import traceback
 from collections.abc import Generator, Sequence
-from dataclasses import dataclass
-from functools import cache, partial
+from functools import partial
 
-from boxcal.calib.calibrate import calibrate_robot
 from boxcal.calib.errors import CalibError
+from boxcal.calib.fleet.attempt import Attempt, attempt, attempt_elsewhere, clear_results, compiling, plain_error
 from boxcal.calib.fleet.engine.calls import Call, Done, Engine
-from boxcal.calib.fleet.engine.here import ThisProcess
-from boxcal.calib.fleet.engine.processes import LocalProcesses
-from boxcal.calib.fleet.engine.telling import tell
+from boxcal.calib.fleet.engine.chosen import local_engine
 from boxcal.calib.likelihood.compiled.compilation import prepare_all
-from boxcal.calib.results.calibration import Calibration
-from boxcal.calib.settings import Job, Outcome, Progress, Stage, listed
-from boxcal.detect.log.remote.urls import is_url
+from boxcal.calib.one_robot.writing import put_files
+from boxcal.calib.results.without_drive import without_drive
+from boxcal.calib.settings import Job, Outcome, Progress, listed
 from boxcal.target.errors import BoxcalError
-from boxcal.target.files.atomic_write import clear_parts
-
-
-def local_engine(robots: int, *, workers: int | None = None, limit_s: float = float("inf")) -> Engine:
-    """Return the engine of this machine for so many robots: one that works alone needs no further process.
-
-    Parameters
-    ----------
-    robots
-        How many there are to do.
-    workers
-        Processes; as many as there are cores (and no more than robots) if None. One works in this process, where a
-        robot may take as long as it does.
-    limit_s
-        Seconds that a robot may take.
-    """
-    workers = min(robots, workers or os.cpu_count() or 1)
-    if workers <= 1:
-        return ThisProcess()
-    return LocalProcesses(workers, limit_s=limit_s)
 
 
 def calibrate_fleet(
@@ -50,7 +24,7 @@ def calibrate_fleet(
     jobs
         The robots.
     workers
-        Processes, as :func:`local_engine` has it, unless an engine is given.
+        Processes, as :func:`boxcal.calib.fleet.engine.chosen.local_engine` has it, unless an engine is given.
     engine
         Where the work is done.
     progress
@@ -75,7 +49,8 @@ def calibrate_fleet(
 
 def _outcomes(jobs: Sequence[Job], engine: Engine, progress: Progress | None) -> Generator[Outcome, None, None]:
     waiting = {f"{k} {job.robot}": job for k, job in enumerate(jobs)}
-    calls = [Call(key=key, function=attempt, arguments=(job,)) for key, job in waiting.items()]
+    function = attempt if engine.sees_files else attempt_elsewhere
+    calls = (Call(key=key, function=function, arguments=(job,)) for key, job in list(waiting.items()))
     running = engine.run(calls, progress)
     try:
         for done in running:
@@ -83,73 +58,25 @@ def _outcomes(jobs: Sequence[Job], engine: Engine, progress: Progress | None) ->
     finally:
         running.close()
         for job in waiting.values():
-            _clear(job)
+            clear_results(job)
 
 
-def _outcome(job: Job, done: "Done[Attempt]") -> Outcome:
+def _outcome(job: Job, done: Done[Attempt]) -> Outcome:
     found = done.result
     if found is None:
-        _clear(job)
+        clear_results(job)
         remedy = "please report it" if done.details else "give fewer --jobs, or a longer --time-limit"
         error = CalibError(done.lost, source=listed(job.logs), remedy=remedy)
         return Outcome(job=job, calibration=None, error=error, details=done.details)
-    return Outcome(
-        job=job, calibration=found.calibration, error=found.error, details=found.details, seconds=found.seconds
-    )
-
-
-def _clear(job: Job) -> None:
-    """Remove what was left half written by who worked on a robot until they were ended."""
-    if job.out is not None and not is_url(job.out):
-        clear_parts(job.out / job.robot)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Attempt:
-    """Outcome of one robot without its job, as it travels (see :class:`boxcal.calib.settings.Outcome`)."""
-
-    calibration: Calibration | None
-    error: BoxcalError | None
-    details: str
-    seconds: float
-
-
-def attempt(job: Job) -> Attempt:
-    """Return what becomes of one robot, whatever happens: one bad robot never hides the others.
-
-    Raises
-    ------
-    MemoryError
-        If there is no memory left: there may be some elsewhere, or later.
-    """
-    start = time.monotonic()
-    calibration: Calibration | None = None
-    error: BoxcalError | None = None
-    details = ""
-    try:
-        _compile_once()
-        _clear(job)
-        calibration = calibrate_robot(job, tell)
-    except BoxcalError as problem:
-        error = problem
-    except OSError as problem:
-        where = f"{listed(job.logs)}: {problem.filename or 'a file'}"
-        error = CalibError(str(problem.strerror or problem), source=where)
-    except MemoryError:
-        raise
-    except Exception as problem:  # our own bug: told in full with the other robots calibrated
-        found = f"unexpected {type(problem).__name__}: {problem}"
-        error = CalibError(found, source=listed(job.logs), remedy="please report it")
-        details = traceback.format_exc()
-    return Attempt(calibration=calibration, error=error, details=details, seconds=time.monotonic() - start)
-
-
-@cache
-def _compile_once() -> None:
-    """Have compiled code made ready in this process, once."""
-    prepare_all(lambda text: _tell_compiling(tell, text))
+    if found.files and job.out is not None:
+        try:
+            put_files(job.out / job.robot, found.files)
+        except (BoxcalError, OSError) as problem:
+            return Outcome(job=job, calibration=None, error=plain_error(problem, job), seconds=found.seconds)
+    calibration = without_drive(found.calibration) if found.calibration is not None else None
+    return Outcome(job=job, calibration=calibration, error=found.error, details=found.details, seconds=found.seconds)
 
 
 def _tell_compiling(progress: Progress | None, text: str) -> None:
     if progress is not None:
-        progress(Stage(robot="all robots", name="compile", text=text, share=0.0))
+        progress(compiling(text))

@@ -11,6 +11,7 @@ from boxcal.calib.joint_box.one_of_many import Member, calibrate_with
 from boxcal.calib.joint_box.together import JointBox, solve_box
 from boxcal.calib.likelihood.compiled.compilation import prepare_all
 from boxcal.calib.results.calibration import Calibration
+from boxcal.calib.results.without_drive import without_drive
 from boxcal.calib.settings import CORRESPONDENCES, Outcome
 from boxcal.target.box import Target
 from boxcal.target.errors import BoxcalError
@@ -133,7 +134,7 @@ def _made_anew(joint: JointBox, outcomes: Sequence[Outcome], engine: Engine) -> 
 def calibrated(member: Member, box: Target, known_as: Target) -> Calibration | BoxcalError:
     """Return a robot's calibration with the box that the others found, written; or why there is none."""
     try:
-        return calibrate_with(member, box, known_as)
+        return without_drive(calibrate_with(member, box, known_as))
     except BoxcalError as error:
         return error
     except OSError as error:

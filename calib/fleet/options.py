@@ -73,6 +73,12 @@ def options() -> argparse.ArgumentParser:
         "--jobs", type=whole_number(1, 4096), metavar="N", help="robots worked on at once (as many as cores)"
     )
     parser.add_argument(
+        "--cluster",
+        metavar="SCHEDULER",
+        help="work on a Dask cluster: its scheduler's address (tcp://host:8786) or file (.json), or 'configured', as "
+        "Dask's configuration names it (docs/fleets.md)",
+    )
+    parser.add_argument(
         "--time-limit",
         type=number(1, 1e6),
         default=3600.0,

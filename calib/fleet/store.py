@@ -15,6 +15,7 @@ from typing import Any
 from boxcal.calib.errors import CalibError
 from boxcal.calib.results.calibration import Calibration
 from boxcal.calib.results.json_format import CALIBRATION, load_calibration, verdict_document
+from boxcal.calib.results.without_drive import without_drive
 from boxcal.calib.settings import Job, Outcome
 from boxcal.target.box import Target
 from boxcal.target.errors import BoxcalError
@@ -138,7 +139,7 @@ def _kept(robot: str, out: Path, target: Target, error: BoxcalError | None) -> M
     if not path.is_file():
         return Member(robot=robot, error=error)
     try:
-        calibration = load_calibration(path)
+        calibration = without_drive(load_calibration(path))
     except CalibError as problem:
         return Member(robot=robot, error=error or problem)
     if error is not None:

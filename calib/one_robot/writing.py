@@ -74,11 +74,14 @@ def _write_folder(
     for k, drive in enumerate(drives):
         number = f"-{k + 1}" if len(drives) > 1 else ""
         drive.save(folder / f"correspondences{number}{CORRESPONDENCES}")
-    write_together(folder, {**files, CALIBRATION: calibration_bytes(result)})
+    put_files(folder, {**files, CALIBRATION: calibration_bytes(result)})
+
+
+def put_files(folder: Path, files: Mapping[str, bytes]) -> None:
+    """Write a robot's files to its folder, ``calibration.json`` last; remove those that other settings gave."""
+    ordered = {name: files[name] for name in sorted(files, key=lambda name: name == CALIBRATION)}
+    write_together(folder, ordered, stale=[name for name in STALE_FILES if name not in files])
     (folder / "static_transform.sh").chmod(0o755)
-    for name in STALE_FILES:
-        if name not in files:
-            (folder / name).unlink(missing_ok=True)
 
 
 def _photographs(

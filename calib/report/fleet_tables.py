@@ -180,7 +180,7 @@ def robot_row(c: Calibration, v: Verdict, values: Array, odd: Mask, stale: str, 
         straight_text=length(ground.straight_position) if ground else "",
         turn=ground.turn_heading if ground and isfinite(ground.turn_heading) else None,
         turn_text=angle(ground.turn_heading * 180 / pi) if ground else "",
-        stops=len(c.stops),
+        stops=c.quality.stops,
         rms=c.quality.reprojection_rms_px,
         cells=tuple(
             Cell(text=p.text(value), value=repr(float(value)), odd=bool(o))

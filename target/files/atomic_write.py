@@ -3,7 +3,7 @@
 import os
 import shutil
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from boxcal.target.errors import TargetError
@@ -33,8 +33,10 @@ def write_atomically(path: Path, content: bytes) -> None:
         raise
 
 
-def write_together(folder: Path, files: Mapping[str, bytes]) -> None:
+def write_together(folder: Path, files: Mapping[str, bytes], *, stale: Iterable[str] = ()) -> None:
     """Write files so that a full disk leaves none of them half written, nor some without the others.
+
+    They appear in their order, the last of them when all others are there.
 
     Parameters
     ----------
@@ -42,6 +44,8 @@ def write_together(folder: Path, files: Mapping[str, bytes]) -> None:
         Made if it is missing.
     files
         By their paths within the folder.
+    stale
+        Files to remove, once all others are sure to be written.
 
     Raises
     ------
@@ -61,6 +65,8 @@ def write_together(folder: Path, files: Mapping[str, bytes]) -> None:
             write_atomically(Path(staging) / name, content)
         for name in files:
             (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        for name in stale:
+            (folder / name).unlink(missing_ok=True)
         for name in files:
             (Path(staging) / name).replace(folder / name)
 

@@ -63,6 +63,10 @@ class Engine(AbstractContextManager["Engine"], Protocol):
     def workers(self) -> int:
         """Number of calls that are made at once, as far as is known."""
 
+    @property
+    def sees_files(self) -> bool:
+        """Whether calls see the files of this machine, as those in its own processes do."""
+
     def run(self, calls: Iterable[Call[T]], told: Told | None = None) -> Generator[Done[T], None, None]:
         """Yield what becomes of each call, as they finish; closing the generator cancels the others.
 

@@ -6,12 +6,14 @@ from contextlib import AbstractContextManager
 
 from boxcal.calib.fleet.engine.calls import OUT_OF_MEMORY, Call, Done, T, Told
 from boxcal.calib.fleet.engine.telling import heard_by
+from boxcal.one_thread import one_thread
 
 
 class ThisProcess(AbstractContextManager["ThisProcess"]):
     """Calls made where they are asked for: no process has to start, and none can be lost."""
 
     workers = 1
+    sees_files = True
 
     def __exit__(self, *_: object) -> None:
         return None
@@ -24,8 +26,9 @@ class ThisProcess(AbstractContextManager["ThisProcess"]):
             yield done
 
 
+@one_thread()
 def made(call: Call[T]) -> Done[T]:
-    """Return what becomes of a call that is made here and now."""
+    """Return what becomes of a call that is made here and now, by one thread: then sums are the same everywhere."""
     try:
         return Done(call=call, result=call.function(*call.arguments))
     except MemoryError:

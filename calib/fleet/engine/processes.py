@@ -57,6 +57,8 @@ class LocalProcesses(AbstractContextManager["LocalProcesses"]):
         Seconds that a call may take before its process is ended.
     """
 
+    sees_files = True
+
     def __init__(self, workers: int, *, limit_s: float = float("inf")) -> None:
         self.workers = workers
         self._limit_s = limit_s

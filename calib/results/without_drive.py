@@ -1,0 +1,46 @@
+"""A result without what grows with its drive, so that a whole fleet's fit into memory."""
+
+import sys
+from collections.abc import Mapping
+from dataclasses import replace
+
+from boxcal.calib.geometry.parameters import ORDER
+from boxcal.calib.results.calibration import Calibration
+
+_KEPT = ("hardware",)
+"""Settings that a fleet is sorted by."""
+
+
+def without_drive(calibration: Calibration) -> Calibration:
+    """Return a result of some 10 kB, whatever the number of stops, legs and frames.
+
+    Left are parameters and their covariance, goodness of fit, noise, notes, causes, verdict, inputs, and of the stops
+    the first and the last. What only the robot's own file and report tell is gone: the other stops, legs, rejected
+    corners, held-out stops, growth, settings but for those of ``_KEPT`` and the covariance of the camera model's
+    further coefficients.
+    """
+    detail = calibration.detail
+    if detail is not None:
+        names = ORDER if detail.covariance.names == ORDER else detail.covariance.names
+        detail = replace(
+            detail,
+            covariance=replace(detail.covariance, names=names),
+            camera_covariance=None,
+            legs=(),
+            flagged_corners=(),
+            held_out=(),
+            growth=(),
+            leave_one_out=None,
+            extra=_interned(detail.extra),
+            extra_sigma=_interned(detail.extra_sigma),
+            effects=_interned(detail.effects),
+        )
+    settings = calibration.provenance.settings
+    origin = replace(calibration.provenance, settings={name: settings[name] for name in _KEPT if name in settings})
+    ends = calibration.stops[:: max(len(calibration.stops) - 1, 1)][:2]
+    return replace(calibration, stops=ends, detail=detail, provenance=origin)
+
+
+def _interned(values: Mapping[str, float]) -> dict[str, float]:
+    """Return values whose names take memory once, however many robots have them."""
+    return {sys.intern(name): value for name, value in values.items()}
