@@ -68,23 +68,7 @@ def options() -> argparse.ArgumentParser:
     _files(parser)
     _model(parser)
     parser.add_argument("--strict", action="store_true", help="exit with 3 unless every verdict is good")
-    parser.add_argument("--resume", action="store_true", help="skip robots whose result is in the folder already")
-    parser.add_argument(
-        "--jobs", type=whole_number(1, 4096), metavar="N", help="robots worked on at once (as many as cores)"
-    )
-    parser.add_argument(
-        "--cluster",
-        metavar="SCHEDULER",
-        help="work on a Dask cluster: its scheduler's address (tcp://host:8786) or file (.json), or 'configured', as "
-        "Dask's configuration names it (docs/fleets.md)",
-    )
-    parser.add_argument(
-        "--time-limit",
-        type=number(1, 1e6),
-        default=3600.0,
-        metavar="S",
-        help="seconds that a robot may take where several are worked on at once; it is tried twice (3600)",
-    )
+    _work(parser)
     parser.add_argument("--quiet", action="store_true", help="no progress, only results and errors")
     return parser
 
@@ -108,6 +92,27 @@ def topic_options(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
     )
     names.add_argument("--reverse-right", action="store_true", help="the right wheel's likewise")
     return names
+
+
+def _work(parser: argparse.ArgumentParser) -> None:
+    work = parser.add_argument_group("where the work is done, and what is done again")
+    work.add_argument("--resume", action="store_true", help="skip robots whose result is in the folder already")
+    work.add_argument(
+        "--jobs", type=whole_number(1, 4096), metavar="N", help="robots worked on at once (as many as cores)"
+    )
+    work.add_argument(
+        "--cluster",
+        metavar="SCHEDULER",
+        help="work on a Dask cluster: its scheduler's address (tcp://host:8786) or file (.json), or 'configured', as "
+        "Dask's configuration names it (docs/fleets.md)",
+    )
+    work.add_argument(
+        "--time-limit",
+        type=number(1, 1e6),
+        default=3600.0,
+        metavar="S",
+        help="seconds that a robot may take where several are worked on at once; it is tried twice (3600)",
+    )
 
 
 def _names(parser: argparse.ArgumentParser) -> None:
