@@ -6,7 +6,8 @@ from pathlib import Path
 
 from boxcal.calib.errors import CalibError
 from boxcal.calib.joint_box.one_of_many import Member, calibrate_with
-from boxcal.calib.joint_box.together import JointBox, Run, solve_box
+from boxcal.calib.joint_box.robots import Run
+from boxcal.calib.joint_box.together import JointBox, solve_box
 from boxcal.calib.results.calibration import Calibration
 from boxcal.calib.settings import Job, Settings
 from boxcal.detect.correspondences import Correspondences

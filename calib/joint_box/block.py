@@ -1,7 +1,7 @@
 """Information of one robot on the shape of the box, all that is its own eliminated."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -29,6 +29,11 @@ class Block:
     information: Array
     score: Array
     left: float = 0.0
+
+    def projected(self, free: Array) -> "Block":
+        """Return the block of what a projection (m, m) leaves of the shape's moves: of the others it says nothing."""
+        information = free.T @ self.information @ free
+        return replace(self, information=(information + information.T) / 2, score=free.T @ self.score)
 
     def score_at(self, shape: Array) -> Array:
         """Return the score at another shape, (m,)."""

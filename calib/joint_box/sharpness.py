@@ -1,6 +1,6 @@
 """Sharpness of a box's shape: what is known of its landmarks relative to each other, and of its size as a whole."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -58,13 +58,29 @@ class Ruler:
 def ruler(target: Target, names: Sequence[str]) -> Ruler:
     """Return the measure for some of a shape's unknowns, about a target."""
     by_shape = landmark_jacobian(target, names)
+    free, growth = similarity_free(target)
+    left = free(by_shape)
+    return Ruler(square=left.T @ left / (len(left) / 3), growth=growth @ by_shape)
+
+
+def similarity_free(target: Target) -> tuple[Callable[[Array], Array], Array]:
+    """Return what frees errors of a target's landmarks (3 L, ...) of motion and growth of the whole box, and growth.
+
+    The growth is relative: the product of (3 L,) with the errors.
+    """
+    moves = similarities(target)
+    Q, _ = np.linalg.qr(moves)
+    grown = moves[:, -1]
+    return (lambda errors: np.asarray(errors - Q @ (Q.T @ errors))), grown / float(grown @ grown)
+
+
+def similarities(target: Target) -> Array:
+    """Return how a target's landmarks move with the whole box, (3 L, 7): three ways, three turns, growth."""
     p = target.tag_corners.reshape(-1, 3)
     p = p - p.mean(axis=0)
-    moves = [np.tile(axis, len(p)) for axis in np.eye(3)]
+    ways = [np.tile(axis, len(p)) for axis in np.eye(3)]
     turns = [np.cross(axis, p).ravel() for axis in np.eye(3)]
-    Q, _ = np.linalg.qr(np.stack([*moves, *turns, p.ravel()], axis=1))
-    left = by_shape - Q @ (Q.T @ by_shape)
-    return Ruler(square=left.T @ left / len(p), growth=p.ravel() @ by_shape / float(np.sum(p * p)))
+    return np.stack([*ways, *turns, p.ravel()], axis=1)
 
 
 def landmark_jacobian(target: Target, names: Sequence[str]) -> Array:

@@ -1,27 +1,21 @@
 """All robots of one box solved together: its refined shape, and every robot's calibration with it."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
-from typing import Any
 
 from boxcal.calib.errors import CalibError
 from boxcal.calib.joint_box.block import Block, inverse
 from boxcal.calib.joint_box.difference import difference
-from boxcal.calib.joint_box.one_of_many import Member, Part, begin, follow
+from boxcal.calib.joint_box.one_of_many import Member, Part
+from boxcal.calib.joint_box.robots import Robots, Run
 from boxcal.calib.joint_box.rounds import Joined, join
 from boxcal.calib.joint_box.shape_prior import ShapePrior, shape_prior
 from boxcal.calib.joint_box.sharpness import Sharpness, ruler
 from boxcal.calib.one_robot.solving import options_of
-from boxcal.target.arrays import Array
 from boxcal.target.box import Target
 from boxcal.target.errors import BoxcalError
 
 LEAST_ROBOTS = 2
-
-
-Run = Callable[..., Iterable[Any]]
-"""What does work on many robots: as ``map`` does over several sequences, results in their order."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -92,31 +86,17 @@ def solve_box(members: Sequence[Member], run: Run = map) -> JointBox:
     """
     members = [replace(m, job=replace(m.job, target=m.job.target.unrefined)) for m in members]
     prior = shape_prior(options_of(members[0].job))
-    parts = [_told(part) for part in run(partial(begin, names=prior.names), members)]
-    left_out = {m.job.robot: p.problem for m, p in zip(members, parts, strict=True) if p.problem is not None}
-    there = [k for k, part in enumerate(parts) if part.block is not None]
-    if len(there) < LEAST_ROBOTS:
+    robots = Robots(members, prior, run)
+    if len(robots.there) < LEAST_ROBOTS:
         raise CalibError(
-            f"{len(there)} of {len(members)} robots can take part in the joint solution",
+            f"{len(robots.there)} of {len(members)} robots can take part in the joint solution",
             needed=f"at least {LEAST_ROBOTS} are needed",
             remedy="leave out --joint-box",
         )
-    first = [block for part in parts if (block := part.block) is not None]
-
-    def ask(shape: Array) -> list[Block]:
-        work = partial(follow, names=prior.names, shape=shape)
-        for k, part in zip(there, run(work, [members[k] for k in there], [parts[k] for k in there]), strict=True):
-            parts[k] = parts[k] if part is None else part  # what it said last still holds
-        return [block for k in there if (block := parts[k].block) is not None]
-
-    joined = join(first, prior, ask)
-    _check_majority(joined, [members[k].job.robot for k in there])
-    return _concluded(members, parts, prior, joined, left_out | _of_another_box(members, there, joined, prior))
-
-
-def _told(part: Part | None) -> Part:
-    """Return a robot's part, also where nothing came back."""
-    return part or Part(problem=CalibError("the process that worked on it was lost", remedy="give fewer --jobs"))
+    joined = join(robots.blocks, prior, robots.ask)
+    _check_majority(joined, robots.names)
+    left_out = robots.problems | _of_another_box(robots.names, joined, prior)
+    return _concluded(members, robots.parts, prior, joined, left_out)
 
 
 def _check_majority(joined: Joined, names: Sequence[str]) -> None:
@@ -130,14 +110,12 @@ def _check_majority(joined: Joined, names: Sequence[str]) -> None:
         )
 
 
-def _of_another_box(
-    members: Sequence[Member], there: Sequence[int], joined: Joined, prior: ShapePrior
-) -> dict[str, BoxcalError]:
+def _of_another_box(names: Sequence[str], joined: Joined, prior: ShapePrior) -> dict[str, BoxcalError]:
     found, out = joined.agreement, dict[str, BoxcalError]()
-    for row, k in enumerate(there):
-        if not found.counts[row]:
-            what = difference(joined.blocks[row], found.posterior, prior)
-            out[members[k].job.robot] = CalibError(
+    for name, block, counts in zip(names, joined.blocks, found.counts, strict=True):
+        if not counts:
+            what = difference(block, found.posterior, prior)
+            out[name] = CalibError(
                 f"its box differs from that of the {int(found.counts.sum())} others: {what}",
                 remedy="left out of the joint solution; was it another copy, or were its sheets glued anew?",
             )

@@ -9,6 +9,7 @@ import numpy as np
 from boxcal.calib.diagnosis.first_look import first_look
 from boxcal.calib.geometry.so3_se3 import exp_se3, log_so3
 from boxcal.calib.joint_box.block import Block
+from boxcal.calib.joint_box.gauge import gauge_free
 from boxcal.calib.joint_box.own_solution import OwnSolution, own_solution, settled
 from boxcal.calib.joint_box.shape_prior import ShapePrior, shape_prior
 from boxcal.calib.likelihood import CameraKind, EstimateOptions
@@ -71,7 +72,7 @@ class Fleet:
         for k, (drive, own) in enumerate(zip(self.drives, self.owns, strict=True)):
             problem = own.problem([drive], TARGET)
             self.owns[k], block = settled(problem, own, self.prior.names, shape, tolerance)
-            out.append(block)
+            out.append(block.projected(gauge_free(self.prior, shape)))
         return out
 
 

@@ -3,6 +3,7 @@
 import numpy as np
 from robots import TARGET, Fleet, fleet, hand_made_box
 
+from boxcal.calib.joint_box.gauge import gauge_free
 from boxcal.calib.joint_box.own_solution import OwnSolution, shape_of
 from boxcal.calib.joint_box.rounds import join
 from boxcal.calib.likelihood.levenberg_marquardt import equations, linearize, moved
@@ -83,7 +84,6 @@ def _large_solve(team: Fleet, components: dict[str, float]) -> tuple[Array, Arra
         parts = [robot.equations() for robot in robots]
         sizes = [len(g) - m for _, g in parts]
         H, g = np.zeros((m + sum(sizes),) * 2), np.zeros(m + sum(sizes))
-        H[:m, :m], g[:m] = team.prior.equations(shape, components)
         first = m
         for robot, (own_H, own_g), size in zip(robots, parts, sizes, strict=True):
             rows = np.concatenate([np.arange(m), np.arange(first, first + size)])
@@ -91,6 +91,12 @@ def _large_solve(team: Fleet, components: dict[str, float]) -> tuple[Array, Arra
             H[np.ix_(rows, rows)] += own_H[np.ix_(order, order)]
             g[rows] += own_g[order]
             first += size
+        free = gauge_free(team.prior, shape)  # what no robot can tell is left to the prior
+        H[:m], g[:m] = free.T @ H[:m], free.T @ g[:m]
+        H[:, :m] = H[:, :m] @ free
+        prior = team.prior.equations(shape, components)
+        H[:m, :m] += prior[0]
+        g[:m] += prior[1]
         unit = 1 / np.sqrt(np.diag(H))
         step = unit * np.linalg.solve(H * np.outer(unit, unit), unit * g)
         shape = shape + step[:m]
