@@ -3,6 +3,8 @@
 python benchmarks/start.py
 
 Processor time of all processes, and time by the clock, of new interpreters; compiled code goes to a folder of its own.
+Of ``fleet-calibrate`` on one simulated robot, without and with compiled code: when its first line, the robot's first
+stage and its end come.
 """
 
 import argparse
@@ -12,6 +14,12 @@ import subprocess
 import sys
 import tempfile
 import time
+from contextlib import redirect_stdout
+from io import StringIO
+from pathlib import Path
+
+from boxcal.calib.simulate.cli import main as simulate_fleet
+from boxcal.target.cli import main as make_target
 
 FURTHER = "boxcal.calib.likelihood.compiled.compilation"
 STARTS = {
@@ -35,6 +43,38 @@ def start(program: str, folder: str) -> tuple[float, float]:
     return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime, clock
 
 
+def command(robots: Path, folder: str) -> list[float]:
+    """Return the times, s, of a command's first line, its robot's first stage and its end, and its processor time."""
+    words = ["fleet-calibrate", str(robots / "r01.mcap"), "--target", str(robots / "box" / "target.json")]
+    environment = os.environ | {"NUMBA_CACHE_DIR": folder}
+    before, begun, times = resource.getrusage(resource.RUSAGE_CHILDREN), time.monotonic(), []
+    with subprocess.Popen(
+        [sys.executable, "-P", "-u", "-m", "boxcal", *words, "--out", str(robots / "out")],
+        env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+    ) as process:  # fmt: skip
+        for line in process.stdout or ():
+            if not times or (len(times) == 1 and "reading" in line):
+                times.append(time.monotonic() - begun)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    if process.returncode or len(times) < 2:
+        raise SystemExit(f"fleet-calibrate ended with {process.returncode} after {len(times)} of the lines waited for")
+    used = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    return [*times, time.monotonic() - begun, used]
+
+
+def commands() -> None:
+    """Print the times of a first and of later runs of fleet-calibrate."""
+    print("\n| fleet-calibrate, one robot | first line s | first stage s | end s | processor s |\n|---|---|---|---|---|")
+    with tempfile.TemporaryDirectory() as here:
+        robots = Path(here)
+        with redirect_stdout(StringIO()):
+            make_target([str(robots / "box")])
+            simulate_fleet([here, "--robots", "1", "--stops", "20", "--frames", "6", "--moving-frames", "0"])
+        for name in ("first run", "later", "later again"):
+            first, stage, end, used = command(robots, str(robots / "compiled"))
+            print(f"| {name} | {first:.2f} | {stage:.2f} | {end:.1f} | {used:.1f} |", flush=True)
+
+
 def main() -> None:
     argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
     print(f"{os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}")
@@ -43,6 +83,7 @@ def main() -> None:
         for name, program in STARTS.items():
             used, clock = start(program, folder)
             print(f"| {name} | {used:.2f} | {clock:.1f} |", flush=True)
+    commands()
 
 
 if __name__ == "__main__":
