@@ -15,7 +15,7 @@ from boxcal.calib.uncertainty.part_of_drives import fit_part
 from boxcal.detect.correspondences import Correspondences
 from boxcal.target.arrays import Array
 
-STEPS = 5
+STEPS = 4
 """How many numbers of stops are tried of a long drive: estimates of all would cost more than the calibration itself."""
 FROM_THE_END = 6
 """Number of stops from which on one answer is near that of all stops."""
