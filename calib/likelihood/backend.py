@@ -21,12 +21,15 @@ class Backend:
         Of :mod:`boxcal.calib.likelihood.chain`.
     propagate
         Of :mod:`boxcal.calib.likelihood.leg_propagation`.
+    corner_rows
+        Of :mod:`boxcal.calib.likelihood.corner_rows`.
     """
 
     eliminate_stops: Callable[..., Any]
     substitute_back: Callable[..., None]
     chain_covariances: Callable[..., Any]
     propagate: Callable[..., tuple[Any, ...]]
+    corner_rows: Callable[..., tuple[Any, Any]]
 
 
 def backend() -> Backend:
@@ -40,23 +43,24 @@ _NO_NUMBA = find_spec("numba") is None
 @cache
 def numpy_backend() -> Backend:
     """Return the reference in numpy."""
-    from boxcal.calib.likelihood import chain, leg_propagation  # noqa: PLC0415 - as the other one
+    from boxcal.calib.likelihood import chain, corner_rows, leg_propagation  # noqa: PLC0415 - as the other one
 
-    return _of(chain, leg_propagation)
+    return _of(chain, leg_propagation, corner_rows)
 
 
 @cache
 def numba_backend() -> Backend:
     """Return compiled code; each function is compiled, or read from the cache, when it is first called."""
-    from boxcal.calib.likelihood.compiled import chain, legs  # noqa: PLC0415 - slow to import
+    from boxcal.calib.likelihood.compiled import chain, corners, legs  # noqa: PLC0415 - slow to import
 
-    return _of(chain, legs)
+    return _of(chain, legs, corners)
 
 
-def _of(chain: ModuleType, legs: ModuleType) -> Backend:
+def _of(chain: ModuleType, legs: ModuleType, corners: ModuleType) -> Backend:
     return Backend(
         eliminate_stops=chain.eliminate_stops,
         substitute_back=chain.substitute_back,
         chain_covariances=chain.chain_covariances,
         propagate=legs.propagate,
+        corner_rows=corners.corner_rows,
     )

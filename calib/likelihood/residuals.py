@@ -7,6 +7,7 @@ import numpy as np
 
 from boxcal.calib.geometry.parameters import MOUNTING, WHEELS
 from boxcal.calib.geometry.so3_se3 import exp_so3, right_jacobian, wrap
+from boxcal.calib.likelihood.backend import backend
 from boxcal.calib.likelihood.explanation import Columns, stacked
 from boxcal.calib.likelihood.leg_model import LegModel, leg_model
 from boxcal.calib.likelihood.normal_equations import Local, Normal
@@ -71,33 +72,18 @@ def corner_residuals(problem: Problem, state: State, columns: Columns) -> Corner
         lens = lens + moved[:, : len(state.lens)]
         t = t + np.einsum("pij,pj->pi", R, moved[:, -3:])
         R = R @ np.array([exp_so3(w) for w in moved[:, -6:-3]])
-    R_l = R[stop]
-    R_t = np.swapaxes(R_l, 1, 2)
-    p_cam = (R_t @ (p_box - t[stop])[:, :, None])[:, :, 0]
+    p_cam = np.einsum("lji,lj->li", R[stop], p_box - t[stop])
     valid = bool(np.all(p_cam[:, 2] > 1e-6))
     if not valid:
         p_cam = p_cam.copy()
         p_cam[:, 2] = np.maximum(p_cam[:, 2], 1e-6)
     uv, by_lens, by_point = _projected(problem, lens, p_cam)
-    whitened = problem.whiten @ by_point
-    n_lens, extra = by_lens.shape[2], target.direct
     uv = uv + problem.outward_px * (state.common_growth + state.growth)[stop, None]
-    J = np.empty((len(uv), 2, n_lens + 7 + extra))
-    J[:, :, :n_lens] = problem.whiten @ by_lens
-    x, y, z = p_cam[:, None, 0], p_cam[:, None, 1], p_cam[:, None, 2]
-    bx, by, bz = whitened[:, :, 0], whitened[:, :, 1], whitened[:, :, 2]
-    # Motion (w, t) of the camera: the point moves by p x w - t.
-    J[:, :, n_lens] = by * z - bz * y
-    J[:, :, n_lens + 1] = bz * x - bx * z
-    J[:, :, n_lens + 2] = bx * y - by * x
-    J[:, :, n_lens + 3 : n_lens + 6] = -whitened
-    J[:, :, n_lens + 6] = (problem.whiten @ problem.outward_px[:, :, None])[:, :, 0]
-    if extra:
-        J[:, :, n_lens + 7 :] = whitened @ (R_t @ by_direct)
+    residual, J = backend().corner_rows(problem, problem.uv_px - uv, by_lens, by_point, p_cam, R, by_direct)
     group, group_stop, group_face = _groups(stop, target.face)
     J_shared, J_pose, J_local = _maps(problem, state, (motions, R, t), columns, (group_stop, group_face))
     return Corners(
-        residual=(problem.whiten @ (problem.uv_px - uv)[:, :, None])[:, :, 0],
+        residual=residual,
         jacobian=J,
         group=group,
         group_stop=group_stop,

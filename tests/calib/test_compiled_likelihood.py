@@ -4,8 +4,9 @@ import pytest
 from boxcal.calib.geometry.diff_drive import Legs
 from boxcal.calib.likelihood import EstimateOptions, estimate
 from boxcal.calib.likelihood.backend import backend, numba_backend, numpy_backend
-from boxcal.calib.likelihood.compiled import chain, legs
+from boxcal.calib.likelihood.compiled import chain, corners, legs
 from boxcal.calib.likelihood.compiled.compilation import compile_all
+from boxcal.calib.likelihood.problem import build_problem
 from boxcal.calib.likelihood.wheel_path import wheel_path
 from boxcal.calib.simulate.drive import DriveOptions, exact_correspondences, simulate_drive
 from boxcal.calib.simulate.robot import khepera
@@ -44,6 +45,20 @@ def test_a_stop_that_nothing_holds_is_singular(compute):
         compute.eliminate_stops(D, np.zeros_like(D), np.ones((1, 3, 5, 2)))
 
 
+@pytest.mark.parametrize("direct", [0, 4])
+def test_compiled_rows_of_corners_are_the_reference(direct):
+    rng = np.random.default_rng(1)
+    drive = simulate_drive(khepera(), make_target(), DriveOptions(stops=3), rng)
+    data = exact_correspondences(khepera(), make_target(), drive, 0.2, rng)
+    problem = build_problem([data], [(0, 1, 2)], EstimateOptions(), 0.0)
+    L = len(problem.uv_px)
+    parts = [rng.normal(size=shape) for shape in ((L, 2), (L, 2, 5), (L, 2, 3), (L, 3), (3, 3, 3), (L, 3, direct))]
+    for ours, reference in zip(
+        COMPILED.corner_rows(problem, *parts), REFERENCE.corner_rows(problem, *parts), strict=True
+    ):
+        np.testing.assert_allclose(ours, reference, rtol=1e-12, atol=1e-12)
+
+
 @pytest.mark.parametrize("still", [False, True], ids=["both wheels roll", "a wheel stands on two legs"])
 @pytest.mark.parametrize("added", [False, True], ids=["radii only", "explained travel"])
 def test_compiled_legs_are_the_reference(still, added):
@@ -65,7 +80,14 @@ def test_compiled_legs_are_the_reference(still, added):
 
 def test_nothing_is_compiled_in_use_beyond_what_is_prepared():
     compile_all()
-    kernels = (chain._eliminate, chain.substitute_back, chain._covariances, legs._propagate, legs._readings)
+    kernels = (
+        chain._eliminate,
+        chain.substitute_back,
+        chain._covariances,
+        legs._propagate,
+        legs._readings,
+        corners.fill_rows,
+    )
     drive = simulate_drive(khepera(), make_target(), DriveOptions(stops=6, slip=3e-4), np.random.default_rng(1))
     seen = exact_correspondences(khepera(), make_target(), drive, 0.2, np.random.default_rng(2))
     estimate([seen], None, EstimateOptions(lens=None, target=make_target()))

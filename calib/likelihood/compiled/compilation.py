@@ -24,6 +24,8 @@ def cache_folder() -> Path | None:
 
 def compile_all() -> None:
     """Compile every function, with the types of arguments that it is called with in use."""
+    from boxcal.calib.likelihood.compiled import corners  # noqa: PLC0415 - slow to import
+
     compute = numba_backend()
     D = np.eye(5)[None, None]
     right = np.ones((1, 1, 5, 2))
@@ -32,3 +34,7 @@ def compile_all() -> None:
     compute.chain_covariances(pivots, gains)
     path = wheel_path([Legs(dphi_R=np.ones(1), dphi_L=np.ones(1), ends=(0, 1))])
     compute.propagate(path, np.ones(3), np.zeros((1, 2)), np.zeros((1, 2)), None)
+    one, pair = np.ones((1, 2)), np.ones((1, 2, 2))
+    derivatives = np.ones((1, 2, 1)), np.ones((1, 2, 3)), np.ones((1, 3, 1))
+    poses = np.ones((1, 3)), np.ones((1, 3, 3))
+    corners.fill_rows(np.array([0, 1]), (pair, one, one), derivatives, poses, one.copy(), np.empty((1, 2, 9)))
