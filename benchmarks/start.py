@@ -64,7 +64,7 @@ def command(robots: Path, folder: str) -> list[float]:
 
 def commands() -> None:
     """Print the times of a first and of later runs of fleet-calibrate."""
-    print("\n| fleet-calibrate, one robot | first line s | first stage s | end s | processor s |\n|---|---|---|---|---|")
+    print("\n| fleet-calibrate, one robot | first line | first stage | end s | processor s |\n|---|---|---|---|---|")
     with tempfile.TemporaryDirectory() as here:
         robots = Path(here)
         with redirect_stdout(StringIO()):
