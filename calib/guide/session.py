@@ -17,7 +17,9 @@ from boxcal.calib.likelihood.compiled.compilation import prepare_all
 from boxcal.detect.errors import DetectError
 
 _SPAN_NS = 500_000_000
-"""Time of recording that is taken at once, so that no stop passes unnoticed where messages come faster than time."""
+"""Time of recording that is taken at once: messages may come faster than time."""
+_MOST_PENDING_BYTES = 64 << 20
+"""Messages that were kept and wait until a stop before them is measured; beyond that the source waits, or drops."""
 _WAIT_S, _TICK_S, _PUBLISH_S = 0.04, 0.1, 0.1
 _TICK_SHARE = 5.0
 """A tick that takes long comes as many times its length later."""
@@ -62,6 +64,8 @@ class Session:
         self.recorder: Recorder | None = None
         self._idle_picture_ns = 0
         self._begun = False
+        self._pending: deque[LiveMessage] = deque()
+        self._pending_bytes = 0
 
     def request(self, what: str, which: str = "") -> None:
         """Ask for something from the page: ``calibrate``, ``again`` (a new drive), or a ``camera`` by its topic."""
@@ -80,12 +84,14 @@ class Session:
     def _work(self, publish: Callable[["Session"], None]) -> None:
         next_tick = next_publish = 0.0
         while not self.stopped.is_set():
-            if self.progress.drive.is_behind:
-                time.sleep(_WAIT_S)
+            if self._pending_bytes < _MOST_PENDING_BYTES:
+                self.keep(self.link.inbox.take(_WAIT_S, _SPAN_NS))
             else:
-                self.take(self.link.inbox.take(_WAIT_S, _SPAN_NS))
+                time.sleep(_WAIT_S)
+            if not self.progress.drive.is_behind:
+                self._hear()
             now = time.monotonic()
-            if now >= next_tick or self.link.inbox.waiting:
+            if now >= next_tick or self._pending:
                 self.progress.drive.update()
                 spent = time.monotonic() - now
                 next_tick = now + max(_TICK_S, _TICK_SHARE * spent)
@@ -98,8 +104,8 @@ class Session:
                 self._tell_changes()
                 publish(self)
 
-    def take(self, messages: list[LiveMessage]) -> None:
-        """Keep messages, and take them into the drive as far as they were kept."""
+    def keep(self, messages: list[LiveMessage]) -> None:
+        """Keep messages at once, whatever else there is to do; those that were kept wait for the drive."""
         if messages and self.recorder is None:
             self.recorder, self.progress.problems["recording"] = begin_recording(
                 self.options.recordings, self.options.robot
@@ -110,8 +116,17 @@ class Session:
         messages, recorder = [*again, *messages], self.recorder
         wanted = [m for m in messages if not (m.picture and self._is_idle(m.log_ns))]
         kept = [m for m in wanted if recorder is None or recorder.keep(m)]
+        self._pending.extend(kept)
+        self._pending_bytes += sum(m.size for m in kept)
+
+    def _hear(self) -> None:
+        """Take messages that were kept into the drive, of half a second at most, so that no stop passes unnoticed."""
+        messages: list[LiveMessage] = []
+        while self._pending and abs(self._pending[0].log_ns - (messages or self._pending)[0].log_ns) <= _SPAN_NS:
+            messages.append(self._pending.popleft())
+        self._pending_bytes -= sum(m.size for m in messages)
         try:
-            self.progress.drive.take(kept)
+            self.progress.drive.take(messages)
         except DetectError as error:
             self.progress.problems["messages"] = str(error)
 

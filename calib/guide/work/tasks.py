@@ -23,7 +23,8 @@ from boxcal.target.errors import BoxcalError
 
 _NUMERIC = (cv2.error, np.linalg.LinAlgError)
 """Errors of libraries on odd pictures or equations; one of them must not end the drive."""
-_GLANCE_S = 0.15
+_GLANCE_S, _GLANCE_SHARE = 0.15, 2.0
+"""Time between looks at pictures: at least this, and so many times what one takes; other work is more pressing."""
 _JUDGED_FROM = 4
 """Stops from which on the full calibration is worth its time."""
 
@@ -43,7 +44,7 @@ class Tasks:
         self.progress, self.said = progress, said
         self._worker, self._eyes = Worker(), Worker()
         self._measure_due = 0.0
-        self._glanced, self._next_glance = -1, 0.0
+        self._glanced, self._next_glance, self._glance_begun = -1, 0.0, 0.0
 
     @property
     def idle(self) -> bool:
@@ -99,9 +100,10 @@ class Tasks:
     def collect(self) -> None:
         """Take what is finished."""
         now = self.progress
-        look = self._eyes.finished()
-        if look is not None and look[1] is not None:
-            now.outlook.seen = look[1]
+        look, t = self._eyes.finished(), time.monotonic()
+        if look is not None:
+            self._next_glance = max(self._next_glance, t + _GLANCE_SHARE * (t - self._glance_begun))
+            now.outlook.seen = look[1] or now.outlook.seen
         done = self._worker.finished()
         if done is not None:
             name, result = done
@@ -123,7 +125,7 @@ class Tasks:
         frame, camera, t = self.progress.drive.newest, self.progress.camera, time.monotonic()
         if frame is None or frame.number == self._glanced or t < self._next_glance or not self._eyes.idle:
             return
-        self._glanced, self._next_glance = frame.number, t + _GLANCE_S
+        self._glanced, self._next_glance, self._glance_begun = frame.number, t + _GLANCE_S, t
         self._eyes.begin("glance", lambda: self._looked_at(frame, camera))
 
     def _looked_at(self, frame: Any, camera: CameraModel | None) -> Glance | None:
