@@ -23,7 +23,7 @@ from websockets.exceptions import ConnectionClosed
 from boxcal.detect.log.containers.mcap import McapFile
 
 KILLS = int(os.environ.get("BOXCAL_KILLS", "2"))
-_LOST_S, _TOLD_S = 1.0, 0.3
+_LOST_S, _TOLD_S = 1.0, 0.1
 SENT: list[int] = []
 """Times (ns) at which the robot sent something."""
 

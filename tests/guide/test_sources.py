@@ -1,10 +1,13 @@
 """Messages come in from Foxglove bridges, rosbridge and growing files; what is wrong with a server is said."""
 
 import asyncio
+import base64
 import json
 import threading
+from fractions import Fraction
 from pathlib import Path
 
+import numpy as np
 import pytest
 from live_messages import (
     CAMERA,
@@ -29,7 +32,9 @@ from boxcal.calib.guide.sources.file import follow_file
 from boxcal.calib.guide.sources.inbox import MOST_OTHER_BYTES, MOST_PICTURE_BYTES, Inbox, LiveMessage
 from boxcal.calib.guide.sources.link import Link, without_credentials
 from boxcal.calib.guide.sources.selection import select
+from boxcal.calib.guide.sources.video import VideoFeed
 from boxcal.detect.log.containers.base import Channel
+from boxcal.detect.log.images import VideoPacket, decode_frame, frame_id_of, image_stamp_ns
 from boxcal.detect.log.scan import Scan
 from boxcal.detect.log.topic_use import Use, use_of
 from boxcal.detect.log.topics import Topics
@@ -352,3 +357,61 @@ def test_times_beyond_all_measure_are_clipped_to_what_a_log_holds() -> None:
     inbox.put(heard(WHEELS, (1 << 64) - 1, b""), now=0)
     inbox.put(heard(WHEELS, -5, b""), now=0)
     assert [m.log_ns for m in inbox.take(0)] == [(1 << 63) - 1, 0]
+
+
+def _video_message(t_ns: int, packet: bytes) -> bytes:
+    stamp = {"sec": t_ns // 10**9, "nsec": t_ns % 10**9}
+    told = {"timestamp": stamp, "frame_id": "lens", "format": "h264", "data": base64.b64encode(packet).decode()}
+    return json.dumps(told).encode()
+
+
+def test_a_cameras_video_is_decoded_and_kept_as_pictures() -> None:
+    av = pytest.importorskip("av")
+    try:
+        encoder = av.CodecContext.create("libx264", "w")
+    except (av.error.FFmpegError, ValueError):
+        pytest.skip("PyAV has no encoder libx264")
+    encoder.width, encoder.height, encoder.pix_fmt = 128, 96, "yuv420p"
+    encoder.time_base, encoder.framerate = Fraction(1, 30), 30
+    encoder.options = {"tune": "zerolatency", "g": "20", "bf": "0", "preset": "ultrafast", "crf": "10"}
+    channel = Channel(topic="/cam/video", type="foxglove.CompressedVideo", encoding="json")
+    link = Link(address="ws://robot", topics=Topics(), inbox=Inbox(1000.0))
+    link.found()
+    assert link.offer([WHEELS, channel]).is_video
+    for k in range(40):
+        shown = np.full((96, 128), 40 + 2 * k, dtype=np.uint8)
+        frame = av.VideoFrame.from_ndarray(shown, format="gray").reformat(format="yuv420p")
+        frame.pts = k
+        for packet in encoder.encode(frame):
+            t = T0 + k * 50_000_000
+            link.hand_on(channel, t, _video_message(t, bytes(packet)), now=t / 1e9)
+    came: list[LiveMessage] = []
+    until(lambda: came.extend(link.inbox.take(0.05)) or len(came) == 20 or link.said)
+    link.stopped.set()
+    assert not link.said
+    for n, message in enumerate(came):
+        assert message.picture
+        image = decode_frame(message.channel, message.data)
+        assert not isinstance(image, VideoPacket)
+        assert float(np.mean(image)) == pytest.approx(40 + 4 * n, abs=3)
+        kind = message.channel.type
+        assert image_stamp_ns(message.channel, kind, memoryview(message.data), 0) == T0 + n * 100_000_000
+        assert frame_id_of(message.channel, message.data) == "lens"
+
+
+def test_packets_of_a_video_that_wait_without_end_are_left_out_up_to_the_next_whole_picture(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(VideoFeed, "_run", lambda _: None)
+    feed = VideoFeed(lambda *_: None, lambda _: None, threading.Event())
+    channel = Channel(topic="/cam/video", type="foxglove.CompressedVideo", encoding="json")
+    key, other = (_video_message(T0, start + bytes(5 << 20)) for start in (b"\0\0\1\x65", b"\0\0\1\x41"))
+    for packet in (key, other, other, other, other, _video_message(T0, b"\0\0\1\x41")):
+        feed.put(channel, 0, packet, 0.0)
+    assert (len(feed._waiting), feed.left_out) == (4, 2)
+    assert feed.is_full
+    feed._waiting.clear()
+    feed._bytes = 0
+    for packet in (other, key, other):
+        feed.put(channel, 0, packet, 0.0)
+    assert (len(feed._waiting), feed.left_out) == (2, 3)

@@ -276,6 +276,6 @@ def _recording(session: Session) -> dict[str, Any]:
         "size": f"{recorder.size / 1e6:.1f} MB",
         "messages": recorder.messages,
         "problem": recorder.problem,
-        "dropped": inbox.dropped_pictures + recorder.unkept_pictures,
+        "dropped": session.link.pictures_left_out + recorder.unkept_pictures,
         "lost": recorder.lost + inbox.dropped_others,
     }

@@ -48,7 +48,7 @@ async def _pass_on(link: Link, reader: GrowingMcap) -> bool:
             for data, log in batch.messages()
         ]
         for log, channel, data in sorted(messages, key=lambda m: m[0]):
-            while link.inbox.is_full and not link.stopped.is_set():
+            while link.is_full and not link.stopped.is_set():
                 await asyncio.sleep(0.02)
             link.hand_on(channel, log, data, now=log / 1e9)
         any_came = any_came or bool(messages)

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 
 from boxcal.calib.guide.sources.inbox import Inbox, LiveMessage
 from boxcal.calib.guide.sources.selection import Selection, select
+from boxcal.calib.guide.sources.video import VideoFeed
 from boxcal.detect.errors import DetectError
 from boxcal.detect.log.containers.base import Channel
 from boxcal.detect.log.topics import Topics
@@ -50,6 +51,8 @@ class Link:
     choices: int = 0
     losses: int = 0
     stopped: threading.Event = field(default_factory=threading.Event)
+    _video: VideoFeed | None = None
+    _video_topic: str = ""
     _known: dict[tuple[str, str, str, bytes], Channel] = field(default_factory=dict)
 
     @property
@@ -88,8 +91,30 @@ class Link:
 
     def hand_on(self, channel: Channel, log_ns: int, data: bytes, now: float | None = None) -> None:
         """Hand a message to the session; pictures beyond a rate are dropped by this time, s, or by the clock."""
-        picture = channel.topic == self.selection.camera
-        self.inbox.put(LiveMessage(channel, log_ns, data, picture), time.monotonic() if now is None else now)
+        picture, now = channel.topic == self.selection.camera, time.monotonic() if now is None else now
+        if not (picture and self.selection.is_video):
+            self.inbox.put(LiveMessage(channel, log_ns, data, picture), now)
+            return
+        if self._video is None or self._video_topic != channel.topic:
+            self._video, self._video_topic = VideoFeed(self._picture, self._tell, self.stopped), channel.topic
+        self._video.put(channel, log_ns, data, now)
+
+    @property
+    def is_full(self) -> bool:
+        """Whether a source that can wait should."""
+        return self.inbox.is_full or (self._video is not None and self._video.is_full)
+
+    @property
+    def pictures_left_out(self) -> int:
+        """Number of pictures that came faster than they could be worked on."""
+        return self.inbox.dropped_pictures + (0 if self._video is None else self._video.left_out)
+
+    def _picture(self, channel: Channel, log_ns: int, data: bytes, now: float) -> None:
+        if channel.topic == self.selection.camera:
+            self.inbox.put(LiveMessage(self.known(channel), log_ns, data, picture=True), now)
+
+    def _tell(self, why: str) -> None:
+        self.said = why
 
 
 def without_credentials(address: str) -> str:

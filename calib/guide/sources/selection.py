@@ -5,7 +5,6 @@ from dataclasses import dataclass
 
 from boxcal.detect.errors import DetectError
 from boxcal.detect.log.containers.base import Channel
-from boxcal.detect.log.safe_text import listed
 from boxcal.detect.log.topic_use import Use, use_of
 from boxcal.detect.log.topics import Topics, choose_camera
 
@@ -27,13 +26,16 @@ class Selection:
     problem
         Sentence that says what is missing or ambiguous, empty if nothing is.
     cameras
-        Topics of pictures that a user can choose from.
+        Topics of pictures and videos that a user can choose from.
+    is_video
+        Whether the camera's topic is a video.
     """
 
     camera: str = ""
     others: tuple[str, ...] = ()
     problem: str = ""
     cameras: tuple[str, ...] = ()
+    is_video: bool = False
 
     @property
     def topics(self) -> tuple[str, ...]:
@@ -44,7 +46,8 @@ class Selection:
 def select(channels: Iterable[Channel], topics: Topics) -> Selection:
     """Return what to listen to of the topics that a server offers.
 
-    Of a camera with raw and compressed pictures the compressed ones are taken: a network carries ten times as many.
+    Of a camera with raw and compressed pictures the compressed ones are taken: a network carries ten times as many. A
+    video is taken where there are no pictures.
 
     Parameters
     ----------
@@ -56,9 +59,12 @@ def select(channels: Iterable[Channel], topics: Topics) -> Selection:
     uses = {channel.topic: (use_of(channel, topics), channel.type) for channel in channels}
     pictures = [topic for topic, (use, _) in uses.items() if use is Use.IMAGE]
     smaller = {t.removesuffix(_COMPRESSED) for t in pictures if t.endswith(_COMPRESSED)}
-    choice = sorted(t for t in pictures if t not in smaller)
+    videos = [topic for topic, (use, _) in uses.items() if use is Use.VIDEO]
+    choice = sorted([*(t for t in pictures if t not in smaller), *videos])
     if topics.camera_topic is None:
-        pictures = choice
+        pictures = [t for t in pictures if t not in smaller] or videos
+    else:
+        pictures += videos
     wheels = [topic for topic, (use, _) in uses.items() if use is Use.WHEELS]
     about = [topic for topic, (use, _) in uses.items() if use is Use.ABOUT]
     problems, camera = [], ""
@@ -66,10 +72,8 @@ def select(channels: Iterable[Channel], topics: Topics) -> Selection:
         kinds = {topic: kind for topic, (_, kind) in uses.items()}
         camera = choose_camera("", dict.fromkeys(pictures, 1), kinds, topics.camera_topic)
     except DetectError as error:
-        videos = [topic for topic, (use, _) in uses.items() if use is Use.VIDEO]
-        only = f"; {listed(videos)} is a video, which is not followed: publish pictures" if videos else ""
         here = ", or choose it on the page" if len(choice) > 1 else ""
-        problems.append(str(error).removeprefix(": ") + only + here)
+        problems.append(str(error).removeprefix(": ") + here)
     if not wheels:
         problems.append(
             f"no topic of wheels among {len(uses)} (joint states, ticks or odometry are needed); name a wheel with "
@@ -80,4 +84,5 @@ def select(channels: Iterable[Channel], topics: Topics) -> Selection:
         others=tuple((wheels + about)[:MOST_TOPICS]),
         problem="; ".join(problems),
         cameras=tuple(choice),
+        is_video=camera in videos,
     )
