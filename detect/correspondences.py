@@ -12,6 +12,7 @@ import numpy as np
 
 from boxcal.detect.errors import DetectError
 from boxcal.detect.log.encoder import gaps_covered, without_strays
+from boxcal.detect.log.losses import Loss, LossKind
 from boxcal.detect.log.recording import Recording
 from boxcal.detect.log.wheel_samples import Flags, JointUnit, WheelSamples, WheelUnits
 from boxcal.detect.tags.moving_frames import MovingFrame, refuse_odd_landmarks
@@ -105,6 +106,8 @@ class Source:
         By how much the camera's clock was ahead of the wheels' before its stamps were put right.
     lost_messages, lost_s
         What of the log could not be read, as far as that is known.
+    losses
+        What of that, and of what the log does not tell, no good calibration has; the notes say it, too.
     notes
         What a user should know of how the log was read: choices, losses, what was put right. A sentence each.
     """
@@ -124,6 +127,7 @@ class Source:
     clock_offset: float = 0.0
     lost_messages: int = 0
     lost_s: float = 0.0
+    losses: tuple[Loss, ...] = ()
     notes: tuple[str, ...] = ()
 
 
@@ -149,6 +153,7 @@ def source_of(recording: Recording, target_sha256: str, notes: tuple[str, ...]) 
         clock_offset=recording.clock_offset_ns / 1e9,
         lost_messages=recording.lost_messages,
         lost_s=recording.lost_s,
+        losses=recording.losses,
         notes=(*recording.notes, *notes),
     )
 
@@ -359,7 +364,8 @@ def _source(saved: dict[str, Any]) -> Source:
     values: dict[str, Any] = {
         name: tuple(value) if isinstance(value, list) else value for name, value in saved.items() if name in known
     }
-    return Source(**values)
+    losses = tuple(Loss(kind=LossKind(loss["kind"]), text=str(loss["text"])) for loss in values.pop("losses", ()))
+    return Source(**values, losses=losses)
 
 
 def _units(saved: dict[str, Any]) -> WheelUnits:

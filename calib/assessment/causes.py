@@ -8,7 +8,6 @@ from boxcal.calib.results.verdict import Kind, Level, Reason
 _FIT = ("sharpness", "legs", "slip", "floor", "wheels", "corners", "fit", "held-out")
 _SURE = ("open", "straight", "heading", "turn", "camera-angle", "camera-place")
 FOLLOWS: dict[str, tuple[str, ...]] = {
-    "recording": (),
     "print": (*_FIT, *_SURE, "misfit"),
     "stops": ("moves", *_SURE),
     "around": (),

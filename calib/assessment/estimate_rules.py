@@ -16,14 +16,6 @@ from boxcal.calib.results.verdict import Level, Reason
 from boxcal.calib.uncertainty.projection import projection_sigma
 from boxcal.target.camera.distortion import DISTORTION_NAMES
 
-_DOUBTFUL = {
-    "the recording is damaged:": (
-        "Record the drive again, on a disk with room, and stop the recorder before the robot is switched off."
-    ),
-    "messages do not decode": "Check the driver that publishes them, the recorder and its disk, and record again.",
-    "the sizes mean nothing": "Give the driver's own wheels with --nominal, or record what its encoders say.",
-}
-"""What reading a log says where its data are not whole (``Source.notes``), and what to do."""
 _GRID = 9
 _MANY_SHEETS = 2
 _FURTHER = re.compile(r"face\d_\w\w|bow\d|scale_[xy]|seat|ink|tilt_[xy](_\d+)?")
@@ -247,16 +239,6 @@ def _misfit(_: Calibration, detail: Detail) -> list[Reason]:
     return [Reason(rule="misfit", level=Level.USABLE, text=text, advice=advice)]
 
 
-def _recording(c: Calibration, _: Detail) -> list[Reason]:
-    """Judge what reading the logs said: data that were lost, sizes that nothing told."""
-    return [
-        Reason(rule="recording", level=Level.USABLE, text=sentence(note), advice=advice)
-        for mark, advice in _DOUBTFUL.items()
-        for note in c.notes
-        if mark in note
-    ]
-
-
 def _held_out(_: Calibration, detail: Detail) -> list[Reason]:
     ratio = held_out_ratio(detail)
     if ratio is None:
@@ -291,7 +273,6 @@ DETAIL_RULES: Sequence[Callable[[Calibration, Detail], list[Reason]]] = (
     _sharpness,
     _fit,
     _misfit,
-    _recording,
     _corners,
     _held_out,
 )

@@ -9,7 +9,7 @@ from boxcal.calib.results.verdict import Level, Verdict
 WIDTH = 80
 """Columns of a terminal that nobody widened."""
 _MARK = {Level.GOOD: "GOOD", Level.USABLE: "USABLE", Level.REDO: "REDO"}
-_TOLD = ("leaving out single stops", "camera model chosen", "the recording is damaged:")
+_TOLD = ("leaving out single stops", "camera model chosen")
 """Notes that the verdict tells as reasons, or that matter to who reads calibration.json."""
 _LABEL = {"why": "why: ", "hence": "  so: ", "do": "do: ", "note": "note: ", "not checked": "not checked: "}
 
@@ -26,7 +26,8 @@ def judgement(robot: str, verdict: Verdict, *, width: int = WIDTH) -> str:
 def own_notes(calibration: Calibration, *, width: int = WIDTH) -> Iterator[str]:
     """Yield the notes of a result that its verdict does not say already, wrapped to a width."""
     legs = calibration.detail.flagged_legs if calibration.detail else ()
-    told = {leg.text for leg in legs} if calibration.verdict else set()
+    told = {leg.text for leg in legs} | {finding.text for finding in calibration.findings}
+    told = told if calibration.verdict else set()
     for note in calibration.notes:
         if note not in told and not note.startswith(_TOLD):
             yield from _wrapped("  ", note, width)

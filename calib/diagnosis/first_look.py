@@ -10,6 +10,7 @@ from boxcal.calib.diagnosis.clock import clock_finding, find_offset, moving_pict
 from boxcal.calib.diagnosis.counters import counter_finding
 from boxcal.calib.diagnosis.frozen import without_frozen
 from boxcal.calib.diagnosis.layout import other_layout
+from boxcal.calib.diagnosis.losses import loss_findings
 from boxcal.calib.diagnosis.sheets import Gluing, find_gluing
 from boxcal.calib.diagnosis.sheets_by_wheels import gluing_by_wheels
 from boxcal.calib.diagnosis.standing import Standing, how_it_stands, side_finding
@@ -69,7 +70,7 @@ def first_look(drives: Sequence[Correspondences], target: Target, mode: CameraMo
     CalibError
         If the drives do not determine the calibration: the cause, where one explains that.
     """
-    findings: list[Finding] = []
+    findings = list(loss_findings(drives))
     thawed = [without_frozen(drive) for drive in drives]
     drives = [drive for drive, _ in thawed]
     findings += [finding for _, finding in thawed if finding is not None]

@@ -22,6 +22,7 @@ from boxcal.detect.log.frame_cache import FrameCache
 from boxcal.detect.log.frame_times import frame_times
 from boxcal.detect.log.frames import FrameSource
 from boxcal.detect.log.images import Grey, frame_id_of
+from boxcal.detect.log.losses import Loss, LossKind
 from boxcal.detect.log.metadata import Metadata
 from boxcal.detect.log.opener import open_container
 from boxcal.detect.log.safe_text import printable
@@ -77,6 +78,8 @@ class Recording:
         What a user should know of how it was read: choices, losses, what was put right.
     lost_messages, lost_s
         What could not be read, as far as that is known.
+    losses
+        What of that, and of what the log does not tell, no good calibration has; the notes say it, too.
     units
         What the wheel readings were taken for.
     source
@@ -104,6 +107,7 @@ class Recording:
     lost_s: float
     units: WheelUnits
     source: FrameSource
+    losses: tuple[Loss, ...] = ()
     rest: "Callable[[], Recording] | None" = None
 
     def with_all_images(self) -> "Recording":
@@ -317,6 +321,8 @@ def _assembled(
     t_ns, numbers, offset, notes = frame_times(images, wheels, camera)
     source = FrameSource(series=images, container=container, cache=scan.cache)
     problems = _problems_of(scan, camera, choice)
+    undecoded, strays = _undecoded(scan, problems)
+    lost = (*_losses(damage), *undecoded)
     return Recording(
         path=path,
         kind=container.kind,
@@ -332,11 +338,12 @@ def _assembled(
         frame_numbers=numbers,
         clock_offset_ns=offset,
         metadata=scan.metadata,
-        notes=(*_losses(damage), *_undecoded(scan, problems), *wheels.notes, *notes),
+        notes=(*(loss.text for loss in lost), *strays, *wheels.notes, *notes),
         lost_messages=damage.messages + sum(count for _, count in problems.values()),
         lost_s=damage.seconds,
         units=wheels.units,
         source=source,
+        losses=(*lost, *wheels.losses),
         rest=rest,
     )
 
@@ -385,29 +392,31 @@ def _problems_of(scan: Scan, camera: str, choice: WheelChoice) -> dict[str, tupl
     return {topic: problem for topic, problem in scan.problems.items() if topic in used}
 
 
-def _undecoded(scan: Scan, problems: dict[str, tuple[str, int]]) -> list[str]:
-    """Return a sentence for each topic whose messages did not all decode; for many of them the one that is judged."""
-    said = []
+def _undecoded(scan: Scan, problems: dict[str, tuple[str, int]]) -> tuple[list[Loss], list[str]]:
+    """Return the losses of topics of which many messages do not decode, and a sentence for each of the others."""
+    lost, strays = [], []
     for topic, (what, count) in problems.items():
         total = count + scan.decoded_of(topic)
         if count > _MOST_STRAYS * total:
-            said.append(f"{printable(topic)}: {count} of {total} messages do not decode ({what}); the others were used")
+            text = f"{printable(topic)}: {count} of {total} messages do not decode ({what}); the others were used"
+            lost.append(Loss(kind=LossKind.UNDECODED, text=text))
         else:
-            said += problems_said({topic: (what, count)})
-    return said
+            strays += problems_said({topic: (what, count)})
+    return lost, strays
 
 
 def _with_losses(error: DetectError, name: str, damage: Damage) -> DetectError:
     """Return an error that says what of the recording was lost, too."""
-    lost = "".join(f"; {note}" for note in _losses(damage))
+    lost = "".join(f"; {loss.text}" for loss in _losses(damage))
     return DetectError(str(error).removeprefix(f"{name}: ") + lost, source=name) if lost else error
 
 
-def _losses(damage: Damage) -> tuple[str, ...]:
+def _losses(damage: Damage) -> tuple[Loss, ...]:
     """Return what was lost, in one sentence; nothing if nothing was."""
     if not damage.notes:
         return ()
     lost = [f"{damage.messages} messages"] if damage.messages else []
     lost += [f"{damage.seconds:.1f} s"] if damage.seconds else []
     known = f" (lost: {', '.join(lost)})" if lost else ""
-    return (f"the recording is damaged: {'; '.join(damage.notes)}{known}; what is intact was used",)
+    text = f"the recording is damaged: {'; '.join(damage.notes)}{known}; what is intact was used"
+    return (Loss(kind=LossKind.DAMAGED, text=text),)

@@ -9,6 +9,7 @@ from boxcal.detect.errors import DetectError
 from boxcal.detect.log.clocks import usable_stamps
 from boxcal.detect.log.encoder import MAX_ANGLE, Encoder, averaged, clean, join
 from boxcal.detect.log.encoder_step import encoder_step
+from boxcal.detect.log.losses import Loss, LossKind
 from boxcal.detect.log.odometry import ASSUMED_RADIUS, ASSUMED_SEPARATION, virtual_wheels
 from boxcal.detect.log.safe_text import printable
 from boxcal.detect.log.signals import OdometrySignal, Quantity, Signal
@@ -44,6 +45,8 @@ class AssembledWheels:
         Radius and separation that odometry was taken apart with, None if there are wheels.
     notes
         What a user should know.
+    losses
+        What of that no good calibration has.
     """
 
     wheels: WheelSamples
@@ -52,6 +55,7 @@ class AssembledWheels:
     units: WheelUnits
     nominal: tuple[float, float] | None
     notes: tuple[str, ...]
+    losses: tuple[Loss, ...] = ()
 
 
 def assemble_wheels(
@@ -246,4 +250,5 @@ def _of_odometry(
         units=WheelUnits(),
         nominal=used,
         notes=tuple(n for n in (*notes, note, times.note) if n),
+        losses=(Loss(kind=LossKind.SIZES_UNKNOWN, text=note),) if nominal is None else (),
     )

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from math import pi
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -27,7 +28,8 @@ from boxcal.calib.simulate.drive import DriveOptions
 from boxcal.calib.simulate.imperfect_drive import imperfect_drive
 from boxcal.calib.simulate.imperfections import BoxFaults, Imperfections, WheelFaults
 from boxcal.calib.simulate.robot import Robot, khepera, turtlebot
-from boxcal.detect.correspondences import Correspondences
+from boxcal.detect.correspondences import Correspondences, load_correspondences
+from boxcal.detect.log.losses import Loss, LossKind
 from boxcal.detect.log.wheel_samples import WheelSamples
 from boxcal.target.box import Box, make_target
 
@@ -172,6 +174,21 @@ def test_fast_wheels_that_are_sampled_seldom_and_mostly_stand_do_not_jump() -> N
     steps[555] = 0.8
     assert jumps(steps).tolist() == [555]
     assert jumps(np.zeros(0)).size == 0
+
+
+@pytest.mark.parametrize("kind", list(LossKind))
+def test_what_a_recording_lost_is_never_good_and_comes_back_from_disk(kind: LossKind, tmp_path: Path) -> None:
+    seen = drive(turtlebot(), Imperfections())
+    loss = Loss(kind=kind, text="the recording is damaged: 3 chunks are lost")
+    replace(seen, source=replace(seen.source, losses=(loss,))).save(tmp_path / "lost.npz")
+    again = load_correspondences(tmp_path / "lost.npz")
+    assert again.source.losses == (loss,)
+    (finding,) = first_look([again], TARGET).findings
+    assert finding.cause == kind
+    reason = finding_reason(finding)
+    assert reason.level is Level.USABLE
+    assert reason.text == "The recording is damaged: 3 chunks are lost."
+    assert reason.advice
 
 
 def test_a_restart_of_fast_wheels_is_named() -> None:
