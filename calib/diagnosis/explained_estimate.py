@@ -17,6 +17,10 @@ from boxcal.calib.likelihood.options import EstimateOptions
 from boxcal.calib.likelihood.summary import reported_cov
 from boxcal.detect.correspondences import Correspondences
 
+_PROBABLE = 0.2
+"""From this probability on what a cause may do unseen is in the standard deviations: of less probable ones it would be
+most of them, and true of few."""
+
 
 def estimate_explained(
     drives: Sequence[Correspondences],
@@ -64,12 +68,14 @@ def _with_unseen(found: Estimate, explained: Explained) -> Estimate:
     for widening in (*(doubt.widening for doubt in explained.doubts), *(() if of_camera is None else (of_camera,))):
         wider += reported_cov(widening, explained.fit.state, np.zeros(len(widening), dtype=bool))
     odometry = wider.copy()
-    for cause, _ in explained.adopted:
+    causes = [(cause, 1.0) for cause, _ in explained.adopted]
+    causes += [(d.cause, d.probability) for d in explained.doubts if d.probability > _PROBABLE]
+    for cause, probability in causes:
         for name, sigma in cause.unseen.items():
             k = found.names.index(name)
-            wider[k, k] += sigma**2
+            wider[k, k] += probability * sigma**2
     count = len(found.cov)
-    unseen = any(cause.unseen for cause, _ in explained.adopted)
+    unseen = any(cause.unseen for cause, _ in causes)
     return replace(
         found,
         cov=wider[:count, :count],
