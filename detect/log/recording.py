@@ -295,13 +295,7 @@ def _assembled(
     all_images: bool = False,
 ) -> Recording:
     name, types, damage = scan.name, scan.types, container.damage
-    if not types and damage.notes:
-        raise DetectError(
-            damage.notes[0],
-            source=name,
-            needed="a recording with intact messages is needed",
-            remedy="recover what is there with `mcap recover`, or record again",
-        )
+    _refuse_nothing_intact(scan, damage)
     scan.refuse_other_worlds()
     try:
         camera, choice = _chosen(scan, types)
@@ -322,7 +316,7 @@ def _assembled(
     source = FrameSource(series=images, container=container, cache=scan.cache)
     problems = _problems_of(scan, camera, choice)
     undecoded, strays = _undecoded(scan, problems)
-    lost = (*_losses(damage), *undecoded)
+    losses = (*_losses(damage), *undecoded)
     return Recording(
         path=path,
         kind=container.kind,
@@ -338,14 +332,24 @@ def _assembled(
         frame_numbers=numbers,
         clock_offset_ns=offset,
         metadata=scan.metadata,
-        notes=(*(loss.text for loss in lost), *strays, *wheels.notes, *notes),
+        notes=(*(loss.text for loss in losses), *strays, *wheels.notes, *notes),
         lost_messages=damage.messages + sum(count for _, count in problems.values()),
         lost_s=damage.seconds,
         units=wheels.units,
         source=source,
-        losses=(*lost, *wheels.losses),
+        losses=(*losses, *wheels.losses),
         rest=rest,
     )
+
+
+def _refuse_nothing_intact(scan: Scan, damage: Damage) -> None:
+    if not scan.types and damage.notes:
+        raise DetectError(
+            damage.notes[0],
+            source=scan.name,
+            needed="a recording with intact messages is needed",
+            remedy="recover what is there with `mcap recover`, or record again",
+        )
 
 
 def _chosen(scan: Scan, types: dict[str, str]) -> tuple[str, WheelChoice]:
