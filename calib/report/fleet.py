@@ -1,24 +1,28 @@
 """The report of a fleet: which robots can be used, how alike they are, and what became of those that failed."""
 
 from collections.abc import Collection, Mapping, Sequence
-from math import isfinite
 
 from boxcal.calib.assessment.verdict import verdict
+from boxcal.calib.report.fleet_box import MOST_COLUMNS, shape_rows
+from boxcal.calib.report.fleet_data import fleet_data
+from boxcal.calib.report.fleet_spread import group_table, spread_rows
 from boxcal.calib.report.fleet_tables import (
     ENOUGH,
     PARAMETERS,
+    hardware_of,
     odd_list,
     odd_ones,
     parameter_table,
     robot_row,
-    shape_rows,
-    spread_rows,
     steps,
 )
 from boxcal.calib.report.page import page, readable_time
 from boxcal.calib.results.calibration import Calibration
 from boxcal.calib.results.verdict import Level
 from boxcal.target.errors import BoxcalError
+
+ROWS = 50
+"""Robots that the table shows at once; buttons turn its pages, sorting and filtering look at all."""
 
 
 def fleet_report(
@@ -50,49 +54,31 @@ def fleet_report(
     stale = stale or {}
     verdicts = [c.verdict or verdict(c) for c in results]
     values, sigmas = parameter_table(results)
-    odd = odd_ones(values, sigmas)
+    groups = hardware_of(results)
+    odd = odd_ones(values, sigmas, groups)
     order = sorted(range(len(results)), key=lambda i: -verdicts[i].level.rank)
+    rows = [
+        robot_row(c, v, values[i], odd[i], stale.get(c.robot, ""), linked=c.robot not in without_page)
+        for i, (c, v) in enumerate(zip(results, verdicts, strict=True))
+    ]
     return page(
         "fleet.html",
-        scripts=("draw.js", "fleet.js"),
-        data={
-            "robots": [c.robot for c in results],
-            "panels": [
-                {
-                    "key": p.key,
-                    "name": p.name,
-                    "unit": p.unit,
-                    "value": [_number(v * p.scale) for v in values[:, k]],
-                    "sigma": [_number(s * p.scale) for s in sigmas[:, k]],
-                    "odd": odd[:, k].tolist(),
-                }
-                for k, p in enumerate(PARAMETERS)
-            ],
-        },
+        scripts=("draw.js", "table.js", "plot.js", "fleet.js", "spread.js"),
+        data=fleet_data(rows, order, values, sigmas, odd),
         counts={level.value: sum(v.level is level for v in verdicts) for level in Level},
-        robots=[
-            robot_row(
-                results[i],
-                verdicts[i],
-                values[i],
-                odd[i],
-                stale.get(results[i].robot, ""),
-                linked=results[i].robot not in without_page,
-            )
-            for i in order
-        ],
+        total=len(rows),
+        robots=[rows[i] for i in order[:ROWS]],
+        shown=ROWS,
         headings=PARAMETERS,
         failures=failures,
-        spread=spread_rows(values, sigmas) if len(results) > 1 else [],
+        spread=spread_rows(values, sigmas, groups) if len(results) > 1 else [],
+        hardware=sorted({g for g in groups if g}),
+        groups=group_table(values, sigmas, groups),
         odd=odd_list(results, values, odd, without_page),
         steps=steps(results, verdicts),
         shape=shape_rows(results),
-        names=[c.robot for c in results],
+        names=[c.robot for c in results] if len(results) <= MOST_COLUMNS else ["Mean", "Robots", "Who disagrees"],
         enough=ENOUGH,
         version=results[0].provenance.version if results else "",
         created=readable_time(max((c.provenance.created for c in results), default="")),
     )
-
-
-def _number(value: float) -> float | None:
-    return float(f"{value:.6g}") if isfinite(value) else None

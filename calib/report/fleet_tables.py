@@ -1,7 +1,6 @@
-"""Rows of the fleet page: robots, their spread, outlier robots, what to do, and the box as each robot found it."""
+"""Rows of the fleet page: robots, outlier robots, what to do."""
 
-import re
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from math import isfinite, pi
 from urllib.parse import quote
@@ -10,7 +9,6 @@ import numpy as np
 
 from boxcal.calib.assessment.limits import angle, length
 from boxcal.calib.results.calibration import Calibration
-from boxcal.calib.results.unknowns import describe
 from boxcal.calib.results.verdict import Level, Verdict
 from boxcal.target.arrays import Array, Mask
 
@@ -22,7 +20,6 @@ ENOUGH = 5
 """Robots from which on outliers are told."""
 _ROBUST = 1.4826
 """A normal distribution's standard deviation over its median absolute deviation."""
-_SHAPE = re.compile(r"scale_[xy]|width|depth|seat|ink|bow\d|face\d_\w\w")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -86,18 +83,8 @@ class RobotRow:
     turn_text: str
     stops: int
     rms: float
+    hardware: str
     cells: tuple[Cell, ...]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SpreadRow:
-    """One parameter over the fleet: median, least, largest, standard deviation; the calibrations' own sigma."""
-
-    key: str
-    name: str
-    unit: str
-    cells: tuple[str, ...]
-    sigma: str
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -119,16 +106,6 @@ class Step:
     robots: tuple[str, ...]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ShapeRow:
-    """One figure of the box as each robot found it: texts in the robots' order, and whether they agree."""
-
-    words: str
-    unit: str
-    cells: tuple[str, ...]
-    agree: bool
-
-
 def parameter_table(results: Sequence[Calibration]) -> tuple[Array, Array]:
     """Return all parameters and their standard deviations (NaN where unknown), (N, 14) each, SI."""
     values, sigmas = [], []
@@ -145,19 +122,36 @@ def parameter_table(results: Sequence[Calibration]) -> tuple[Array, Array]:
     return np.array(values, dtype=float).reshape(shape), np.array(sigmas, dtype=float).reshape(shape)
 
 
-def odd_ones(values: Array, sigmas: Array) -> Mask:
-    """Return which figures (N, n) lie far from the fleet's median, against the fleet's own spread.
+def hardware_of(results: Sequence[Calibration]) -> tuple[str, ...]:
+    """Return the robots' hardware revisions, as the manifest or ``--hardware`` had them; empty where neither said."""
+    return tuple(str(c.provenance.settings.get("hardware") or "") for c in results)
+
+
+def odd_ones(values: Array, sigmas: Array, groups: Sequence[str] = ()) -> Mask:
+    """Return which figures (N, n) lie far from the median of their group, against the group's own spread.
 
     The spread is the median absolute deviation times 1.4826 (a normal distribution's standard deviation); what the
-    calibration itself leaves open is allowed for. Fleets of fewer than five have no outliers.
+    calibration itself leaves open is allowed for. Fleets and groups of fewer than five have no outliers.
+
+    Parameters
+    ----------
+    values, sigmas : (N, n)
+        Figures, and their standard deviations.
+    groups
+        The robots' hardware revisions; one group if not given.
     """
-    if len(values) < ENOUGH:
-        return np.zeros(np.shape(values), dtype=bool)
-    off = np.abs(values - np.median(values, axis=0))
-    spread = _ROBUST * np.median(off, axis=0)
-    own = np.where(np.isfinite(sigmas), sigmas, 0.0)
-    limit = ODD * np.sqrt(spread**2 + own**2)
-    return np.asarray(off > np.maximum(limit, 1e-12))
+    out = np.zeros(np.shape(values), dtype=bool)
+    kinds = np.array(groups or [""] * len(values), dtype=object)
+    for kind in dict.fromkeys(kinds.tolist()):
+        own = np.flatnonzero(kinds == kind)
+        if len(own) < ENOUGH:
+            continue
+        off = np.abs(values[own] - np.median(values[own], axis=0))
+        spread = _ROBUST * np.median(off, axis=0)
+        known = np.where(np.isfinite(sigmas[own]), sigmas[own], 0.0)
+        limit = ODD * np.sqrt(spread**2 + known**2)
+        out[own] = off > np.maximum(limit, 1e-12)
+    return out
 
 
 def robot_link(robot: str) -> str:
@@ -182,6 +176,7 @@ def robot_row(c: Calibration, v: Verdict, values: Array, odd: Mask, stale: str, 
         turn_text=angle(ground.turn_heading * 180 / pi) if ground else "",
         stops=c.quality.stops,
         rms=c.quality.reprojection_rms_px,
+        hardware=hardware_of([c])[0],
         cells=tuple(
             Cell(text=p.text(value), value=repr(float(value)), odd=bool(o))
             for p, value, o in zip(PARAMETERS, values, odd, strict=True)
@@ -195,37 +190,19 @@ def _taken_into_account(c: Calibration, v: Verdict) -> list[str]:
     return [f"Note: {note.text}" for note in v.notes if note.rule in named]
 
 
-def spread_rows(values: Array, sigmas: Array) -> list[SpreadRow]:
-    """Return the spread of every parameter over the fleet."""
-    rows = []
-    for k, p in enumerate(PARAMETERS):
-        column, sigma = values[:, k], sigmas[:, k] * p.scale
-        known = sigma[np.isfinite(sigma)]
-        figures = (np.median(column), column.min(), column.max(), np.std(column, ddof=1))
-        rows.append(
-            SpreadRow(
-                key=p.key,
-                name=p.name,
-                unit=p.unit,
-                cells=tuple(p.text(float(v)) for v in figures),
-                sigma=f"{np.median(known):.2g}" if len(known) else "",
-            )
-        )
-    return rows
-
-
 def odd_list(
     results: Sequence[Calibration], values: Array, odd: Mask, without_page: Collection[str] = ()
 ) -> list[OddOne]:
-    """Return every outlier in words."""
-    middle = np.median(values, axis=0) if len(values) else np.zeros(len(PARAMETERS))
+    """Return every outlier in words, with the median of its hardware revision."""
+    kinds = np.array(hardware_of(results), dtype=object)
+    middles = {kind: np.median(values[kinds == kind], axis=0) for kind in set(kinds.tolist())}
     return [
         OddOne(
             robot=results[i].robot,
             link=robot_link(results[i].robot) if results[i].robot not in without_page else "",
             name=PARAMETERS[k].name.lower(),
             text=f"{PARAMETERS[k].text(values[i, k])} {PARAMETERS[k].unit}".strip(),
-            middle=f"{PARAMETERS[k].text(middle[k])} {PARAMETERS[k].unit}".strip(),
+            middle=f"{PARAMETERS[k].text(middles[kinds[i]][k])} {PARAMETERS[k].unit}".strip(),
         )
         for i, k in zip(*np.nonzero(odd), strict=True)
     ]
@@ -239,33 +216,3 @@ def steps(results: Sequence[Calibration], verdicts: Sequence[Verdict]) -> list[S
             for step in v.next_steps:
                 who.setdefault(step, []).append(c.robot)
     return [Step(text=text, robots=tuple(robots)) for text, robots in who.items()]
-
-
-def shape_rows(results: Sequence[Calibration]) -> list[ShapeRow]:
-    """Return the box's figures that two robots and more solved for, side by side: all drove around one box."""
-    found: list[Mapping[str, float]] = [c.detail.extra if c.detail else {} for c in results]
-    names = [n for n in dict.fromkeys(n for extra in found for n in extra) if _SHAPE.fullmatch(n)]
-    rows = []
-    for name in names:
-        pairs = [
-            (c.detail.extra[name], c.detail.extra_sigma.get(name, np.inf)) if c.detail and name in extra else None
-            for c, extra in zip(results, found, strict=True)
-        ]
-        known = np.array([p for p in pairs if p is not None and isfinite(p[1]) and p[1] > 0])
-        if len(known) < 2:
-            continue
-        weight = known[:, 1] ** -2
-        mean = float(np.sum(weight * known[:, 0]) / np.sum(weight))
-        unknown = describe(name)
-        rows.append(
-            ShapeRow(
-                words=unknown.words,
-                unit=unknown.unit,
-                cells=tuple(
-                    "" if p is None else f"{p[0] * unknown.scale:.3g} ± {p[1] * unknown.scale:.2g}".replace("-", "−")
-                    for p in pairs
-                ),
-                agree=bool(np.all(np.abs(known[:, 0] - mean) < ODD * known[:, 1])),
-            )
-        )
-    return rows

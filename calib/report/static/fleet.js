@@ -1,78 +1,81 @@
-// The fleet's table sorts and filters; one strip of points a parameter.
+// The fleet's table: what its cells hold, and what is asked of it.
 (function () {
   const table = document.getElementById("robot-table");
-  if (table) {
-    const body = table.tBodies[0], heads = [...table.tHead.rows[0].cells];
-    const rows = [...body.rows];
-    const key = (row, column) => row.cells[column].dataset.value;
-    const collator = new Intl.Collator(undefined, { numeric: true });
-    function compare(a, b) {
-      if (a === "" || b === "") return (a === "") - (b === "");
-      const x = Number(a), y = Number(b);
-      return Number.isNaN(x) || Number.isNaN(y) ? collator.compare(a, b) : x - y;
-    }
-    heads.forEach((head, column) => head.querySelector("button").addEventListener("click", () => {
-      const down = head.getAttribute("aria-sort") === "ascending";
-      heads.forEach((h) => h.setAttribute("aria-sort", "none"));
-      head.setAttribute("aria-sort", down ? "descending" : "ascending");
-      rows.sort((p, q) => {
-        const a = key(p, column), b = key(q, column);
-        // What is missing stays last, whichever way.
-        return a === "" || b === "" ? compare(a, b) : down ? compare(b, a) : compare(a, b);
-      });
-      body.append(...rows);
-    }));
-    const text = document.getElementById("filter-text"), level = document.getElementById("filter-level"), odd = document.getElementById("filter-odd");
-    function filter() {
-      const words = text.value.trim().toLowerCase();
-      let shown = 0;
-      for (const row of rows) {
-        const fits = row.cells[0].textContent.toLowerCase().includes(words) && (!level.value || row.dataset.level === level.value) && (!(odd && odd.checked) || row.dataset.odd === "1");
-        row.hidden = !fits;
-        shown += fits;
-      }
-      document.getElementById("filter-says").textContent = `${shown} of ${rows.length} robots`;
-    }
-    text.addEventListener("input", filter);
-    level.addEventListener("change", filter);
-    if (odd) odd.addEventListener("change", filter);
-    document.getElementById("filter").addEventListener("submit", (e) => e.preventDefault());
-  }
+  if (!table) return;
+  const R = DATA.rows, LEVELS = ["good", "usable", "redo"];
+  const odd = DATA.panels.map((p) => new Set(p.odd)), anyOdd = new Set(DATA.panels.flatMap((p) => p.odd));
+  const marks = Object.fromEntries(LEVELS.map((l) => [l, document.querySelector(`.tile .mark.${l}`)]));
+  const low = DATA.robots.map((r) => r.toLowerCase());
+  const level = (i) => LEVELS[R.level[i]], text = (tokens) => (i) => tokens[0][tokens[1][i]];
+  const why = text(R.why), stale = text(R.stale), hardware = text(R.hardware);
+  const unknown = { straight: text(R.straight_said), turn: text(R.turn_said) };
+  const plain = (cell, words) => { cell.textContent = words; };
 
-  const where = document.getElementById("spread-charts");
-  if (!where) return;
-  // So many robots get a line each with their name; of more only those that are far from the others are named.
-  const NAMED = 16;
-  const short = (name) => (name.length > 16 ? name.slice(0, 15) + "\u2026" : name);
-  for (const panel of DATA.panels) {
-    const n = panel.value.length, named = n <= NAMED;
-    const longest = named ? Math.min(16, Math.max(...DATA.robots.map((r) => r.length))) : 0;
-    const W = 360, left = 16 + 6.6 * longest, right = 16, top = 32, base = named ? top + 15 * n : 84, H = base + 28;
-    const svg = chart(where, W, H);
-    node(svg, "text", { x: 12, y: 18, class: "title" }, `${panel.name}${panel.unit ? ", " + panel.unit : ""}`);
-    const reach = panel.value.map((v, i) => [v - 2 * (panel.sigma[i] || 0), v + 2 * (panel.sigma[i] || 0)]);
-    // Robots that are hardly known must not squeeze all others together.
-    let low = Math.min(...panel.value), high = Math.max(...panel.value);
-    const typical = quantile(panel.sigma.map((s) => s || 0), 0.5);
-    low -= 2 * typical + 0.04 * (high - low) + 1e-9;
-    high += 2 * typical + 0.04 * (high - low) + 1e-9;
-    const x = (v) => (left + ((Math.max(low, Math.min(high, v)) - low) / (high - low)) * (W - left - right)).toFixed(1);
-    const t = ticks(low, high, 5);
-    t.at.forEach((v) => {
-      node(svg, "path", { d: `M${x(v)} ${top - 4}V${base}`, class: "hair" });
-      node(svg, "text", { x: x(v), y: base + 16, "text-anchor": "middle" }, tickText(v, t.step));
-    });
-    const sorted = [...panel.value].sort((a, b) => a - b);
-    const middle = (sorted[(n - 1) >> 1] + sorted[n >> 1]) / 2;
-    if (n > 2) node(svg, "path", { d: `M${x(middle)} ${top - 4}V${base}`, class: "final" });
-    const step = Math.min(9, (base - top) / Math.max(n, 1));
-    panel.value.forEach((v, i) => {
-      const y = named ? top + 15 * i + 4 : top + ((i * 0.618034) % 1) * (base - top - 4);
-      if (named) node(svg, "text", { x: left - 12, y: y + 4, "text-anchor": "end", class: panel.odd[i] ? "out-text" : "" }, short(DATA.robots[i]));
-      node(svg, "path", { d: `M${x(reach[i][0])} ${y.toFixed(1)}H${x(reach[i][1])}`, class: "whisker", "stroke-width": Math.max(2, step / 2) });
-      const dot = node(svg, "circle", { cx: x(v), cy: y.toFixed(1), r: panel.odd[i] ? 4.4 : 3, class: panel.odd[i] ? "bar out" : "point" });
-      node(dot, "title", {}, `${DATA.robots[i]}: ${v}`);
-      if (panel.odd[i] && !named) node(svg, "text", { x: x(v), y: y - 7, "text-anchor": Number(x(v)) > W / 2 ? "end" : "start", class: "out-text" }, short(DATA.robots[i]));
-    });
+  function length(m) {
+    if (m === null) return "";
+    if (m < 0.01) return m < 0.000995 ? `${Number((m * 1e3).toPrecision(2))} mm` : `${(m * 1e3).toFixed(1)} mm`;
+    return m < 1 ? `${(m * 100).toFixed(1)} cm` : `${m.toFixed(1)} m`;
   }
+  function name(cell, i) {
+    if (!R.linked[i]) return plain(cell, DATA.robots[i]);
+    const a = document.createElement("a");
+    a.href = `./${encodeURIComponent(DATA.robots[i])}/report.html`;
+    a.textContent = DATA.robots[i];
+    cell.appendChild(a);
+  }
+  function verdict(cell, i) {
+    cell.append(marks[level(i)].cloneNode(true), level(i));
+    if (!stale(i)) return;
+    const tag = document.createElement("span");
+    tag.className = "tag stale";
+    tag.textContent = "stale";
+    cell.append(" ", tag);
+  }
+  function reasons(cell, i) {
+    if (stale(i)) {
+      const b = document.createElement("b");
+      b.textContent = stale(i);
+      cell.append(b, " ");
+    }
+    cell.append(why(i));
+  }
+  function figure(p, k) {
+    return {
+      kind: "n", value: (i) => p.value[i],
+      fill: (cell, i) => {
+        cell.textContent = signed(p.value[i], p.digits);
+        if (!odd[k].has(i)) return;
+        cell.classList.add("odd");
+        cell.innerHTML = '<span aria-hidden="true">&#9670; </span><span class="hidden">odd: </span>';
+        cell.append(signed(p.value[i], p.digits));
+      },
+    };
+  }
+  const angle = (a) => (a === null ? "" : a < 0.0995 ? `${a.toFixed(3)}\u00b0` : `${a.toFixed(2)}\u00b0`);
+  const columns = [
+    { head: true, value: (i) => DATA.robots[i], fill: name },
+    { kind: "level", value: (i) => R.level[i], fill: verdict },
+    { kind: "why", value: (i) => stale(i) + why(i), fill: reasons },
+    { kind: "n", value: (i) => R.straight[i], fill: (cell, i) => plain(cell, length(R.straight[i]) || unknown.straight(i)) },
+    { kind: "n", value: (i) => R.turn[i], fill: (cell, i) => plain(cell, angle(R.turn[i]) || unknown.turn(i)) },
+    { kind: "n", value: (i) => R.stops[i], fill: (cell, i) => plain(cell, R.stops[i]) },
+    { kind: "n", value: (i) => R.rms[i], fill: (cell, i) => plain(cell, R.rms[i].toFixed(2)) },
+    ...DATA.panels.map(figure),
+  ];
+  if (R.hardware[0].some((h) => h)) columns.push({ value: hardware, fill: (cell, i) => plain(cell, hardware(i)) });
+
+  const field = (id) => document.getElementById(id);
+  const words = field("filter-text"), wanted = field("filter-level"), outliers = field("filter-odd"), revision = field("filter-hardware");
+  function keep(i) {
+    return low[i].includes(words.value.trim().toLowerCase()) && (!wanted.value || level(i) === wanted.value)
+      && (!outliers || !outliers.checked || anyOdd.has(i)) && (!revision || revision.value === "*" || hardware(i) === revision.value);
+  }
+  const shown = pagedTable({
+    table, rows: DATA.robots.length, order: R.order, columns, keep, says: field("filter-says"), noun: "robots",
+    changed: (kept) => { if (window.plotRobots) window.plotRobots(kept); },
+  });
+  words.addEventListener("input", shown.filter);
+  for (const choice of [wanted, outliers, revision]) if (choice) choice.addEventListener("change", shown.filter);
+  field("filter").addEventListener("submit", (e) => e.preventDefault());
+  window.keptRobots = () => R.order.filter(keep);
 })();

@@ -1,0 +1,234 @@
+"""Sequential watch over one robot: changes, found at a false-alarm rate that is the fleet's, over all its days.
+
+Each part of a robot (wheels, camera extrinsics, camera) has a weighted Shiryaev-Roberts statistic
+
+    M_k = sum over onsets c <= k of w_c LR_c(k),    w_c = (years since the session before c) / (robots then)
+
+with LR_c(k) the mean, over the part's figures and shapes of change, of likelihood ratios that are martingales of mean 1
+while nothing changes (``evidence.py``). M_k less the sum of its weights is a martingale then, so by Doob's inequality
+the chance that M ever reaches 1/alpha within T years is at most alpha times the sum of the weights: over all robots
+and parts alpha T. ``alpha`` is the rate of false alarms, a year and a fleet, however many robots there are, however
+often they are calibrated and looked at (an e-detector: Shin, Ramdas and Rinaldo 2024, doi:10.51387/23-NEJSDS51).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from boxcal.calib.history.channels import CHANNELS, GROUPS, Series
+from boxcal.calib.history.evidence import log_ratios
+from boxcal.target.arrays import Array, Mask
+
+LEVEL = 0.02
+"""False alarms a fleet and a year, at most, by default: one in fifty fleet-years."""
+_LONGEST = 120
+"""Sessions of a stretch that onsets are looked for in: a change further back was found long ago."""
+_BLOCK = 64
+"""Sessions that are looked at together."""
+_ODD = 6.0
+"""Standard deviations by which one session, alone, may be off before it is left aside."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Change:
+    """A change of a robot beyond chance.
+
+    Attributes
+    ----------
+    group, channel
+        Part of the robot, and the figure (number in ``CHANNELS``) that tells most.
+    drift
+        Whether it is a drift that set in, rather than a step.
+    onset
+        Number of the first session after it, among the robot's sessions.
+    found
+        Number of the session that told it.
+    evidence
+        The statistic: 1/alpha is where it counts.
+    """
+
+    group: str
+    channel: int
+    drift: bool
+    onset: int
+    found: int
+    evidence: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Watched:
+    """All that a watch over one robot found.
+
+    Attributes
+    ----------
+    changes
+        In the order in which they were found.
+    pending
+        Parts in which the last session alone differs beyond chance: one more decides.
+    start : (J,)
+        Session from which on each channel is as it is now.
+    sloped : (J,)
+        Whether a drift was found of it since.
+    odd : (n, J)
+        Sessions that lie alone, far from those before and after.
+    """
+
+    changes: tuple[Change, ...]
+    pending: tuple[str, ...]
+    start: tuple[int, ...]
+    sloped: Mask
+    odd: Mask
+
+
+def watch(series: Series, component: Array, prior_dof: float, robots: Array, *, level: float = LEVEL) -> Watched:
+    """Return what changed of a robot, replaying its sessions one by one.
+
+    Parameters
+    ----------
+    series
+        Its sessions.
+    component : (J,)
+        Scatter between sessions.
+    prior_dof
+        As :class:`Scatter` has it.
+    robots : (n,)
+        Robots that the fleet had at each session.
+    level
+        False alarms a year and a fleet.
+    """
+    gaps = np.diff(series.years, prepend=series.years[:1]) / np.maximum(robots, 1)
+    variances = series.variances + component
+    odd = np.zeros_like(variances, dtype=bool)
+    changes: list[Change] = []
+    pending: list[str] = []
+    start = [0] * len(CHANNELS)
+    sloped = np.zeros(len(CHANNELS), dtype=bool)
+    for group in GROUPS:
+        own = [j for j, c in enumerate(CHANNELS) if c.group == group]
+        part = _Part(series=series, variances=variances, prior_dof=prior_dof, gaps=gaps, group=group, level=level)
+        begun, fresh = 0, 1
+        while (change := part.first_change(begun, fresh, sloped)) is not None:
+            changes.append(change)
+            fresh = change.found + 1
+            begun = max(begun, change.onset - 1) if change.drift else change.onset
+            if change.drift:
+                sloped[own] |= [CHANNELS[j].wears for j in own]
+        if part.pending(begun, fresh, sloped):
+            pending.append(group)
+        for j in own:
+            start[j] = begun
+            odd[begun:, j] = _odd_ones(series.values[begun:, j], variances[begun:, j])
+    return Watched(
+        changes=tuple(sorted(changes, key=lambda c: (c.found, c.group))),
+        pending=tuple(pending),
+        start=tuple(start),
+        sloped=sloped,
+        odd=odd,
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Part:
+    """The statistic of one part of a robot."""
+
+    series: Series
+    variances: Array
+    prior_dof: float
+    gaps: Array
+    group: str
+    level: float
+
+    def first_change(self, begun: int, fresh: int, slopes: Mask) -> Change | None:
+        """Return the first change that is told after session ``fresh`` by an onset from there on; None if none is."""
+        for k0 in range(fresh, len(self.series.years), _BLOCK):
+            for change in self._looks(begun, fresh, slice(k0, min(k0 + _BLOCK, len(self.series.years))), slopes):
+                if self._confirmed(change, begun, slopes):
+                    return change
+        return None
+
+    def pending(self, begun: int, fresh: int, slopes: Mask) -> bool:
+        """Tell whether the last session differs beyond chance, with no second one yet to confirm it."""
+        n = len(self.series.years)
+        return fresh < n and bool(self._looks(begun, fresh, slice(n - 1, n), slopes))
+
+    def _looks(self, begun: int, fresh: int, looks: slice, slopes: Mask) -> list[Change]:
+        """Return, for each look after which the statistic counts, the likeliest change."""
+        first = max(begun, looks.start - _LONGEST)
+        span = slice(first, looks.stop)
+        onsets = np.arange(max(fresh, first + 1), looks.stop)
+        own = [j for j, c in enumerate(CHANNELS) if c.group == self.group and c.watched]
+        wears = np.array([CHANNELS[j].wears for j in own])
+        if len(onsets) == 0:
+            return []
+        ratios = log_ratios(
+            self.series.years[span],
+            self.series.values[span][:, own],
+            self.variances[span][:, own],
+            self.prior_dof,
+            slope=slopes[own],
+            looks=slice(looks.start - first, looks.stop - first),
+        )
+        with np.errstate(divide="ignore"):
+            weights = np.log(self.gaps[onsets] / sum(c.watched for c in CHANNELS))[None, :, None]
+            halves = np.where(wears, np.log(0.5), 0.0)
+            table = np.stack(
+                [
+                    ratios.step[:, onsets - first] + weights + halves,
+                    np.where(wears, ratios.drift[:, onsets - first] + weights + halves, -np.inf),
+                ],
+                axis=-1,
+            )
+            table = np.where(
+                onsets[None, :, None, None] > np.arange(looks.start, looks.stop)[:, None, None, None], -np.inf, table
+            )
+            told = np.logaddexp.reduce(table.reshape(len(table), -1), axis=1)
+        found = []
+        for row in np.flatnonzero(told >= -np.log(self.level)):
+            c, j, shape = np.unravel_index(int(np.argmax(table[row])), table[row].shape)
+            found.append(
+                Change(
+                    group=self.group,
+                    channel=own[int(j)],
+                    drift=bool(shape),
+                    onset=int(onsets[c]),
+                    found=looks.start + int(row),
+                    evidence=float(np.exp(min(told[row], 700.0))),
+                )
+            )
+        return found
+
+    def _confirmed(self, change: Change, begun: int, slopes: Mask) -> bool:
+        """Tell whether two sessions after a step agree that there was one: one alone may be odd by itself."""
+        if change.drift:
+            return True
+        j, c = change.channel, change.onset
+        known = np.isfinite(self.variances[:, j])
+        before = [i for i in range(begun, c) if known[i]]
+        after = [i for i in range(c, change.found + 1) if known[i]]
+        if len(after) < 2 or not before:
+            return False
+        values = self.series.values[:, j]
+        if slopes[j] and len(before) > 2:
+            line = np.polyfit(self.series.years[before], values[before], 1)
+            values = values - np.polyval(line, self.series.years)
+        off = values[after] - np.median(values[before])
+        return bool(np.sum(off * np.sign(np.median(off)) > 0.5 * abs(np.median(off))) >= 2)
+
+
+def _odd_ones(values: Array, variances: Array) -> Mask:
+    """Return which sessions lie far from those before and after, which agree with each other."""
+    known = np.flatnonzero(np.isfinite(variances))
+    out = np.zeros(len(values), dtype=bool)
+    if len(known) > 2:
+        v, own = values[known], variances[known]
+        step, spread = np.abs(np.diff(v)), np.sqrt(own[1:] + own[:-1])
+        far = step > _ODD * spread
+        alike = np.abs(v[2:] - v[:-2]) < _ODD / 2 * np.sqrt(own[2:] + own[:-2])
+        out[known[1:-1]] = far[:-1] & far[1:] & alike
+    return out
+
+
+def fleet_sizes(starts: Sequence[float], years: Array) -> Array:
+    """Return how many robots the fleet had at times (n,) yr, from when each was calibrated first."""
+    return np.searchsorted(np.sort(np.asarray(starts)), years, side="right").astype(float)

@@ -1,0 +1,1 @@
+"""Changes of the store from version to version, as Alembic runs them."""

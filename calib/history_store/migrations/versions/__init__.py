@@ -1,0 +1,1 @@
+"""One change of the store a file, by number."""

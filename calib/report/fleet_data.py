@@ -1,0 +1,59 @@
+"""Figures of a fleet that the page's script sorts, filters and draws, in little room: a list a column, texts once."""
+
+from collections.abc import Sequence
+from math import isfinite
+from typing import Any
+
+import numpy as np
+
+from boxcal.calib.report.fleet_tables import PARAMETERS, RobotRow
+from boxcal.target.arrays import Array, Mask
+
+_DIGITS = 7
+"""Significant digits of figures; of sigmas three."""
+
+
+def fleet_data(
+    rows: Sequence[RobotRow], order: Sequence[int], values: Array, sigmas: Array, odd: Mask
+) -> dict[str, Any]:
+    """Return what ``fleet.js``, ``spread.js`` and ``plot.js`` draw: robots in the order of ``rows``."""
+    return {
+        "robots": [r.robot for r in rows],
+        "panels": [
+            {
+                "key": p.key,
+                "name": p.name,
+                "unit": p.unit,
+                "digits": p.digits,
+                "value": [_number(v * p.scale, _DIGITS) for v in values[:, k]],
+                "sigma": [_number(s * p.scale, 3) for s in sigmas[:, k]],
+                "odd": np.flatnonzero(odd[:, k]).tolist(),
+            }
+            for k, p in enumerate(PARAMETERS)
+        ],
+        "rows": {
+            "order": list(order),
+            "level": [r.rank for r in rows],
+            "linked": [int(bool(r.link)) for r in rows],
+            "why": _once([r.why for r in rows]),
+            "stale": _once([r.stale for r in rows]),
+            "hardware": _once([r.hardware for r in rows]),
+            "straight": [_number(r.straight, _DIGITS) for r in rows],
+            "straight_said": _once([r.straight_text if r.straight is None else "" for r in rows]),
+            "turn": [_number(r.turn and r.turn * 180 / np.pi, _DIGITS) for r in rows],
+            "turn_said": _once([r.turn_text if r.turn is None else "" for r in rows]),
+            "stops": [r.stops for r in rows],
+            "rms": [_number(r.rms, 4) for r in rows],
+        },
+    }
+
+
+def _once(texts: Sequence[str]) -> list[list[Any]]:
+    """Return the different texts, and for each place which it is."""
+    different = list(dict.fromkeys(texts))
+    number = {text: k for k, text in enumerate(different)}
+    return [different, [number[text] for text in texts]]
+
+
+def _number(value: float | None, digits: int) -> float | None:
+    return float(f"{value:.{digits}g}") if value is not None and isfinite(value) else None
