@@ -87,7 +87,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         len({key for h in looks(simulated_years(plain, rng), plain) for key in flags(h)}) for _ in range(args.fleets)
     ]
     print(
-        f"unchanged: {sum(false)} false flags in {args.fleets} fleet-years ({args.fleets * LEVEL:g} allowed by the level)"
+        f"unchanged: {sum(false)} false flags in {args.fleets} fleet-years ({args.fleets * LEVEL:g} allowed by the "
+        "level)"
     )
     return 0
 
@@ -129,8 +130,8 @@ def changed(args: argparse.Namespace, plain: Years, rng: np.random.Generator) ->
         )
         print(f"tyres 0.2 % smaller:       found after sessions: {said(np.array(delays['tyres']), missed['tyres'])}")
         print(
-            f"wear of 0.2 % in the year: found after sessions: {said(np.array(delays['worn']), missed['worn'])}, beyond "
-            f"what a test that knows all could tell; worn by {np.median(wear):.2%} then (worst {min(wear):.2%})"
+            f"wear of 0.2 % in the year: found after sessions: {said(np.array(delays['worn']), missed['worn'])}, "
+            f"beyond what a test that knows all could tell; worn by {np.median(wear):.2%} then (worst {min(wear):.2%})"
             if wear
             else "wear of 0.2 % in the year: never found"
         )

@@ -16,6 +16,7 @@ COMMANDS = {
     "fleet-calibrate": ("boxcal.calib.cli", "calibrate robots from their logs"),
     "check-drive": ("boxcal.calib.check_drive.cli", "tell whether a calibrated robot drives as predicted"),
     "compare-calibrations": ("boxcal.calib.compare.cli", "tell whether two calibrations of a robot differ"),
+    "robot-history": ("boxcal.calib.robot_history.cli", "show what a fleet's calibrations say over months and years"),
     "guide": ("boxcal.calib.guide.cli", "guide a robot's drive, stop by stop, until its calibration is good"),
     "simulate-robot": ("boxcal.calib.simulate.serve.cli", "drive a simulated robot by hand, heard like a real one"),
     "simulate-fleet": ("boxcal.calib.simulate.cli", "drive simulated robots around the box and write their logs"),
@@ -30,6 +31,7 @@ SHORT = {
     "compare": "compare-calibrations",
     "simulate": "simulate-fleet",
     "detect": "detect-tags",
+    "history": "robot-history",
 }
 """Shorter names that ``boxcal`` also takes."""
 

@@ -45,12 +45,14 @@ def _run(args: argparse.Namespace, command: str, stop_if_asked: Callable[[], Non
     from boxcal.calib.fleet.engine.chosen import chosen_engine
     from boxcal.calib.fleet.plan import finished_before
     from boxcal.calib.fleet.results_place import results_place
+    from boxcal.calib.history_store.record import check_store
     from boxcal.target.errors import BoxcalError
 
     with ExitStack() as open_places:
         try:
             place = open_places.enter_context(results_place(args.out))
             jobs, box = _jobs(args, command, place)
+            unreachable = check_store(args.store)
             outcomes = finished_before(jobs, place.folder) if args.resume else []
             waiting = [job for job in jobs if all(job is not o.job for o in outcomes)]
             engine, remarks = chosen_engine(args, len(jobs if args.joint_box else waiting))
@@ -58,6 +60,8 @@ def _run(args: argparse.Namespace, command: str, stop_if_asked: Callable[[], Non
         except BoxcalError as error:
             _tell(f"fleet-calibrate: {error}")
             return 2
+        if unreachable:
+            _tell(f"fleet-calibrate: {unreachable}")
         for line in [] if args.quiet else [box, *remarks]:
             _tell(line)
         stop_if_asked()
@@ -187,6 +191,7 @@ def _conclude(
     outcomes.sort(key=lambda o: natural(o.job.robot))
     whole = _write_fleet(place, jobs[0], outcomes, command)
     good = [o.calibration for o in outcomes if o.calibration is not None]
+    whole = _record(args, good) and whole
     failed = [o for o in outcomes if o.calibration is None]
     if good:
         _print_results(place, good, [o.job.robot for o in failed])
@@ -225,6 +230,20 @@ def _write_fleet(place: "ResultsPlace", job: "Job", outcomes: "list[Outcome]", c
         return False
     except OSError as error:
         _tell(f"fleet-calibrate: {place.said}: {error.strerror or error}; give another folder with --out")
+        return False
+    return True
+
+
+def _record(args: argparse.Namespace, calibrations: "list[Calibration]") -> bool:
+    """Put the results into the store, if there is one; tell whether that worked."""
+    from boxcal.calib.errors import CalibError
+    from boxcal.calib.history_store.record import record
+
+    try:
+        for line in record(args.store, calibrations):
+            _tell(f"fleet-calibrate: {line}")
+    except CalibError as error:
+        _tell(f"fleet-calibrate: {error}; the results are in their folder: robot-history import {args.out}")
         return False
     return True
 

@@ -104,6 +104,8 @@ class Settings:
         Name of the node that drives the wheels.
     rerun, results_mcap
         Files for the Rerun viewer and for Foxglove.
+    hardware
+        Hardware revision of the robot, by which the fleet's page groups; empty if nobody said.
     """
 
     topics: Topics = field(default_factory=Topics)
@@ -132,6 +134,7 @@ class Settings:
     controller: str = "diff_drive_controller"
     rerun: Path | None = None
     results_mcap: Path | None = None
+    hardware: str = ""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

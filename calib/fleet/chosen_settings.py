@@ -59,6 +59,7 @@ def chosen_settings(args: Namespace, target: Target, *, report: bool) -> Setting
         nominal=load_nominal(args.nominal) if args.nominal else None,
         rerun=args.rerun,
         results_mcap=args.results_mcap,
+        hardware=args.hardware,
     )
 
 

@@ -28,7 +28,7 @@ OPTIONS = (
     *("camera-topic", "joint-topic", "left-joint", "right-joint", "joint-unit", "ticks-per-turn", "reverse-left"),
     *("reverse-right", "base-frame", "camera-frame", "prefix", "controller", "bits", "nominal", "lens", "floor"),
     *("tilt-prior-deg", "ink-prior-mm", "scale-prior-percent", "face-prior-mm", "bow-prior-mm", "size-prior-mm"),
-    *("encoder-step-deg", "slip-mm", "moving"),
+    *("encoder-step-deg", "slip-mm", "moving", "hardware"),
 )
 """Options of the command that a column may set."""
 _PATHS = {"nominal"}

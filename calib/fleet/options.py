@@ -50,6 +50,7 @@ def options() -> argparse.ArgumentParser:
         metavar="FOLDER",
         help="where results go, a folder or URL (calibration)",
     )
+    _history(parser)
     parser.add_argument(
         "--truth", action="store_true", help="print errors against <log stem>.truth.json beside the log"
     )
@@ -129,6 +130,17 @@ def _names(parser: argparse.ArgumentParser) -> None:
     )
     names.add_argument(
         "--bits", type=int, choices=(8, 10, 12, 14, 16), help="used bits of 16-bit frames (estimated from the frames)"
+    )
+
+
+def _history(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--store",
+        metavar="STORE",
+        help="history of the robots, a file (SQLite) or a database's URL ($BOXCAL_STORE); see robot-history",
+    )
+    parser.add_argument(
+        "--hardware", default="", metavar="REVISION", help="the robots' hardware revision: groups on the fleet's page"
     )
 
 

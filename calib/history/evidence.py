@@ -22,10 +22,11 @@ class Ratios(NamedTuple):
 def log_ratios(years: Array, values: Array, variances: Array, prior_dof: float, *, slope: Mask, looks: slice) -> Ratios:
     """Return log likelihood ratios of a change that sets in before session c, as seen after session k.
 
-    Under both hypotheses ``values ~ N(X beta + delta g, s^2 variances)`` with X a constant (and a line where ``slope``), a
-    flat prior of beta and ``prior_dof`` degrees of freedom behind s^2 = 1; delta is 0, or N(0, s^2 size^2) with the
-    sizes of ``SIZES``. beta, s and delta are integrated out in closed form (a t distribution), so the ratio for each
-    onset is a martingale of mean 1 in k while nothing changes, and 1 before its onset.
+    Under both hypotheses ``values ~ N(X beta + delta g, s^2 variances)`` with X a constant (and a line where
+    ``slope``), a flat prior of beta and ``prior_dof`` degrees of freedom behind s^2 = 1; delta is 0, or
+    N(0, s^2 size^2) with the sizes of ``SIZES``. beta, s and delta are integrated out in closed form (a t
+    distribution), so the ratio for each onset is a martingale of mean 1 in k while nothing changes, and 1 before its
+    onset.
 
     Parameters
     ----------

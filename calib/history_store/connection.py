@@ -167,7 +167,13 @@ def _told(url: str, error: Any) -> StoreError:
         return _error(url, "no database, or a damaged one", remedy="name another file, or restore it from a copy")
     if "readonly" in low or "read-only" in low or "permission denied" in low:
         return _error(url, f"may not be written ({line})", remedy="check its owner and rights")
-    down = "connect" in low or "refused" in low or "unable to open" in low or "resolve host" in low or error.connection_invalidated
+    down = (
+        "connect" in low
+        or "refused" in low
+        or "unable to open" in low
+        or "resolve host" in low
+        or error.connection_invalidated
+    )
     return _error(
         url,
         f"{'cannot be reached' if down else 'refused the work'} ({line})",

@@ -4,17 +4,26 @@ from collections.abc import Iterable
 
 from boxcal.calib.history.session import session_of
 from boxcal.calib.history_store.connection import StoreError, open_store
+from boxcal.calib.history_store.place import store_url
 from boxcal.calib.results.calibration import Calibration
 
 
-def check_store(url: str) -> str:
-    """Return why a store cannot be reached now, a line, empty if it can; its tables are made.
+def check_store(given: str | None) -> str:
+    """Return why the store cannot be reached now, a line, empty if it can or there is none; its tables are made.
+
+    Parameters
+    ----------
+    given
+        The store as an option names it; None takes the environment's.
 
     Raises
     ------
-    StoreError
+    CalibError
         If waiting would not help: a wrong URL, a missing driver, a store of a newer version.
     """
+    url = store_url(given)
+    if url is None:
+        return ""
     try:
         with open_store(url):
             return ""
@@ -24,14 +33,17 @@ def check_store(url: str) -> str:
         return f"{error}; the results will be in their folder all the same"
 
 
-def record(url: str, calibrations: Iterable[Calibration]) -> list[str]:
-    """Put calibrations into a store; return lines for the user.
+def record(given: str | None, calibrations: Iterable[Calibration]) -> list[str]:
+    """Put calibrations into the store, if there is one; return lines for the user.
 
     Raises
     ------
-    StoreError
+    CalibError
         If it cannot be used; nothing was put then.
     """
+    url = store_url(given)
+    if url is None:
+        return []
     from boxcal.calib.history_store.sessions import put  # noqa: PLC0415  an extra
 
     with open_store(url) as connection:

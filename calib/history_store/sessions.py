@@ -50,7 +50,7 @@ def put(connection: Any, new: Iterable[Session]) -> list[str]:
 
 
 def _odd_time(connection: Any, robot: int, s: Session) -> list[str]:
-    """Return a line if a new drive is dated before one that was calibrated before it: a clock may have run backwards."""
+    """Return a line if a new drive is dated before one calibrated before it: a clock may have run backwards."""
     lines = [f"{printable(s.robot)}: {note}" for note in s.notes]
     newest = connection.execute(
         sa.select(sessions.c.t_ns, sessions.c.calibrated)
@@ -100,9 +100,9 @@ def read(connection: Any, names: Sequence[str] = ()) -> list[Session]:
     return [_session(row) for row in connection.execute(query).mappings()]
 
 
-def robot_names(connection: Any) -> list[str]:
-    """Return the robots of a store."""
-    return list(connection.execute(sa.select(robots.c.name).order_by(robots.c.name)).scalars())
+def count(connection: Any) -> int:
+    """Return how many sessions a store holds."""
+    return int(connection.execute(sa.select(sa.func.count()).select_from(sessions)).scalar_one())
 
 
 def set_time(connection: Any, robot: str, drive: str, t_ns: int) -> None:

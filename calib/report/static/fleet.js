@@ -46,8 +46,12 @@
         cell.textContent = signed(p.value[i], p.digits);
         if (!odd[k].has(i)) return;
         cell.classList.add("odd");
-        cell.innerHTML = '<span aria-hidden="true">&#9670; </span><span class="hidden">odd: </span>';
-        cell.append(signed(p.value[i], p.digits));
+        const mark = document.createElement("span"), words = document.createElement("span");
+        mark.ariaHidden = "true";
+        mark.textContent = "\u25c6 ";
+        words.className = "hidden";
+        words.textContent = "odd: ";
+        cell.replaceChildren(mark, words, signed(p.value[i], p.digits));
       },
     };
   }

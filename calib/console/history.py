@@ -1,0 +1,134 @@
+"""History of robots in words and tables."""
+
+from math import degrees, isfinite
+
+from boxcal.calib.console.tables import shortened, table
+from boxcal.calib.history.channels import CHANNELS, EXTRINSICS, KEYS
+from boxcal.calib.history.drift import HORIZON, Trend
+from boxcal.calib.history.fleet_history import Event, FleetHistory, RobotHistory, Shift
+from boxcal.detect.log.safe_text import printable
+
+_TOLD = 3.0
+"""Standard deviations from which on a further figure of a changed part is named."""
+_MINUS = "\N{MINUS SIGN}"
+
+
+def event_text(event: Event) -> str:
+    """Return a change of a robot as its owner reads it: what, by how much, since when."""
+    main = event.shifts[0] if event.shifts else None
+    if main is None:
+        return f"{event.change.group}: changed"
+    if event.change.drift:
+        return f"{_name(main)}: drift of {_said(main)} a year since {event.until} (told by the drive of {event.found})"
+    if event.change.group == EXTRINSICS:
+        what = f"camera turned by {degrees(event.turned):.2f}° ± {degrees(event.turned_sigma):.2f}°"
+        moved = [s for s in event.shifts if CHANNELS[s.channel].unit == "mm" and abs(s.size) > _TOLD * s.sigma]
+        if moved:
+            what += ", moved " + ", ".join(f"{_name(s).removeprefix('camera ')} by {_said(s)}" for s in moved)
+    else:
+        others = [s for s in event.shifts if CHANNELS[s.channel].watched and abs(s.size) > _TOLD * s.sigma]
+        what = "; ".join(f"{_name(s)} {_said(s)}" for s in (others or [main]))
+    return f"{what}, between {event.since} and {event.until} (told by the drive of {event.found})"
+
+
+def short_event(event: Event) -> str:
+    """Return a change in a few words."""
+    if event.change.drift:
+        return f"wear {_said(event.shifts[0])}/yr" if event.shifts else "wear"
+    if event.change.group == EXTRINSICS:
+        return f"camera {degrees(event.turned):.2f}° on {event.until}"
+    return f"{event.change.group} on {event.until}"
+
+
+def pending_text(group: str) -> str:
+    """Return what a last session that differs alone calls for."""
+    return f"{group}: the last drive differs beyond chance; drive once more to tell a change from a bad drive"
+
+
+def wear_text(trend: Trend) -> str:
+    """Return a drift in percent a year with its sigma; empty if nothing is known of it."""
+    if not isfinite(trend.rate) or not isfinite(trend.sigma):
+        return ""
+    return f"{100 * trend.rate:+.2f} ± {100 * trend.sigma:.2f}".replace("-", _MINUS)
+
+
+def due_text(robot: RobotHistory) -> str:
+    """Return by when to calibrate a robot again."""
+    if robot.due_now:
+        return "now"
+    return robot.due or f"> {HORIZON:g} years"
+
+
+def fleet_text(history: FleetHistory) -> str:
+    """Return a fleet's history as a table, changes first told in full."""
+    header = ["robot", "drives", "last", "wear L %/yr", "wear R %/yr", "again by", "changes"]
+    rows, lines = [], []
+    for r in history.robots:
+        changes = [short_event(e) for e in r.events[-1:]] + (["drive again"] if r.watched.pending else [])
+        rows.append(
+            [
+                shortened(printable(r.robot)),
+                str(len(r.sessions)),
+                r.sessions[-1].date,
+                wear_text(r.trends["rL"]),
+                wear_text(r.trends["rR"]),
+                due_text(r),
+                "; ".join(changes) or "none",
+            ]
+        )
+        lines += [f"{printable(r.robot)}: {event_text(e)}" for e in r.events]
+        lines += [f"{printable(r.robot)}: {pending_text(group)}" for group in r.watched.pending]
+    scatter = history.scatter.component
+    known = [
+        f"{c.name} {scatter[j] ** 0.5 * c.scale:.2g} {c.unit}"
+        for j, c in enumerate(CHANNELS)
+        if c.key in {"rL", "rR", "b", "ry", "f"} and isfinite(scatter[j])
+    ]
+    end = [f"between drives, beyond what the calibrations claim: {', '.join(known)}"] if known else []
+    end.append(
+        f"changes are told at no more than {history.level:g} false alarms a year, all robots together"
+        if history.judged
+        else "too few drives to tell a change from chance: three of a robot, or two of each of several"
+    )
+    return "\n".join([table(header, rows), "", *lines, *([""] if lines else []), *end])
+
+
+def robot_text(history: FleetHistory, robot: RobotHistory) -> str:
+    """Return one robot's history: its drives, what changed, what is known of its drift."""
+    header = ["drive", "date", "verdict", "rL mm", "rR mm", "b mm", "x mm", "y mm", "z mm", "fu px"]
+    rows = [
+        [
+            s.key[:8],
+            s.date,
+            s.verdict or "-",
+            *(f"{1e3 * v:.3f}" for v in (s.wheels[1], s.wheels[0])),
+            f"{1e3 * s.wheels[2]:.2f}",
+            *(f"{1e3 * v:.1f}" for v in s.T_body_cam[:3, 3]),
+            f"{s.camera[0]:.2f}",
+        ]
+        for s in robot.sessions
+    ]
+    lines = [event_text(e) for e in robot.events] or ["no change beyond chance"]
+    lines += [pending_text(group) for group in robot.watched.pending]
+    lines += [f"{s.key[:8]}: {note}" for s in robot.sessions for note in s.notes]
+    for key, side in (("rL", "left"), ("rR", "right")):
+        if wear := wear_text(robot.trends[key]):
+            lines.append(f"{side} radius: {wear} % a year over {robot.trends[key].sessions} drives")
+    scatter = robot.scatter
+    if history.judged and isfinite(scatter[KEYS.index("rL")]):
+        own = ", ".join(
+            f"{c.name} {scatter[j] * c.scale:.2g} {c.unit}" for j, c in enumerate(CHANNELS) if not c.watched
+        )
+        lines.append(f"between its drives, beyond what the calibrations claim: {own}")
+    lines.append(f"calibrate again by: {due_text(robot)}")
+    return "\n".join([printable(robot.robot), "", table(header, rows), "", *lines])
+
+
+def _name(s: Shift) -> str:
+    return CHANNELS[s.channel].name
+
+
+def _said(s: Shift) -> str:
+    c = CHANNELS[s.channel]
+    gap = "" if c.unit == "°" else " "
+    return f"{s.size * c.scale:+.2g} ± {s.sigma * c.scale:.1g}{gap}{c.unit}".replace("-", _MINUS)
