@@ -37,10 +37,8 @@ SORT = 'document.querySelectorAll("#robot-table thead button")[%d].click()'
 FILTER = '(() => {{ const f = document.getElementById("%s"); f.value = "%s"; f.dispatchEvent(new Event("%s")); }})()'
 
 
-def fleet(robots: int, rng: np.random.Generator) -> list[Calibration]:
-    """Return calibrations of a made-up fleet of three hardware revisions with a few outliers."""
-    simulated = boxcal.simulate(stops=12, seed=1)
-    one = boxcal.calibrate(simulated.correspondences, simulated.target)
+def made_up(one: Calibration, robots: int, rng: np.random.Generator) -> list[Calibration]:
+    """Return calibrations of a fleet like one robot, of three hardware revisions with a few outliers."""
     found = []
     for i in range(robots):
         kind = int(rng.integers(len(REVISIONS)))
@@ -122,7 +120,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     if chromium is None:
         print("no chromium on this machine", file=sys.stderr)
         return 1
-    robots = fleet(args.robots, np.random.default_rng(1))
+    simulated = boxcal.simulate(stops=12, seed=1)
+    one = boxcal.calibrate(simulated.correspondences, simulated.target)
+    robots = made_up(one, args.robots, np.random.default_rng(1))
     begun = time.process_time()
     content = fleet_report(robots, [])
     print(f"{args.robots} robots, made in {time.process_time() - begun:.1f} s of processor time")

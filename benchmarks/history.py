@@ -26,11 +26,11 @@ from boxcal.target.arrays import Array
 WORN, KNOCKED, TYRES = 3, 7, 9
 
 
-def looks(sessions: Sequence[Session], asked: Years) -> Iterable[FleetHistory]:
-    """Yield what is said at the end of each month."""
+def looks(sessions: Sequence[Session], count: int) -> Iterable[FleetHistory]:
+    """Yield what is said at so many times, evenly over the sessions."""
     begin, end = sessions[0].t_ns, sessions[-1].t_ns + 1
-    for month in range(1, round(asked.months) + 1):
-        until = begin + (end - begin) * month / asked.months
+    for look in range(1, count + 1):
+        until = begin + (end - begin) * look / count
         yield fleet_history([s for s in sessions if s.t_ns < until])
 
 
@@ -73,18 +73,20 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--changed", type=int, default=10, help="fleets with a worn, a knocked and a re-tyred robot")
     parser.add_argument("--robots", type=int, default=50)
     parser.add_argument("--sessions", type=int, default=52, help="of each robot in the year")
+    parser.add_argument("--looks", type=int, default=12, help="times in the year that the history is judged")
     parser.add_argument("--scatter", type=float, default=1.5, help="between sessions, in a calibration's sigmas")
     parser.add_argument("--seed", type=int, default=1)
     args = parser.parse_args(argv)
     rng = np.random.default_rng(args.seed)
     plain = Years(robots=args.robots, sessions=args.sessions, scatter=args.scatter)
     print(
-        f"{args.robots} robots, 12 months, {args.sessions} sessions each, looked at monthly; scatter between sessions "
-        f"{args.scatter:g} sigmas; level {LEVEL:g} false flags a fleet and a year"
+        f"{args.robots} robots, 12 months, {args.sessions} sessions each, looked at {args.looks} times; "
+        f"scatter between sessions {args.scatter:g} sigmas; level {LEVEL:g} false flags a fleet and a year"
     )
     changed(args, plain, rng)
     false = [
-        len({key for h in looks(simulated_years(plain, rng), plain) for key in flags(h)}) for _ in range(args.fleets)
+        len({key for h in looks(simulated_years(plain, rng), args.looks) for key in flags(h)})
+        for _ in range(args.fleets)
     ]
     print(
         f"unchanged: {sum(false)} false flags in {args.fleets} fleet-years ({args.fleets * LEVEL:g} allowed by the "
@@ -108,7 +110,7 @@ def changed(args: argparse.Namespace, plain: Years, rng: np.random.Generator) ->
         )
         sessions = simulated_years(asked, rng)
         found: dict[tuple[str, str], int] = {}
-        for h in looks(sessions, asked):
+        for h in looks(sessions, args.looks):
             found = flags(h) | found
         best = oracle(sessions, asked)
         for name, robot, group, begin in (

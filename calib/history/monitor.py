@@ -26,6 +26,8 @@ _LONGEST = 120
 """Sessions of a stretch that onsets are looked for in: a change further back was found long ago."""
 _BLOCK = 64
 """Sessions that are looked at together."""
+_NEARLY = 3.0
+"""Difference of log likelihood ratios within which two shapes of a change are nearly as likely."""
 _ODD = 6.0
 """Standard deviations by which one session, alone, may be off before it is left aside."""
 
@@ -100,6 +102,10 @@ def watch(series: Series, component: Array, prior_dof: float, robots: Array, *, 
     gaps = np.diff(series.years, prepend=series.years[:1]) / np.maximum(robots, 1)
     variances = series.variances + component
     odd = np.zeros_like(variances, dtype=bool)
+    for group in GROUPS:  # a drive that went wrong says nothing of the part any more, once the next one is there
+        own = [j for j, c in enumerate(CHANNELS) if c.group == group]
+        odd[:, own] = np.any([_odd_ones(series.values[:, j], variances[:, j]) for j in own], axis=0)[:, None]
+    variances = np.where(odd, np.inf, variances)
     changes: list[Change] = []
     pending: list[str] = []
     start = [0] * len(CHANNELS)
@@ -118,7 +124,6 @@ def watch(series: Series, component: Array, prior_dof: float, robots: Array, *, 
             pending.append(group)
         for j in own:
             start[j] = begun
-            odd[begun:, j] = _odd_ones(series.values[begun:, j], variances[begun:, j])
     return Watched(
         changes=tuple(sorted(changes, key=lambda c: (c.found, c.group))),
         pending=tuple(pending),
@@ -185,11 +190,11 @@ class _Part:
             told = np.logaddexp.reduce(table.reshape(len(table), -1), axis=1)
         found = []
         for row in np.flatnonzero(told >= -np.log(self.level)):
-            c, j, shape = np.unravel_index(int(np.argmax(table[row])), table[row].shape)
+            c, j, shape = _likeliest(table[row])
             found.append(
                 Change(
                     group=self.group,
-                    channel=own[int(j)],
+                    channel=own[j],
                     drift=bool(shape),
                     onset=int(onsets[c]),
                     found=looks.start + int(row),
@@ -213,7 +218,23 @@ class _Part:
             line = np.polyfit(self.series.years[before], values[before], 1)
             values = values - np.polyval(line, self.series.years)
         off = values[after] - np.median(values[before])
-        return bool(np.sum(off * np.sign(np.median(off)) > 0.5 * abs(np.median(off))) >= 2)
+        step = float(np.mean(off))
+        return bool(np.sum(off * np.sign(step) > 0.5 * abs(step)) >= 2)
+
+
+def _likeliest(ratios: Array) -> tuple[int, int, int]:
+    """Return onset, figure and shape (1: drift) of log ratios (onsets, figures, 2).
+
+    Wheels wear, and a drift looks like a step for a while: where both are nearly as likely it is taken for a drift,
+    from the earliest onset that is.
+    """
+    least = float(np.max(ratios)) - _NEARLY
+    drifts = np.argwhere(ratios[..., 1] >= least)
+    if len(drifts):
+        onset = int(np.min(drifts[:, 0]))
+        return onset, int(np.argmax(ratios[onset, :, 1])), 1
+    c, j, shape = np.unravel_index(int(np.argmax(ratios)), ratios.shape)
+    return int(c), int(j), int(shape)
 
 
 def _odd_ones(values: Array, variances: Array) -> Mask:

@@ -1,6 +1,6 @@
 """Scatter between sessions: a variance component of its own, from the fleet, and each robot's own share of it."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -144,15 +144,32 @@ def _parts(s: Stretch, component: float, *, wears: bool) -> tuple[float, float, 
     )
 
 
+def _pooled_loss(used: Sequence[Stretch], *, wears: bool) -> Callable[[float], float]:
+    """Return minus the restricted log likelihood of a component: for all stretches what ``_parts`` is for one."""
+    sizes = [len(s.values) for s in used]
+    of = np.repeat(np.arange(len(used)), sizes)
+    t = np.concatenate([s.years - s.years.mean() for s in used])
+    y = np.concatenate([s.values - s.values.mean() for s in used])
+    var = np.concatenate([s.variances for s in used])
+    sloped = np.array([wears and len(s.values) >= _FOR_A_SLOPE and float(np.ptp(s.years)) > 0 for s in used])
+
+    def loss(component: float) -> float:
+        w = 1 / (var + component + 1e-300)
+        S0, S1, S2, y0, y1 = (np.bincount(of, w * v, len(used)) for v in (1.0, t, t * t, y, t * y))
+        S1, y1, S2 = S1 * sloped, y1 * sloped, np.where(sloped, S2, 1.0)
+        det = S0 * S2 - S1 * S1
+        explained = (S2 * y0 * y0 - 2 * S1 * y0 * y1 + S0 * y1 * y1) / det
+        return float(np.sum(w * y * y) - np.sum(explained) - np.sum(np.log(w)) + np.sum(np.log(det))) / 2
+
+    return loss
+
+
 def _reml(used: Sequence[Stretch], *, wears: bool) -> tuple[float, float, float]:
     unit = float(np.median(np.concatenate([s.variances for s in used])))
     spread = float(np.max([np.var(s.values) for s in used]))
     unit = max(unit, 1e-9 * spread, 1e-300)
 
-    def loss(component: float) -> float:
-        parts = [_parts(s, component, wears=wears) for s in used]
-        return sum(p[0] + p[1] for p in parts) / 2
-
+    loss = _pooled_loss(used, wears=wears)
     top = float(np.log(spread / unit + 1e-300)) + 3
     found = minimize_scalar(
         lambda x: loss(unit * np.exp(x)), bounds=(-9.0, max(top, 3.0)), method="bounded", options={"xatol": 0.02}

@@ -153,7 +153,11 @@ def _error(url: str, found: str, *, needed: str = "", remedy: str = "", passing:
 def _told(url: str, error: Any) -> StoreError:
     """Return a driver's fault in one line."""
     import sqlalchemy as sa  # noqa: PLC0415
+    from sqlalchemy.exc import DBAPIError  # noqa: PLC0415
 
+    before = error
+    while (before := before.__context__) is not None:  # once a transaction has failed, what ends it fails too
+        error = before if isinstance(before, DBAPIError) else error
     words = str(error.orig).strip()
     secret = sa.make_url(url).password
     if secret:

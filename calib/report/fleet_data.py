@@ -9,7 +9,7 @@ import numpy as np
 from boxcal.calib.report.fleet_tables import PARAMETERS, RobotRow
 from boxcal.target.arrays import Array, Mask
 
-_DIGITS = 7
+_DIGITS = 10
 """Significant digits of figures; of sigmas three."""
 
 
