@@ -87,7 +87,8 @@ def session_of(calibration: Calibration) -> Session:
     """
     p = calibration.provenance
     created = _nanoseconds(p.created)
-    t_ns = min((stop.t_start_ns for stop in calibration.stops), default=0)
+    ends = [(s.t_start_ns, s.t_end_ns) for s in (*calibration.stops[:1], *calibration.stops[-1:])]
+    t_ns = min((start for start, _ in ends), default=0)
     notes: tuple[str, ...] = ()
     if t_ns < _EARLIEST_NS or (created is not None and t_ns > created + _DAY_NS):
         told = "before 2010" if t_ns < _EARLIEST_NS else "later than it was calibrated"
@@ -98,7 +99,7 @@ def session_of(calibration: Calibration) -> Session:
     detail = calibration.detail
     return Session(
         robot=calibration.robot,
-        key=drive_key(p.inputs, [(s.t_start_ns, s.t_end_ns) for s in calibration.stops]),
+        key=drive_key(p.inputs, ends),
         t_ns=t_ns,
         calibrated=p.created,
         camera=np.array([k.fu, k.fv, k.cu, k.cv, k.kr]),
