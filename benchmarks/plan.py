@@ -77,18 +77,8 @@ def drive(of: Robot, stops: Array | int, rng: np.random.Generator) -> Drive:
 
 def truth(of: Robot, driven: Drive) -> Truth:
     """Return what is true of a simulated drive."""
-    return Truth(
-        camera=of.camera,
-        rR=of.rR,
-        rL=of.rL,
-        b=of.b,
-        T_body_cam=of.T_body_cam,
-        stop_poses=(driven.stop_poses,),
-        slip=GIVEN.slip,
-        encoder_step=GIVEN.encoder_step,
-        lean=GIVEN.lean,
-        target=dict(GIVEN.target),
-    )
+    found = Truth.of(of, driven.stop_poses, slip=GIVEN.slip, encoder_step=GIVEN.encoder_step)
+    return replace(found, lean=GIVEN.lean, target=dict(GIVEN.target))
 
 
 def bound(of: Robot, stops: Array | int, seed: int) -> Array:

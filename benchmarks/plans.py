@@ -25,16 +25,7 @@ def best_plan(robot: Robot, target: Target, setting: Setting, tries: int) -> Arr
 
 def _promise(robot: Robot, target: Target, setting: Setting, plan: Array) -> float:
     driven, seen = drive(robot, target, replace(setting, plan=plan), np.random.default_rng(0))
-    truth = Truth(
-        camera=robot.camera,
-        rR=robot.rR,
-        rL=robot.rL,
-        b=robot.b,
-        T_body_cam=robot.T_body_cam,
-        stop_poses=(driven.stop_poses,),
-        slip=setting.slip,
-        encoder_step=setting.encoder_step,
-    )
+    truth = Truth.of(robot, driven.stop_poses, slip=setting.slip, encoder_step=setting.encoder_step)
     sigma = np.sqrt(np.diag(cramer_rao([seen], truth)))
     true = true_values(robot)
     wheels = np.max(sigma[WHEELS] / true[WHEELS])

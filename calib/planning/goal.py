@@ -3,11 +3,11 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from math import inf, pi, radians
-from typing import Protocol
 
 import numpy as np
 
 from boxcal.calib.errors import CalibError
+from boxcal.calib.geometry.known_robot import KnownRobot
 from boxcal.calib.geometry.parameters import ORDER, TRANSLATION
 from boxcal.calib.geometry.so3_se3 import hat
 from boxcal.calib.likelihood.estimate import Estimate
@@ -15,7 +15,7 @@ from boxcal.calib.results.calibration import Calibration
 from boxcal.calib.uncertainty.projection import points_at
 from boxcal.calib.uncertainty.propagation import STRAIGHT_M
 from boxcal.target.arrays import Array
-from boxcal.target.camera.camera_model import CameraModel, project_with_jacobians
+from boxcal.target.camera.camera_model import project_with_jacobians
 
 PROJECTION_M = 1.0
 """Distance of the points whose image tells how good camera and extrinsics are together, m."""
@@ -104,30 +104,6 @@ def worst(bars: Sequence[Bar]) -> Bar:
     return max(bars, key=lambda bar: bar.ratio)
 
 
-class Calibrated(Protocol):
-    """Robot with known figures: an estimate, or a robot as it truly is."""
-
-    @property
-    def camera(self) -> CameraModel:
-        """Camera model."""
-
-    @property
-    def rR(self) -> float:
-        """Radius of the right wheel, m."""
-
-    @property
-    def rL(self) -> float:
-        """Radius of the left wheel, m."""
-
-    @property
-    def b(self) -> float:
-        """Wheel separation, m."""
-
-    @property
-    def T_body_cam(self) -> Array:
-        """Camera extrinsics, (4, 4), m."""
-
-
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Figures:
     """The figures of :class:`Goal` as linear functions of the shared unknowns.
@@ -179,7 +155,7 @@ _WORST_AXIS = ("camera", "place")
 
 def figures(
     names: Sequence[str],
-    robot: Calibrated,
+    robot: KnownRobot,
     image_size: tuple[int, int],
     goal: Goal,
 ) -> Figures:
@@ -219,7 +195,7 @@ def figures(
     )
 
 
-def _projection(at: dict[str, int], n: int, robot: Calibrated, image_size: tuple[int, int]) -> Array:
+def _projection(at: dict[str, int], n: int, robot: KnownRobot, image_size: tuple[int, int]) -> Array:
     """Return linear functions whose variances add up to the image's mean variance over a grid of pixels."""
     camera, R_body_cam = robot.camera, robot.T_body_cam[:3, :3]
     u, v = np.meshgrid(np.linspace(0, image_size[0] - 1, _GRID[0]), np.linspace(0, image_size[1] - 1, _GRID[1]))

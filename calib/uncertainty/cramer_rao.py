@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from boxcal.calib.geometry.known_robot import KnownRobot
 from boxcal.calib.geometry.parameters import COUNT
 from boxcal.calib.geometry.so3_se3 import log_so3
 from boxcal.calib.likelihood.components import VarianceComponents
@@ -59,6 +60,20 @@ class Truth:
     lean: float = 0.0
     height: float = 0.0
     target: Mapping[str, float] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, robot: KnownRobot, *stop_poses: Array, slip: float, encoder_step: float) -> "Truth":
+        """Return the truth of a robot and its drives, on a floor and around a box without faults."""
+        return cls(
+            camera=robot.camera,
+            rR=robot.rR,
+            rL=robot.rL,
+            b=robot.b,
+            T_body_cam=robot.T_body_cam,
+            stop_poses=stop_poses,
+            slip=slip,
+            encoder_step=encoder_step,
+        )
 
 
 _NO_SLIP = 0.02

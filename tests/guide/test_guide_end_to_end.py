@@ -95,7 +95,7 @@ def _drive_as_the_page_says(browser: Browser, port: int, shots: Path) -> list[di
     """Drive to each next stop of the page until it says that it is enough; return the page after each stop."""
     after: list[dict[str, Any]] = []
     sent = ""
-    for _ in range(3000):
+    for _ in range(6000):
         page: dict[str, Any] = browser.evaluate(_PAGE)
         stops = int(page.get("stops", 0))
         if stops > len(after):

@@ -1,4 +1,4 @@
-"""Pictures of the present stand, as they came: those that a reader of the recording would look at, and few more."""
+"""Images of the current standstill as they came: those that a reader of the recording would look at, and few more."""
 
 from typing import NamedTuple
 

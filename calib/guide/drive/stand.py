@@ -1,4 +1,4 @@
-"""The present stand of the robot: for how long it has stood, told from the wheels as later from the recording."""
+"""The robot's current standstill and its duration, found in the wheel samples by what reads finished recordings."""
 
 from dataclasses import dataclass
 

@@ -42,19 +42,8 @@ def bound(robot: Robot, poses: np.ndarray, stops: int) -> np.ndarray:
     drive = simulate_drive(
         robot, TARGET, DriveOptions(stops=stops, slip=GIVEN.slip), rng, poses if len(poses) else None
     )
-    truth = Truth(
-        camera=robot.camera,
-        rR=robot.rR,
-        rL=robot.rL,
-        b=robot.b,
-        T_body_cam=robot.T_body_cam,
-        stop_poses=(drive.stop_poses,),
-        slip=GIVEN.slip,
-        encoder_step=GIVEN.encoder_step,
-        lean=GIVEN.lean,
-        height=GIVEN.height,
-        target=dict(GIVEN.target),
-    )
+    truth = Truth.of(robot, drive.stop_poses, slip=GIVEN.slip, encoder_step=GIVEN.encoder_step)
+    truth = replace(truth, lean=GIVEN.lean, height=GIVEN.height, target=dict(GIVEN.target))
     seen = exact_correspondences(robot, TARGET, drive, GIVEN.corner_px, rng)
     cov = cramer_rao([seen], truth, EstimateOptions(lens=robot.camera.kind, target=TARGET))
     return np.array([bar.value for bar in figures(ORDER, robot, robot.image_size, Goal()).bars(cov)])
