@@ -12,7 +12,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from detector import OURS, Scene, detectors, run, width_px  # sets one thread before numpy counts them
+from tag_detectors import OURS, detectors, run
+from tag_scenes import Scene, width_px
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "detect_align"))
 

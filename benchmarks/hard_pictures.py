@@ -16,7 +16,8 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from detector import FAST, OURS, TARGET, Scene, detectors, jpeg, run, scenes, width_px  # one thread before numpy counts
+from tag_detectors import FAST, OURS, detectors, run
+from tag_scenes import TARGET, Scene, jpeg, scenes, width_px
 
 from boxcal.target.render.renderer import SensorModel
 

@@ -28,9 +28,10 @@ import cv2
 import lz4.frame
 import numpy as np
 import zstandard
-from detector import TARGET, opencv  # sets one thread before numpy counts them
 from mcap.records import Chunk
 from mcap.stream_reader import StreamReader
+from tag_detectors import opencv
+from tag_scenes import TARGET
 
 from boxcal.calib import calibrate as calibrating
 from boxcal.calib.fleet.batch import calibrate_fleet
