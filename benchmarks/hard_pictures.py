@@ -25,6 +25,8 @@ CASES = Path(__file__).resolve().parents[2] / "shared" / "cases" / "pictures"
 PEERS = ("OpenCV SUBPIX (default)", "OpenCV, no refinement", "pyapriltags", "pupil-apriltags")
 PLAIN = SensorModel(noise=2, psf_px=0.6)
 LEAST_WIDTH_PX = 10.0
+ASPECTS = (0.75, 0.85, 0.92, 0.98)
+"""Pixels that are not square, as anamorphic sensors and resized streams have them."""
 FINER = 3.0
 """How much finer pictures are rendered in which ink spreads."""
 
@@ -49,6 +51,14 @@ def glare(scene: Scene, rng: np.random.Generator) -> Scene:
     return replace(scene, image=np.clip(np.rint(scene.image + spot), 0, 255).astype(np.uint8))
 
 
+def interlaced(scene: Scene, _: np.random.Generator) -> Scene:
+    """Take the two fields of a picture half a frame apart, the box 2 px further right in the second; truth midway."""
+    fields = [cv2.warpAffine(scene.image, np.array([[1.0, 0, side], [0, 1, 0]]), None) for side in (-1.0, 1.0)]
+    image = fields[0].copy()
+    image[1::2] = fields[1][1::2]
+    return replace(scene, image=image)
+
+
 def bled(views: int, seed: int) -> list[Scene]:
     """Return views of a box whose ink spread by a tenth of a pixel into the paper, corners where they were meant."""
     fine = scenes(views, seed=seed, scale=FINER, sensor=SensorModel(psf_px=0.6 * FINER))
@@ -70,6 +80,9 @@ def rendered(views: int) -> Iterator[tuple[str, list[Scene]]]:
     yield "motion 3 px", scenes(views, seed=144, sensor=replace(PLAIN, motion_blur_px=3.0, motion_angle=0.6))
     yield "no blur", scenes(views, seed=145, sensor=replace(PLAIN, psf_px=0.0))
     yield "ink bleed", bled(views, 147)
+    yield "interlaced, 2 px", scenes(views, seed=149, sensor=PLAIN, change=interlaced)
+    for aspect in ASPECTS:
+        yield f"fv/fu {aspect:g}", scenes(views, seed=148, sensor=PLAIN, aspect=aspect)
     yield "sRGB JPEG", scenes(views, seed=146, sensor=replace(PLAIN, srgb=True), change=jpeg)
 
 

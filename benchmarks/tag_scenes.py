@@ -73,15 +73,23 @@ def scenes(
     widths: tuple[float, float] = (16.0, 1e9),
     sensor: SensorModel = SensorModel(noise=2, psf_px=0.6),  # noqa: B008 - frozen
     kr: float = -0.1,
+    aspect: float = 1.0,
     change: Callable[[Scene, np.random.Generator], Scene] | None = None,
 ) -> list[Scene]:
-    """Return rendered views of the default box; wanted are tags on faces seen within 60 deg, of those widths."""
+    """Return rendered views of the default box; wanted are tags on faces seen within 60 deg, of those widths.
+
+    ``aspect`` is fv over fu.
+    """
     size = (round(640 * scale), round(480 * scale)) if scale < 4 else (3840, 2160)
     rng = np.random.default_rng(seed)
     made = []
     while len(made) < views:
         camera = CameraModel(
-            fu=focal * scale, fv=focal * scale, cu=size[0] / 2 + 9 * scale, cv=size[1] / 2 - 7 * scale, kr=kr
+            fu=focal * scale,
+            fv=aspect * focal * scale,
+            cu=size[0] / 2 + 9 * scale,
+            cv=size[1] / 2 - 7 * scale,
+            kr=kr,
         )
         T_cam_box, centre = pose(rng, *distances)
         uv = project(camera, TARGET.tag_corners @ T_cam_box[:3, :3].T + T_cam_box[:3, 3])
