@@ -148,7 +148,7 @@ def _sensor(image: Any) -> str:
     if unnamed_mosaic(image):
         return "; a raw colour mosaic sent as grey, read as one (name its encoding bayer_...)"
     if alternation(image) == (False, True):
-        return "; rows alternate: interlaced while something moved (use one field)"
+        return "; rows alternate: interlaced while something moved, both fields averaged (the time is midway)"
     return ""
 
 

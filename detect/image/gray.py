@@ -7,7 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from boxcal.detect.errors import DetectError
-from boxcal.detect.image.bayer import even_mosaic, unnamed_mosaic
+from boxcal.detect.image.bayer import alternation, even_mosaic, unnamed_mosaic
+from boxcal.detect.image.interlaced import averaged_fields
 
 LEAST_SIDE_PX, MAX_SIDE_PX = 8, 16_384
 
@@ -35,7 +36,10 @@ def eight_bit_copy(levels: NDArray[np.float32], full: float) -> NDArray[np.uint8
 
 
 def _single(image: NDArray[np.generic], bits: int | None) -> tuple[NDArray[Any], float]:
-    """Return the one channel (H, W) of an image, colour mixed to grey, a mosaic evened out, and its full scale."""
+    """Return the one channel (H, W) of an image, and its full scale.
+
+    Colour is mixed to grey, a mosaic evened out, the fields of an interlaced picture averaged.
+    """
     if image.ndim not in {2, 3} or (image.ndim == 3 and image.shape[2] not in {1, 3, 4}):
         raise DetectError(f"an image of shape {image.shape}: (H, W) or (H, W, 3) is needed; convert it first")
     if not all(LEAST_SIDE_PX <= s <= MAX_SIDE_PX for s in image.shape[:2]):
@@ -44,11 +48,16 @@ def _single(image: NDArray[np.generic], bits: int | None) -> tuple[NDArray[Any],
     if full is None:
         raise DetectError(f"an image of type {image.dtype}: uint8, uint16 or float is needed; convert it first")
     if image.ndim == 2:
-        name = unnamed_mosaic(image)
-        return (image if name is None else even_mosaic(image, name)), full
-    if image.shape[2] == 1:
-        return image[..., 0], full
-    return _luma(image.astype(np.float32) if image.dtype == np.float64 else image), full
+        single: NDArray[Any] = image
+    elif image.shape[2] == 1:
+        single = image[..., 0]
+    else:
+        single = _luma(image.astype(np.float32) if image.dtype == np.float64 else image)
+    alternates = alternation(single)
+    name = unnamed_mosaic(image, alternates) if image.ndim == 2 else None
+    if name is not None:
+        return even_mosaic(image, name), full
+    return (averaged_fields(single) if alternates == (False, True) else single), full
 
 
 def _eight_bits(single: NDArray[Any], grey: NDArray[np.float32]) -> NDArray[np.uint8]:

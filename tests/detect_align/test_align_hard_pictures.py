@@ -77,6 +77,20 @@ def test_rows_of_an_interlaced_picture_alternate():
     assert alternation(image) == (False, False)
 
 
+def test_an_interlaced_picture_of_something_that_moved_is_located_midway():
+    T = pose(20.0, distance=0.6)
+    uv, _ = truth(T)
+    image = view(T)
+    fields = [cv2.warpAffine(image, np.array([[1.0, 0, side], [0, 1, 0]]), None) for side in (-1.0, 1.0)]
+    woven = fields[0].copy()
+    woven[1::2] = fields[1][1::2]
+    found = detect_tags(woven, TARGET)
+    assert set(range(35)) <= set(found.ids.tolist())  # those of the face that is not seen at a slant
+    error = found.corners_px - uv[found.ids]
+    assert np.sqrt(np.mean(error**2)) < 0.04
+    assert 0.5 < np.linalg.solve(np.linalg.cholesky(found.cov_px2), error[..., None]).std() < 1.5
+
+
 @pytest.mark.parametrize("srgb", [True, False])
 def test_a_preview_tells_the_response_curve_and_how_sure_its_corners_are(srgb):
     T = pose(10.0, distance=0.55)
