@@ -14,7 +14,7 @@ from boxcal.calib.geometry.so3_se3 import log_so3
 from boxcal.calib.likelihood.state import State
 from boxcal.target.arrays import Array
 
-SIGMAS = 3.0
+SIGMAS = 3.5
 """A parameter that changes by more than this (in standard deviations of the stops) disagrees."""
 CHANCE = 1e-3
 """Changes of all parameters together that are less probable than this disagree."""
