@@ -3,9 +3,9 @@
 Simulated robots with 20 stops and up to 55 frames between them, corners with .1 px of noise, no pictures. Each drive is
 solved from its stops alone and with its frames. Printed:
 
-1. at slip .3 and 2 mm/sqrt(m), clock offsets of -80 to 80 ms: errors of tx, ty, rR and b over the bound (root mean square),
-   how often 95 % intervals hold the truth, errors of the offset over their sigmas, and errors of stops over those with
-   frames;
+1. at slip .3 and 2 mm/sqrt(m), clock offsets of -80 to 80 ms: errors of tx, ty, rR and b over the bound (root mean
+   square), how often 95 % intervals hold the truth, errors of the offset over their sigmas, and errors of stops over
+   those with frames;
 2. with jitter of 5 ms, exposures of 20 ms, a rolling shutter of 20 ms, stamps late by 3 s: largest errors over their
    sigmas, with frames and from stops alone, and what is said.
 

@@ -77,6 +77,10 @@ def _jobs(args: argparse.Namespace) -> "list[Job]":
         image=args.image,
         quality=args.quality,
         compression=args.compression,
+        exposure_s=args.exposure_ms * 1e-3,
+        late_s=args.clock_offset_ms * 1e-3,
+        jitter_s=args.jitter_ms * 1e-3,
+        readout_s=args.rolling_shutter_ms * 1e-3,
         sensor=replace(RecordOptions().sensor, noise=args.noise, psf_px=args.blur),
     )
     faults = AskedFaults(
@@ -133,6 +137,14 @@ def _parser() -> argparse.ArgumentParser:
     add("--noise", number(0, 100), 1.5, "standard deviation of the pictures' noise, grey levels", "GREY")
     add("--blur", number(0, 50), 0.6, "standard deviation of the lens's blur, px", "PX")
     parser.add_argument("--image", choices=("jpeg", "png", "raw"), default="jpeg", help="pictures (default: jpeg)")
+    clock = parser.add_argument_group("clock and shutter of the camera")
+    for name, kind, default, meaning in (
+        ("--clock-offset-ms", number(-10_000, 10_000), 0.0, "stamps less the middle of the exposure"),
+        ("--jitter-ms", number(0, 1000), 0.0, "standard deviation of each stamp's own error"),
+        ("--exposure-ms", number(0.01, 1000), 8.0, "how long the shutter is open"),
+        ("--rolling-shutter-ms", number(0, 1000), 0.0, "from the first row to the last; 0 sees all rows at once"),
+    ):
+        clock.add_argument(name, type=kind, default=default, metavar="MS", help=f"{meaning} (default: {default:g})")
     add("--quality", whole_number(1, 100), 90, "of JPEG")
     parser.add_argument(
         "--camera",

@@ -30,6 +30,7 @@ _JOINTS_LATE_NS = 2e6
 _CAMERA_LATE_NS = 30e6
 _BEFORE_CAMERA = np.array([0.0, 0.0, 0.6])
 _NEARBY_NS = 1_000_000
+_BAND_ROWS = 8
 _SOUND = Imperfections().box
 
 
@@ -51,6 +52,12 @@ class RecordOptions:
         Of the file's chunks: ``none``, ``lz4`` or ``zstd``.
     exposure_s : s
         How long the shutter is open; pictures taken on the move are blurred by it.
+    late_s : s
+        Stamps of the pictures less the middle of their exposure, alike for all.
+    jitter_s : s
+        Standard deviation of each stamp's own error.
+    readout_s : s
+        Time from the first row to the last of a rolling shutter; the middle row is seen at the picture's time.
     sensor
         Lens and sensor.
     """
@@ -61,6 +68,9 @@ class RecordOptions:
     quality: int = 90
     compression: str = "zstd"
     exposure_s: float = 0.008
+    late_s: float = 0.0
+    jitter_s: float = 0.0
+    readout_s: float = 0.0
     sensor: SensorModel = field(default_factory=lambda: SensorModel(noise=1.5, psf_px=0.6, vignetting=0.2, srgb=True))
 
     def __post_init__(self) -> None:
@@ -109,7 +119,7 @@ def write_log(
         _JOINTS_LATE_NS + rng.exponential(0.2e6, len(drive.t_ns)),
         _CAMERA_LATE_NS + rng.exponential(2e6, len(frames)),
     )
-    stamps = frames + stamps_late_ns(drive, frames)
+    stamps = frames + stamps_late_ns(drive, frames) + _stamp_errors_ns(options, len(frames), rng)
     joints_log, frames_log = drive.t_ns + late[0].astype(np.int64), frames + late[1].astype(np.int64)
     order = np.argsort(np.concatenate([joints_log, frames_log]), kind="stable")
     with LogWriter(path, compression=options.compression) as log:
@@ -119,7 +129,7 @@ def write_log(
                 log.joint_state(JOINT_TOPIC, stamp, log_ns, names, phi[row], velocity[row])
             else:
                 k = row - len(joints_log)
-                picture = take_picture(robot, target, drive, int(frames[k]), options=options, rng=rng)
+                picture = take_rows(robot, target, drive, int(frames[k]), options=options, rng=rng)
                 _write_picture(log, picture, int(stamps[k]), int(frames_log[k]), options)
     return names, len(frames)
 
@@ -129,6 +139,31 @@ def stamps_late_ns(drive: Drive, t_ns: Ids) -> Ids:
     faults = drive.faults.camera
     since = t_ns - drive.path_t_ns[0]
     return np.asarray(np.rint(faults.late * 1e9 + faults.drift * since), dtype=np.int64)
+
+
+def _stamp_errors_ns(options: RecordOptions, count: int, rng: np.random.Generator) -> Ids:
+    """Return the errors of stamps, (N,), ns: an offset, and jitter where there is some."""
+    late = np.full(count, options.late_s)
+    if options.jitter_s > 0:
+        late += options.jitter_s * rng.standard_normal(count)
+    return np.rint(1e9 * late).astype(np.int64)
+
+
+def take_rows(
+    robot: Robot, target: Target, drive: Drive, t_ns: int, *, options: RecordOptions, rng: np.random.Generator
+) -> Image:
+    """Return the picture (H, W) of a shutter that may roll; see :func:`take_picture`.
+
+    A rolling shutter is made of bands of a few rows, each of a picture taken at the time of its middle row.
+    """
+    height = robot.image_size[1]
+    rows = np.arange(0, height, _BAND_ROWS)
+    times = t_ns + np.rint(1e9 * options.readout_s * ((rows + _BAND_ROWS / 2) / height - 0.5)).astype(np.int64)
+    poses = drive.pose_at(np.clip(times[[0, -1]], drive.path_t_ns[0], drive.path_t_ns[-1]))
+    if options.readout_s == 0 or np.array_equal(poses[0], poses[1]):
+        return take_picture(robot, target, drive, t_ns, options=options, rng=rng)
+    bands = [take_picture(robot, target, drive, int(time), options=options, rng=rng) for time in times]
+    return np.concatenate([band[row : row + _BAND_ROWS] for row, band in zip(rows, bands, strict=True)])
 
 
 def take_picture(

@@ -48,6 +48,10 @@ def truth_document(
     """
     camera = robot.camera
     seconds = (drive.stop_t_ns - driven.t0_ns) / 1e9
+    faults = faults_document(drive, note)
+    faults["camera_stamp_offset_s"] += recorded.late_s
+    shutter = {name: getattr(recorded, name) for name in ("jitter_s", "readout_s")}
+    faults["camera_faults"] |= {name: value for name, value in shutter.items() if value}
     return {
         "conventions": CONVENTIONS,
         "robot": robot.name,
@@ -77,7 +81,7 @@ def truth_document(
             }
             for j in range(len(seconds))
         ],
-        **faults_document(drive, note),
+        **faults,
     }
 
 

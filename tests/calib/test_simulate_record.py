@@ -15,7 +15,7 @@ from boxcal.calib.compare.ground_truth import load_truth
 from boxcal.calib.errors import CalibError
 from boxcal.calib.geometry.so3_se3 import inverse
 from boxcal.calib.simulate.drive import Drive, DriveOptions, simulate_drive
-from boxcal.calib.simulate.recorder import RecordOptions, frame_times, take_picture, write_log
+from boxcal.calib.simulate.recorder import RecordOptions, frame_times, take_picture, take_rows, write_log
 from boxcal.calib.simulate.robot import Robot, random_robot, turtlebot
 from boxcal.calib.simulate.truth import truth_bytes
 from boxcal.target.box import make_target
@@ -219,3 +219,30 @@ def test_frame_times_are_ascending_and_follow_the_generator() -> None:
 def test_unknown_picture_kind_is_refused() -> None:
     with pytest.raises(CalibError, match="jpeg, png, raw"):
         RecordOptions(image="gif")
+
+
+def test_a_rolling_shutter_sees_each_row_at_its_own_time() -> None:
+    driven, rng = drive(), np.random.default_rng(1)
+    between = int((driven.stop_t_ns[0, 1] + driven.stop_t_ns[1, 0]) // 2)
+    options = replace(PLAIN, readout_s=0.04, exposure_s=1e-4)
+    rolled = take_rows(ROBOT, TARGET, driven, between, options=options, rng=rng)
+    height = rolled.shape[0]
+    for row in (0, height // 2, height - 8):
+        at = between + round(0.04e9 * ((row + 4) / height - 0.5))
+        whole = take_picture(ROBOT, TARGET, driven, at, options=options, rng=rng)
+        np.testing.assert_array_equal(rolled[row : row + 8], whole[row : row + 8])
+    still = int(driven.stop_t_ns[0].mean())
+    stands = take_rows(ROBOT, TARGET, driven, still, options=options, rng=rng)
+    np.testing.assert_array_equal(stands, take_picture(ROBOT, TARGET, driven, still, options=options, rng=rng))
+
+
+def test_stamps_are_late_and_jitter_as_asked(tmp_path: Path) -> None:
+    driven = drive()
+    for name, options in (("a", PLAIN), ("b", replace(PLAIN, late_s=0.03)), ("c", replace(PLAIN, jitter_s=0.004))):
+        write_log(tmp_path / f"{name}.mcap", ROBOT, TARGET, driven, options, rng=np.random.default_rng(2))
+    a, b, c = (
+        np.array([row.stamp_ns for row in rows(tmp_path / f"{name}.mcap") if row.kind == "sensor_msgs/msg/Image"])
+        for name in "abc"
+    )
+    np.testing.assert_array_equal(b - a, 30_000_000)
+    assert 1e6 < np.std(c - a) < 8e6
