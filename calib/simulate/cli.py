@@ -137,14 +137,7 @@ def _parser() -> argparse.ArgumentParser:
     add("--noise", number(0, 100), 1.5, "standard deviation of the pictures' noise, grey levels", "GREY")
     add("--blur", number(0, 50), 0.6, "standard deviation of the lens's blur, px", "PX")
     parser.add_argument("--image", choices=("jpeg", "png", "raw"), default="jpeg", help="pictures (default: jpeg)")
-    clock = parser.add_argument_group("clock and shutter of the camera")
-    for name, kind, default, meaning in (
-        ("--clock-offset-ms", number(-10_000, 10_000), 0.0, "stamps less the middle of the exposure"),
-        ("--jitter-ms", number(0, 1000), 0.0, "standard deviation of each stamp's own error"),
-        ("--exposure-ms", number(0.01, 1000), 8.0, "how long the shutter is open"),
-        ("--rolling-shutter-ms", number(0, 1000), 0.0, "from the first row to the last; 0 sees all rows at once"),
-    ):
-        clock.add_argument(name, type=kind, default=default, metavar="MS", help=f"{meaning} (default: {default:g})")
+    _clock(parser)
     add("--quality", whole_number(1, 100), 90, "of JPEG")
     parser.add_argument(
         "--camera",
@@ -178,6 +171,17 @@ def _parser() -> argparse.ArgumentParser:
         "--compression", choices=("none", "lz4", "zstd"), default="zstd", help="of the log (default: zstd)"
     )
     return parser
+
+
+def _clock(parser: argparse.ArgumentParser) -> None:
+    clock = parser.add_argument_group("clock and shutter of the camera")
+    for name, kind, default, meaning in (
+        ("--clock-offset-ms", number(-10_000, 10_000), 0.0, "stamps less the middle of the exposure"),
+        ("--jitter-ms", number(0, 1000), 0.0, "standard deviation of each stamp's own error"),
+        ("--exposure-ms", number(0.01, 1000), 8.0, "how long the shutter is open"),
+        ("--rolling-shutter-ms", number(0, 1000), 0.0, "from the first row to the last; 0 sees all rows at once"),
+    ):
+        clock.add_argument(name, type=kind, default=default, metavar="MS", help=f"{meaning} (default: {default:g})")
 
 
 class _ListViolations(argparse.Action):

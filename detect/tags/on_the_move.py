@@ -28,7 +28,7 @@ from boxcal.target.box import Target
 
 A_LEG, FEWEST, MOST = 0.6, 6, 40
 """Frames that are measured: so many a leg, and at least and at most so many in all."""
-TRIED = 1.6
+TRIED = 2.5
 """Frames looked at for each that is measured, at most."""
 _MARGIN_NS = 50_000_000
 """Frames this near to a stand may be of a robot that settles."""
