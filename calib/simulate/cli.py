@@ -145,6 +145,25 @@ def _parser() -> argparse.ArgumentParser:
         default="radial",
         help="camera model of the robots (default: radial, the paper's)",
     )
+    _wrong(parser)
+    parser.add_argument(
+        "--compression", choices=("none", "lz4", "zstd"), default="zstd", help="of the log (default: zstd)"
+    )
+    return parser
+
+
+def _clock(parser: argparse.ArgumentParser) -> None:
+    clock = parser.add_argument_group("clock and shutter of the camera")
+    for name, kind, default, meaning in (
+        ("--clock-offset-ms", number(-10_000, 10_000), 0.0, "stamps less the middle of the exposure"),
+        ("--jitter-ms", number(0, 1000), 0.0, "standard deviation of each stamp's own error"),
+        ("--exposure-ms", number(0.01, 1000), 8.0, "how long the shutter is open"),
+        ("--rolling-shutter-ms", number(0, 1000), 0.0, "from the first row to the last; 0 sees all rows at once"),
+    ):
+        clock.add_argument(name, type=kind, default=default, metavar="MS", help=f"{meaning} (default: {default:g})")
+
+
+def _wrong(parser: argparse.ArgumentParser) -> None:
     wrong = parser.add_argument_group("what is not exact", "By default all is, but for slip and noise.")
     wrong.add_argument(
         "--hand-made",
@@ -167,21 +186,6 @@ def _parser() -> argparse.ArgumentParser:
         help="one of the catalogue of --list-violations, such as 'box moved=6'; may be given several times",
     )
     wrong.add_argument("--list-violations", action=_ListViolations, help="names, sizes and units; then exit")
-    parser.add_argument(
-        "--compression", choices=("none", "lz4", "zstd"), default="zstd", help="of the log (default: zstd)"
-    )
-    return parser
-
-
-def _clock(parser: argparse.ArgumentParser) -> None:
-    clock = parser.add_argument_group("clock and shutter of the camera")
-    for name, kind, default, meaning in (
-        ("--clock-offset-ms", number(-10_000, 10_000), 0.0, "stamps less the middle of the exposure"),
-        ("--jitter-ms", number(0, 1000), 0.0, "standard deviation of each stamp's own error"),
-        ("--exposure-ms", number(0.01, 1000), 8.0, "how long the shutter is open"),
-        ("--rolling-shutter-ms", number(0, 1000), 0.0, "from the first row to the last; 0 sees all rows at once"),
-    ):
-        clock.add_argument(name, type=kind, default=default, metavar="MS", help=f"{meaning} (default: {default:g})")
 
 
 class _ListViolations(argparse.Action):
