@@ -15,6 +15,15 @@ _MINUS = "\N{MINUS SIGN}"
 
 def event_text(event: Event) -> str:
     """Return a change of a robot as its owner reads it: what, by how much, since when."""
+    text = _what(event)
+    if event.other_box:
+        text += (
+            "; the box is another one since, or was measured anew, which changes all lengths alike: look there first"
+        )
+    return text
+
+
+def _what(event: Event) -> str:
     main = event.shifts[0] if event.shifts else None
     if main is None:
         return f"{event.change.group}: changed"

@@ -7,6 +7,7 @@ from math import sqrt
 
 import numpy as np
 
+from boxcal.calib.history.boxes import of_one_size
 from boxcal.calib.history.channels import CHANNELS, EXTRINSICS, KEYS, Series, series_of
 from boxcal.calib.history.drift import HORIZON, Trend, own_trend, shrunk, years_until
 from boxcal.calib.history.monitor import LEVEL, Change, Watched, fleet_sizes, watch
@@ -43,6 +44,8 @@ class Event:
         The part's figures that moved, the most certain first (of a drift: a year).
     turned, turned_sigma : rad
         Whole angle that a camera was turned by; zeros for others.
+    other_box
+        Whether the box was another one since then, of which too few robots tell the size: all lengths may follow it.
     """
 
     change: Change
@@ -52,6 +55,7 @@ class Event:
     shifts: tuple[Shift, ...]
     turned: float = 0.0
     turned_sigma: float = 0.0
+    other_box: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -133,7 +137,7 @@ def fleet_history(sessions: Sequence[Session], *, level: float = LEVEL, far_m: f
     for s in sorted(sessions, key=lambda s: (s.t_ns, s.key)):
         by_robot.setdefault(s.robot, []).append(s)
     names = sorted(by_robot)
-    fleet = [series_of(by_robot[name]) for name in names]
+    fleet, unsure = of_one_size([series_of(by_robot[name]) for name in names], [by_robot[name] for name in names])
     starts = [float(s.years[0]) for s in fleet]
     sizes = [fleet_sizes(starts, s.years) for s in fleet]
     guess = np.nan_to_num(first_guess(fleet))
@@ -155,7 +159,9 @@ def fleet_history(sessions: Sequence[Session], *, level: float = LEVEL, far_m: f
         )
         robots.append(
             _told(
-                _Robot(sessions=tuple(by_robot[name]), series=fleet[i], watched=found[i], trends=trends[i]),
+                _Robot(
+                    sessions=tuple(by_robot[name]), series=fleet[i], watched=found[i], trends=trends[i], unsure=unsure
+                ),
                 scatter=np.sqrt(factors * component),
                 component=component,
                 far_m=far_m,
@@ -224,6 +230,7 @@ class _Robot:
     series: Series
     watched: Watched
     trends: Mapping[str, Trend]
+    unsure: set[str]
 
 
 def _told(robot: _Robot, *, scatter: Array, component: Array, far_m: float) -> RobotHistory:
@@ -242,7 +249,7 @@ def _told(robot: _Robot, *, scatter: Array, component: Array, far_m: float) -> R
         sessions=sessions,
         series=series,
         watched=watched,
-        events=tuple(_event(c, sessions, series, watched, component) for c in watched.changes),
+        events=tuple(_event(c, robot, component) for c in watched.changes),
         scatter=scatter,
         trends=trends,
         due="" if years >= HORIZON else day.date().isoformat(),
@@ -250,8 +257,9 @@ def _told(robot: _Robot, *, scatter: Array, component: Array, far_m: float) -> R
     )
 
 
-def _event(change: Change, sessions: Sequence[Session], series: Series, watched: Watched, component: Array) -> Event:
+def _event(change: Change, robot: _Robot, component: Array) -> Event:
     """Return a change with the sizes of all figures of its part, from the sessions up to the next one."""
+    sessions, series, watched = robot.sessions, robot.series, robot.watched
     later = [c.onset for c in watched.changes if c.group == change.group and c.onset > change.onset]
     earlier = [c.onset for c in watched.changes if c.group == change.group and c.onset < change.onset]
     a, b = max(earlier, default=0), min(later, default=len(sessions))
@@ -275,7 +283,13 @@ def _event(change: Change, sessions: Sequence[Session], series: Series, watched:
         shifts=tuple(shifts),
         turned=turned,
         turned_sigma=sigma,
+        other_box=_other_box(change, robot),
     )
+
+
+def _other_box(change: Change, robot: _Robot) -> bool:
+    before, after = (robot.sessions[k].target for k in (max(change.onset - 1, 0), change.onset))
+    return before != after and bool({before, after} & robot.unsure)
 
 
 def _shift(

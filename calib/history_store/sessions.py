@@ -113,6 +113,30 @@ def set_time(connection: Any, robot: str, drive: str, t_ns: int) -> None:
     CalibError
         If there is no such session, or more than one.
     """
+    own = _one(connection, robot, drive)
+    there = (sessions.c.robot_id == _robot_id(connection, robot)) & (sessions.c.drive == own.key)
+    connection.execute(sessions.update().where(there).values(t_ns=t_ns, dated_by=USER, notes="[]"))
+
+
+def forget(connection: Any, robot: str, drive: str | None = None) -> int:
+    """Remove one session of a robot, named by the beginning of its drive's key, or all of them; return how many.
+
+    Raises
+    ------
+    CalibError
+        If there is no such robot or session, or more than one.
+    """
+    gone = read(connection, [robot]) if drive is None else [_one(connection, robot, drive)]
+    number = _robot_id(connection, robot)
+    for s in gone:
+        connection.execute(sessions.delete().where((sessions.c.robot_id == number) & (sessions.c.drive == s.key)))
+    left = sa.select(sa.func.count()).where(sessions.c.robot_id == number)
+    if not connection.execute(left).scalar_one():
+        connection.execute(robots.delete().where(robots.c.id == number))
+    return len(gone)
+
+
+def _one(connection: Any, robot: str, drive: str) -> Session:
     own = [s for s in read(connection, [robot]) if s.key.startswith(drive.lower())]
     if len(own) != 1:
         found = "no drive" if not own else f"{len(own)} drives"
@@ -120,8 +144,7 @@ def set_time(connection: Any, robot: str, drive: str, t_ns: int) -> None:
             f"{found} of {printable(robot)} begin with {printable(drive)!r}",
             remedy=f"robot-history show {printable(robot)} lists them",
         )
-    there = (sessions.c.robot_id == _robot_id(connection, robot)) & (sessions.c.drive == own[0].key)
-    connection.execute(sessions.update().where(there).values(t_ns=t_ns, dated_by=USER, notes="[]"))
+    return own[0]
 
 
 def _row(s: Session) -> dict[str, Any]:

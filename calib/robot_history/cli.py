@@ -12,12 +12,14 @@ from boxcal.calib.robot_history.options import parser
 if TYPE_CHECKING:
     from boxcal.calib.history.fleet_history import FleetHistory
 
-_LEAST = {"list": 0, "show": 1, "page": 1, "import": 1, "date": 3}
+_LEAST = {"list": 0, "show": 1, "page": 1, "import": 1, "date": 3, "forget": 1}
+_MOST = {"date": 3, "forget": 2}
 _NEEDS = {
     "show": "the name of a robot",
     "page": "a folder for the pages",
     "import": "a folder of results",
     "date": "ROBOT DRIVE DATE: the robot, the beginning of the drive's key, a day such as 2026-03-01",
+    "forget": "ROBOT, or ROBOT DRIVE",
 }
 
 
@@ -25,7 +27,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run ``robot-history``; returns the exit status."""
     made = parser()
     args = made.parse_args(argv)
-    if len(args.words) < _LEAST[args.action] or (args.action == "date" and len(args.words) > 3):
+    if not _LEAST[args.action] <= len(args.words) <= _MOST.get(args.action, len(args.words)):
         made.error(f"{args.action} needs {_NEEDS[args.action]}")
     from boxcal.calib.errors import CalibError
 
@@ -52,6 +54,8 @@ def _run(args: argparse.Namespace) -> int:
         return _import(args, url)
     if args.action == "date":
         return _date(args, url)
+    if args.action == "forget":
+        return _forget(args, url)
     if url.startswith("sqlite:///") and not Path(url.removeprefix("sqlite:///")).exists():
         raise CalibError(
             "no such file", source=args.store, remedy="fleet-calibrate --store makes it, or robot-history import"
@@ -158,6 +162,17 @@ def _date(args: argparse.Namespace, url: str) -> int:
 
         set_time(connection, robot, drive, int(moment.timestamp()) * 10**9)
     print(f"{robot}: drive {drive} is dated {moment.isoformat(timespec='minutes')}")
+    return 0
+
+
+def _forget(args: argparse.Namespace, url: str) -> int:
+    from boxcal.calib.history_store.connection import open_store
+
+    with open_store(url) as connection:
+        from boxcal.calib.history_store.sessions import forget
+
+        gone = forget(connection, args.words[0], *args.words[1:])
+    print(f"{args.words[0]}: {gone} drive{'s' if gone != 1 else ''} forgotten")
     return 0
 
 

@@ -13,6 +13,7 @@ example:
   robot-history page history --store fleet.sqlite           pages to look at: history/history.html
   robot-history import calibration --store fleet.sqlite     results that were made without the store
   robot-history date r07 3f2a91c0 2026-03-01 --store ...    a drive whose log had a wrong clock
+  robot-history forget r07 3f2a91c0 --store ...             a drive that was not its own; without the key all of r07
 
 STORE is a file (SQLite) or a database's URL, such as postgresql+psycopg://user@host/fleet; without --store it is the
 environment's BOXCAL_STORE. The same drive calibrated again takes the place of the first result.
@@ -25,13 +26,13 @@ def parser() -> argparse.ArgumentParser:
     """Return the parser of the command line; loads nothing heavy."""
     made = CommandParser(
         "robot-history",
-        usage="robot-history {list,show,page,import,date} [arguments] [--store STORE]",
+        usage="robot-history {list,show,page,import,date,forget} [arguments] [--store STORE]",
         description="Show what calibrations say of robots over months and years: wear, knocks, scatter, and when to "
         "calibrate again.",
         epilog=_EPILOG,
     )
-    made.add_argument("action", choices=("list", "show", "page", "import", "date"), help="see the examples")
-    made.add_argument("words", nargs="*", metavar="ARGUMENT", help="robots; a folder; ROBOT DRIVE DATE")
+    made.add_argument("action", choices=("list", "show", "page", "import", "date", "forget"), help="see the examples")
+    made.add_argument("words", nargs="*", metavar="ARGUMENT", help="robots; a folder; ROBOT DRIVE DATE; ROBOT [DRIVE]")
     made.add_argument("--store", metavar="STORE", help="file or URL ($BOXCAL_STORE)")
     made.add_argument(
         "--false-alarms",

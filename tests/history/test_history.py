@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy import integrate, stats
 
+from boxcal.calib.console.history import event_text
 from boxcal.calib.geometry.parameters import ORDER
 from boxcal.calib.history.channels import CHANNELS, EXTRINSICS, KEYS, WHEELS
 from boxcal.calib.history.drift import own_trend, years_until
@@ -285,3 +286,40 @@ def test_three_real_sessions_are_no_change_whatever_sigmas_they_claim(shared_dat
     whole = found.scatter.component[j] + np.median(found.robots[0].series.variances[:, j])
     assert spread / 2 < whole < 2 * max(spread, np.median(found.robots[0].series.variances[:, j]))
     assert (found.scatter.component[j] > 0) == (claimed < 1)
+
+
+def _driven_around(sessions: list[Session], names: set[str], since: int, size: float) -> list[Session]:
+    """The sessions with another box, of another size, for some robots from a time on: all lengths follow it."""
+    out = []
+    for s in sessions:
+        if s.robot in names and s.t_ns >= since:
+            T = s.T_body_cam.copy()
+            T[:3, 3] *= 1 + size
+            out.append(replace(s, wheels=s.wheels * (1 + size), T_body_cam=T, target="another"))
+        else:
+            out.append(replace(s, target="first"))
+    return out
+
+
+def test_another_box_for_all_is_no_change_of_every_robot_and_hides_none() -> None:
+    sessions = simulated_years(Years(robots=10, sessions=16, tyres={4: 11}), np.random.default_rng(15))
+    since = sessions[len(sessions) // 2].t_ns
+    moved = _driven_around(sessions, {s.robot for s in sessions}, since, 0.004)
+    found = fleet_history(moved)
+    assert [r.robot for r in found.robots if r.events] == ["r0004"]
+    (event,) = found.robots[4].events
+    assert abs(event.shifts[0].size + 0.002) < 4 * event.shifts[0].sigma
+    assert not event.other_box
+    plain = fleet_history(
+        [replace(s, target="first") for s in moved]
+    )  # were it not known, every robot would have changed
+    assert sum(bool(r.events) for r in plain.robots) == 10
+
+
+def test_another_box_for_one_robot_is_said_with_its_change() -> None:
+    sessions = simulated_years(Years(robots=10, sessions=16), np.random.default_rng(16))
+    since = [s for s in sessions if s.robot == "r0002"][10].t_ns
+    found = fleet_history(_driven_around(sessions, {"r0002"}, since, 0.004))
+    assert [r.robot for r in found.robots if r.events] == ["r0002"]
+    assert all(e.other_box for e in found.robots[2].events)
+    assert "the box is another one since" in event_text(found.robots[2].events[0])

@@ -22,7 +22,7 @@ from boxcal.calib.history.session import Session
 from boxcal.calib.history_store.connection import StoreError, alembic_config, open_store
 from boxcal.calib.history_store.place import store_url
 from boxcal.calib.history_store.record import check_store
-from boxcal.calib.history_store.sessions import count, put, read, set_time
+from boxcal.calib.history_store.sessions import count, forget, put, read, set_time
 from boxcal.calib.history_store.tables import VERSION_TABLE, metadata
 from boxcal.calib.simulate.years import Years, simulated_years
 
@@ -146,6 +146,17 @@ def test_a_clock_that_runs_backwards_is_said_and_can_be_set_right(url: str, sess
         assert read(connection, ["r0000"])[-1].key == "late"
         with pytest.raises(CalibError, match="no drive of r0000 begin with 'zz'; robot-history show r0000"):
             set_time(connection, "r0000", "zz", 0)
+
+
+def test_a_drive_or_a_robot_can_be_forgotten(url: str, sessions: list[Session]) -> None:
+    with open_store(url) as connection:
+        put(connection, sessions)
+        assert forget(connection, "r0001", "1-2") == 1
+        assert [s.key for s in read(connection, ["r0001"])] == ["1-0", "1-1", "1-3"]
+        assert forget(connection, "r0001") == 3
+        with pytest.raises(CalibError, match="no robot r0001 in the store"):
+            forget(connection, "r0001")
+        assert count(connection) == len(sessions) - 4
 
 
 def test_a_locked_store_is_said_in_one_line(tmp_path: Path) -> None:
