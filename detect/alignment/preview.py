@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from boxcal.detect.alignment.box_search import consistent_candidates
 from boxcal.detect.alignment.candidates import TagCandidates, find_candidates
+from boxcal.detect.alignment.face_agreement import consistent_candidates
 from boxcal.detect.alignment.pyramid_search import FEW_TAGS, shrinkings
 from boxcal.detect.alignment.tag_patterns import Index, target_patterns
 from boxcal.detect.image.response_curve import Response

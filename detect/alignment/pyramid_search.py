@@ -13,11 +13,11 @@ from boxcal.detect.alignment.box_pose import CameraPrior
 from boxcal.detect.alignment.box_search import (
     CANDIDATE_SIGMA_PX,
     BoxDetection,
-    consistent_candidates,
     grow_from_pose,
     predict_regions,
 )
 from boxcal.detect.alignment.candidates import TagCandidates, find_candidates
+from boxcal.detect.alignment.face_agreement import consistent_candidates
 from boxcal.detect.alignment.pyramid import Pyramid
 from boxcal.detect.alignment.tag_patterns import Patterns
 from boxcal.detect.alignment.verification import Limits

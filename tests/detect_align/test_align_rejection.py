@@ -3,9 +3,9 @@ import numpy as np
 import pytest
 from aligned_views import SIZE, TARGET, pose, truth, view
 
-from boxcal.detect.alignment.box_search import consistent_candidates
 from boxcal.detect.alignment.candidates import find_candidates
 from boxcal.detect.alignment.detector import detect_copies, detect_tags
+from boxcal.detect.alignment.face_agreement import consistent_candidates
 from boxcal.detect.alignment.tag_patterns import target_patterns
 from boxcal.target.box import Box, make_target
 
