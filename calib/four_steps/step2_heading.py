@@ -21,6 +21,10 @@ _ALL_OF = 500
 """So many of the shortest moves, and as many of the others, judge the hypotheses."""
 _EQUAL_FIT = 1.5
 _ALIKE = 0.2
+_TELLING = 3
+"""Moves from which on residuals tell how often the robot turned."""
+_LARGEST = 1.0
+"""Radius of a wheel over the wheel separation that no robot has."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -84,7 +88,7 @@ def solve_heading(turn: Array, phi: Array, moves: int) -> HeadingStep:
             "not fit together",
             remedy="drive slower, and add moves with more turning, left and right",
         )
-    _check_signs(float(aR), float(aL))
+    _check_signs(float(aR), float(aL), moves)
     return HeadingStep(aR=float(aR), aL=float(aL), rms=rms, condition=condition)
 
 
@@ -94,8 +98,8 @@ def unwrap_turns(turn: Array, phi: Array) -> Array:
     Hypotheses come from couples among the pairs that moved least, each turn with -1, 0 or 1 full turns added. Every
     hypothesis is scored by the wrapped residuals of all pairs; the best few are then grown from short moves to long
     ones, unwrapping with what the shorter ones gave, and the one with the smallest residual is kept. Three stops
-    determine no winding (any fits exactly): among hypotheses that fit equally well and make the wheels alike, the one
-    that turns least wins.
+    determine no winding (any fits exactly): of those that fit equally well, with wheels alike and smaller than
+    their separation, the one that turns least wins.
 
     Parameters
     ----------
@@ -115,10 +119,11 @@ def unwrap_turns(turn: Array, phi: Array) -> Array:
     grown = _grow(hypotheses[np.argsort(score, kind="stable")[:_CANDIDATES]], turn_by_size, phi_by_size)
     fit = np.asarray(np.linalg.lstsq(phi_by_size, grown, rcond=None)[0], dtype=np.float64)  # (2, C)
     rms = np.sqrt(np.mean((grown - phi_by_size @ fit) ** 2, axis=0))
+    huge = np.max(np.abs(fit), axis=0) > _LARGEST
     unlike, turned = _unlikeness(fit.T) > _ALIKE, np.sum(np.abs(grown), axis=0)
     equal = np.flatnonzero(rms <= _EQUAL_FIT * rms.min() + 1e-9)
     unwrapped = np.empty_like(turn)
-    unwrapped[order] = grown[:, min(equal, key=lambda k: (unlike[k], turned[k]))]
+    unwrapped[order] = grown[:, min(equal, key=lambda k: (huge[k], unlike[k], turned[k]))]
     return unwrapped
 
 
@@ -186,11 +191,16 @@ def _proportional(phi: Array, condition: float) -> str:
     )
 
 
-def _check_signs(aR: float, aL: float) -> None:
+def _check_signs(aR: float, aL: float, moves: int) -> None:
     """Refuse wheels that roll the wrong way: aR > 0 > aL must come out."""
     if aR > 0 > aL:
         return
     found = f"aR = {aR:.4g} and aL = {aL:.4g} (aR > 0 > aL is needed)"
+    if moves < _TELLING:
+        raise CalibError(
+            f"{moves + 1} stops do not tell how the wheels roll, any number of whole turns between them fits: {found}",
+            remedy="add stops, with less turning between them",
+        )
     if aR < 0 < aL:
         raise CalibError(
             f"left and right wheel joints are swapped: {found}",
