@@ -10,6 +10,7 @@ from boxcal.calib.diagnosis.first_look import first_look
 from boxcal.calib.errors import CalibError
 from boxcal.calib.exports.photographs import small_jpeg
 from boxcal.calib.likelihood.compiled.compilation import prepare_all
+from boxcal.calib.one_robot.log_identity import file_state, fingerprint_of
 from boxcal.calib.one_robot.reading import at_box, read
 from boxcal.calib.one_robot.solving import solve
 from boxcal.calib.one_robot.writing import write
@@ -112,7 +113,11 @@ def calibrate_robot(job: Job, progress: Progress | None = None) -> Calibration:
     for k, log in enumerate(job.logs):
         tell("read", f"reading {log.name}", _READ * k / len(job.logs))
         keep = partial(_photographed, photos[k]) if shown else None
+        before = file_state(log)
         drives.append(read(log, job, partial(_reading, tell, k, len(job.logs)), keep))
+        if file_state(log) != before:
+            raise CalibError("changed while it was read", source=log.name, remedy="close its recorder and try again")
+    job = replace(job, fingerprint=fingerprint_of(job, drives))
     return calibrate_drives(job, drives, tell, photos)
 
 

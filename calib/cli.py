@@ -5,17 +5,21 @@ import os
 import shlex
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, closing, suppress
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from boxcal.calib.fleet.interrupts import interrupts_held, interrupts_remembered
 from boxcal.calib.fleet.options import options
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from boxcal.calib.fleet.engine.calls import Engine
     from boxcal.calib.fleet.joint_box import Refined
     from boxcal.calib.fleet.results_place import ResultsPlace
+    from boxcal.calib.fleet.run_record import Run
+    from boxcal.calib.one_robot.log_identity import FileState
     from boxcal.calib.results.calibration import Calibration
     from boxcal.calib.settings import Job, Outcome
     from boxcal.target.errors import BoxcalError
@@ -30,7 +34,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     words = list(sys.argv[1:] if argv is None else argv)
     try:
         with interrupts_remembered() as stop_if_asked:
-            return _run(args, shlex.join(["fleet-calibrate", *words]), stop_if_asked)
+            go = _watch if args.watch else _run
+            return go(args, shlex.join(["fleet-calibrate", *words]), stop_if_asked)
     except BrokenPipeError:  # whoever read the output has closed it (| head); all files are written
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
@@ -39,12 +44,47 @@ def main(argv: Sequence[str] | None = None) -> int:
         return INTERRUPTED
 
 
+def _watch(args: argparse.Namespace, command: str, stop_if_asked: Callable[[], None]) -> int:
+    """Calibrate logs as they arrive, until Ctrl-C between two of them; returns the exit status."""
+    from boxcal.calib.fleet.watch import EVERY_S, arrivals, check_places, logs_in
+    from boxcal.target.errors import BoxcalError
+
+    places, said = list(args.logs), ""
+
+    def look() -> "dict[Path, Any]":
+        nonlocal said
+        try:
+            found, problem = logs_in(places), ""
+        except BoxcalError as error:  # it may be there again at the next look
+            found, problem = {}, f"fleet-calibrate: {error}"
+        if problem and problem != said:
+            _tell(problem)
+        said = problem
+        return found
+
+    try:
+        check_places(places)
+    except BoxcalError as error:
+        _tell(f"fleet-calibrate: {error}")
+        return 2
+    _tell("fleet-calibrate: watching; Ctrl-C ends it")
+    try:
+        for logs in arrivals(look, lambda: time.sleep(EVERY_S)):
+            args.logs = logs
+            if _run(args, command, stop_if_asked) == INTERRUPTED:
+                return INTERRUPTED
+    except KeyboardInterrupt:
+        _tell("fleet-calibrate: no longer watching")
+    return 0
+
+
 def _run(args: argparse.Namespace, command: str, stop_if_asked: Callable[[], None]) -> int:
     if not args.quiet:  # before what takes a second to load
         _tell(f"fleet-calibrate: {len(args.logs)} log{'s' if len(args.logs) > 1 else ''}, starting ...")
     from boxcal.calib.fleet.engine.chosen import chosen_engine
-    from boxcal.calib.fleet.plan import finished_before
     from boxcal.calib.fleet.results_place import results_place
+    from boxcal.calib.fleet.run_record import Run
+    from boxcal.calib.fleet.store import results_now
     from boxcal.calib.history_store.record import check_store
     from boxcal.target.errors import BoxcalError
 
@@ -53,8 +93,8 @@ def _run(args: argparse.Namespace, command: str, stop_if_asked: Callable[[], Non
             place = open_places.enter_context(results_place(args.out))
             jobs, box = _jobs(args, command, place)
             unreachable = check_store(args.store)
-            outcomes = finished_before(jobs, place.folder) if args.resume else []
-            waiting = [job for job in jobs if all(job is not o.job for o in outcomes)]
+            outcomes, why = _kept(args, jobs, place)
+            waiting = [job for job in jobs if job.robot in why]
             engine, remarks = chosen_engine(args, len(jobs if args.joint_box else waiting))
             open_places.enter_context(engine)
         except BoxcalError as error:
@@ -62,23 +102,35 @@ def _run(args: argparse.Namespace, command: str, stop_if_asked: Callable[[], Non
             return 2
         if unreachable:
             _tell(f"fleet-calibrate: {unreachable}")
-        for line in [] if args.quiet else [box, *remarks]:
+        kept = f"{len(outcomes)} of {len(jobs)} robots are unchanged and kept (--force does them again)"
+        for line in [] if args.quiet else [box, *remarks, *([f"fleet-calibrate: {kept}"] if outcomes else [])]:
             _tell(line)
         stop_if_asked()
-        start = time.time()
+        run = Run(command=command, engine=remarks[0] if remarks else "this machine", jobs=jobs, why=why)
+        before = results_now(jobs)
         ended = _work(args, waiting, outcomes, engine, stop_if_asked)
         whole = len(outcomes) == len(jobs)
         together = _refine(args, outcomes, engine, place) if whole and args.joint_box else None
         whole = whole and (together is not None or not args.joint_box)
         with interrupts_held():  # what is finished is put down, however often Ctrl-C is pressed
-            status = _conclude(args, [o.job for o in outcomes] if together else jobs, outcomes, command, place)
+            early = "" if whole else str(ended or "interrupted")
+            status = _conclude(args, run, outcomes, place, early)
             if together is not None:
                 print("\n" + "\n".join(together.lines))
                 status = max(status, 1) if together.failed else status
         if ended is not None:
             _tell(f"fleet-calibrate: {ended}")
             return max(status, 1)
-        return status if whole else _interrupted(jobs, outcomes, start)
+        return status if whole else _interrupted(jobs, outcomes, before)
+
+
+def _kept(args: argparse.Namespace, jobs: "list[Job]", place: "ResultsPlace") -> "tuple[list[Outcome], dict[str, str]]":
+    """Return the outcomes of robots that need not be done again, and why each other one is done."""
+    from boxcal.calib.fleet.resume import unchanged
+
+    if args.force:
+        return [], dict.fromkeys((job.robot for job in jobs), "--force")
+    return unchanged(jobs, place, joint=args.joint_box)
 
 
 def _work(
@@ -169,27 +221,28 @@ def _has_report() -> bool:
     return True
 
 
-def _interrupted(jobs: "list[Job]", outcomes: "list[Outcome]", start: float) -> int:
-    from boxcal.calib.fleet.store import written_since
+def _interrupted(jobs: "list[Job]", outcomes: "list[Outcome]", before: "Mapping[str, FileState]") -> int:
+    from boxcal.calib.fleet.store import results_now
 
     told = [o.job.robot for o in outcomes if o.calibration is not None]
-    done = list(dict.fromkeys([*written_since(jobs, start), *told]))
+    written = [robot for robot, state in results_now(jobs).items() if before.get(robot) != state]
+    done = list(dict.fromkeys([*written, *told]))
     names = f" ({', '.join(done)})" if done else ""
     _tell(
         f"fleet-calibrate: interrupted; {len(done)} of {len(jobs)} robots were finished and are kept{names}; "
-        "give the same command with --resume for the rest"
+        "give the same command again for the rest"
     )
     return INTERRUPTED
 
 
 def _conclude(
-    args: argparse.Namespace, jobs: "list[Job]", outcomes: "list[Outcome]", command: str, place: "ResultsPlace"
+    args: argparse.Namespace, run: "Run", outcomes: "list[Outcome]", place: "ResultsPlace", early: str
 ) -> int:
     """Write what is about the whole folder, then print results, errors against truth and failures."""
     from boxcal.calib.fleet.store import natural
 
     outcomes.sort(key=lambda o: natural(o.job.robot))
-    whole = _write_fleet(place, jobs[0], outcomes, command)
+    whole = _write_fleet(place, run, outcomes, early)
     good = [o.calibration for o in outcomes if o.calibration is not None]
     whole = _record(args, good) and whole
     failed = [o for o in outcomes if o.calibration is None]
@@ -212,18 +265,22 @@ def _conclude(
     return 0
 
 
-def _write_fleet(place: "ResultsPlace", job: "Job", outcomes: "list[Outcome]", command: str) -> bool:
+def _write_fleet(place: "ResultsPlace", run: "Run", outcomes: "list[Outcome]", early: str) -> bool:
     """Write what is about all robots of the folder; tell whether that worked."""
+    from boxcal.calib.fleet.run_record import RUN
     from boxcal.calib.fleet.store import read_folder
     from boxcal.calib.fleet.write import write_fleet
     from boxcal.calib.report.fleet_tables import REPORT
     from boxcal.target.errors import BoxcalError
+    from boxcal.target.files.atomic_write import write_atomically
 
+    job = outcomes[0].job if outcomes else run.jobs[0]
     try:
         members = read_folder(place.folder, job.target, outcomes)
         report = job.settings.report
         reported = place.with_file(REPORT) if report else ()
-        write_fleet(place.folder, members, job.target, command=command, report=report, reported=reported)
+        write_fleet(place.folder, members, job.target, command=run.command, report=report, reported=reported)
+        write_atomically(place.folder / RUN, run.record(outcomes, early))
         place.put_fleet()
     except BoxcalError as error:
         _tell(f"fleet-calibrate: {error}")

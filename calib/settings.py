@@ -155,6 +155,8 @@ class Job:
         Folder that gets ``<robot>/calibration.json`` and what is made from it; None writes nothing.
     command
         The command line, for the provenance.
+    fingerprint
+        Of all that the result depends on, once the logs were read (see :mod:`boxcal.calib.results.fingerprint`).
     """
 
     robot: str
@@ -163,6 +165,7 @@ class Job:
     settings: Settings
     out: Path | None
     command: str = ""
+    fingerprint: str = ""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -11,6 +11,7 @@ from boxcal.calib.joint_box.one_of_many import Member, calibrate_with
 from boxcal.calib.joint_box.together import JointBox, solve_box
 from boxcal.calib.likelihood.compiled.compilation import prepare_all
 from boxcal.calib.results.calibration import Calibration
+from boxcal.calib.results.fingerprint import JOINT
 from boxcal.calib.results.without_drive import without_drive
 from boxcal.calib.settings import CORRESPONDENCES, Outcome
 from boxcal.target.box import Target
@@ -87,7 +88,8 @@ def _silent(_: str) -> None:
 
 def _member(outcome: Outcome) -> Member:
     """Return a robot with what was saved of its logs when it was calibrated by itself."""
-    job = outcome.job
+    own = outcome.calibration.provenance.fingerprint if outcome.calibration is not None else ""
+    job = replace(outcome.job, fingerprint=own and own.removesuffix(JOINT) + JOINT)
     if job.out is None:
         return Member(job=job)
     numbers = [f"-{k + 1}" for k in range(len(job.logs))] if len(job.logs) > 1 else [""]

@@ -97,7 +97,17 @@ def topic_options(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
 
 def _work(parser: argparse.ArgumentParser) -> None:
     work = parser.add_argument_group("where the work is done, and what is done again")
-    work.add_argument("--resume", action="store_true", help="skip robots whose result is in the folder already")
+    work.add_argument(
+        "--force",
+        action="store_true",
+        help="do robots again whose log, box, settings and program are unchanged; else their results are kept",
+    )
+    work.add_argument(
+        "--watch",
+        action="store_true",
+        help="LOG is a folder, or a URL of one or with a pattern: logs are calibrated as they arrive, until Ctrl-C",
+    )
+    work.add_argument("--resume", action="store_true", help=argparse.SUPPRESS)  # as is done anyway
     work.add_argument(
         "--jobs", type=whole_number(1, 4096), metavar="N", help="robots worked on at once (as many as cores)"
     )

@@ -3,21 +3,13 @@
 import tempfile
 from argparse import Namespace
 from collections.abc import Sequence
-from dataclasses import asdict
 from importlib.util import find_spec
 from pathlib import Path
 
 from boxcal.calib.errors import CalibError
-from boxcal.calib.results.json_format import CALIBRATION, load_calibration
-from boxcal.calib.results.provenance import plain_settings
-from boxcal.calib.settings import CORRESPONDENCES, Job, Outcome, Settings, robot_name
-from boxcal.detect.correspondences import load_correspondences
-from boxcal.detect.errors import DetectError
-from boxcal.detect.log.containers.hashing import file_sha256
-from boxcal.detect.log.remote.store import store_of
+from boxcal.calib.settings import CORRESPONDENCES, Job, Settings, robot_name
 from boxcal.detect.log.remote.urls import is_url
 from boxcal.target.box import Target
-from boxcal.target.files.target_json import target_sha256
 
 
 def check_options(args: Namespace) -> None:
@@ -103,32 +95,3 @@ def plan(
     return [
         Job(robot=name, logs=own, target=target, settings=settings, out=out, command=command) for name, own in robots
     ]
-
-
-def finished_before(jobs: Sequence[Job], folder: Path) -> list[Outcome]:
-    """Return the outcomes of jobs whose result is in a folder already: of the same logs, box and settings."""
-    found = []
-    for job in jobs:
-        path = folder / job.robot / CALIBRATION
-        if job.out is None or not path.is_file():
-            continue
-        try:
-            calibration = load_calibration(path)
-            digests = {_log_sha256(log) for log in job.logs}
-        except (CalibError, DetectError):  # it is calibrated again, and what is wrong is said then
-            continue
-        p = calibration.provenance
-        same_log = {digest for name, digest in p.inputs.items() if name != "target"} == digests
-        same_box = p.inputs.get("target") == target_sha256(job.target)
-        if "" not in digests and same_log and same_box and p.settings == plain_settings(asdict(job.settings)):
-            found.append(Outcome(job=job, calibration=calibration))
-    return found
-
-
-def _log_sha256(log: Path) -> str:
-    """Return the hash of a recording (of a URL tag and size), empty for a folder; of saved ones their recording's."""
-    if log.suffix == CORRESPONDENCES:
-        return load_correspondences(log).source.sha256
-    if is_url(log):
-        return store_of(log).state().identity
-    return "" if log.is_dir() else file_sha256(log)

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from boxcal.calib.errors import CalibError
+from boxcal.calib.one_robot.log_identity import FileState, file_state
 from boxcal.calib.results.calibration import Calibration
 from boxcal.calib.results.json_format import CALIBRATION, load_calibration, verdict_document
 from boxcal.calib.results.without_drive import without_drive
@@ -96,10 +97,10 @@ def read_folder(out: Path, target: Target, outcomes: Iterable[Outcome] = ()) -> 
     return tuple(members[robot] for robot in sorted(members, key=natural))
 
 
-def written_since(jobs: Iterable[Job], start: float) -> list[str]:
-    """Return the robots whose result was written since a time (s, as ``time.time``)."""
-    paths = {job.robot: (job.out or Path()) / job.robot / CALIBRATION for job in jobs if job.out is not None}
-    return [robot for robot, path in paths.items() if path.is_file() and path.stat().st_mtime >= start - 1]
+def results_now(jobs: Iterable[Job]) -> dict[str, FileState]:
+    """Return the state of the result of each robot that has one: what was written meanwhile, whatever clocks say."""
+    paths = {job.robot: job.out / job.robot / CALIBRATION for job in jobs if job.out is not None}
+    return {robot: state for robot, path in paths.items() if (state := file_state(path))}
 
 
 def natural(name: str) -> list[tuple[int, int, str]]:

@@ -47,6 +47,8 @@ def write_fleet(
         if m.error is not None and m.calibration is not None:
             text = f"{m.error}\nThe files beside this one are of an earlier log ({m.calibration.provenance.created}).\n"
             write_atomically(out / m.robot / FAILED, text.encode())
+        elif m.error is None:
+            (out / m.robot / FAILED).unlink(missing_ok=True)
     rows = fleet_rows(results, errors=errors, stale=stale)
     write_atomically(out / "fleet.csv", fleet_csv(rows))
     write_atomically(out / "fleet-columns.csv", columns_csv())

@@ -39,7 +39,7 @@ def solve(job: Job, look: FirstLook) -> Calibration:
     """
     settings, drives, steps = job.settings, look.drives, look.steps
     _check_one_robot(job, steps)
-    origin = provenance(job.command, drives, asdict(settings))
+    origin = provenance(job.command, drives, asdict(settings), job.fingerprint)
     if settings.closed_form:
         return closed_form(job.robot, drives, steps, origin, findings=look.findings)
     try:

@@ -102,6 +102,9 @@ class Provenance:
         File name -> SHA-256 of its bytes (``target``: of the landmark table).
     settings
         Everything that was asked for, defaults included.
+    fingerprint
+        SHA-256 of logs, target, settings and program together: an equal one stands for an equal result. Empty where it
+        was not computed.
     """
 
     version: str
@@ -109,6 +112,7 @@ class Provenance:
     created: str
     inputs: Mapping[str, str] = field(default_factory=dict)
     settings: Mapping[str, Any] = field(default_factory=dict)
+    fingerprint: str = ""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -53,6 +53,7 @@ def calibration_document(result: Calibration) -> dict[str, Any]:
             "created": result.provenance.created,
             "inputs": dict(result.provenance.inputs),
             "settings": dict(result.provenance.settings),
+            "fingerprint": result.provenance.fingerprint,
         },
         "units": "m, rad, px; T_body_cam maps camera points to body, rows of a 4x4 matrix",
         "method": result.method,

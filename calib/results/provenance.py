@@ -10,7 +10,9 @@ from boxcal.detect.correspondences import Correspondences
 from boxcal.version import installed_version
 
 
-def provenance(command: str, drives: Sequence[Correspondences], settings: Mapping[str, Any]) -> Provenance:
+def provenance(
+    command: str, drives: Sequence[Correspondences], settings: Mapping[str, Any], fingerprint: str = ""
+) -> Provenance:
     """Return how the calibration of drives comes about now.
 
     Parameters
@@ -21,6 +23,8 @@ def provenance(command: str, drives: Sequence[Correspondences], settings: Mappin
         What is calibrated.
     settings
         What was asked for; of a path only its name is kept.
+    fingerprint
+        Of all that the result depends on.
     """
     return Provenance(
         version=installed_version(),
@@ -31,6 +35,7 @@ def provenance(command: str, drives: Sequence[Correspondences], settings: Mappin
             "target": drives[0].source.target_sha256,
         },
         settings=plain_settings(settings),
+        fingerprint=fingerprint,
     )
 
 
