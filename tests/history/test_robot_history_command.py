@@ -17,6 +17,7 @@ from boxcal.calib.history_store.connection import open_store
 from boxcal.calib.history_store.sessions import put, read
 from boxcal.calib.report.history import file_name, history_pages
 from boxcal.calib.results.json_format import load_calibration, save_calibration
+from boxcal.calib.results.without_drive import without_drive
 from boxcal.calib.robot_history.cli import main
 from boxcal.calib.simulate.years import Years, simulated_years
 
@@ -139,6 +140,9 @@ def test_results_go_into_the_store_once_and_an_import_adds_nothing(
     assert saved.detail is not None
     np.testing.assert_allclose(found[0].covariance, saved.detail.covariance.matrix, rtol=1e-12)
     assert found[0].wheels.tolist() == [saved.wheels.rR, saved.wheels.rL, saved.wheels.b]
+    whole, slim = session_of(saved), session_of(without_drive(saved))
+    assert (whole.key, whole.t_ns, whole.hardware) == (slim.key, slim.t_ns, slim.hardware)
+    assert (found[0].key, found[0].t_ns) == (whole.key, whole.t_ns)
     capsys.readouterr()
     assert main(["import", str(out), "--store", str(store)]) == 0
     assert capsys.readouterr().out == "2 results read: 0 new drives, 2 of drives that were there already\n"
