@@ -158,7 +158,7 @@ class _Part:
         return fresh < n and bool(self._looks(begun, fresh, slice(n - 1, n), slopes))
 
     def _looks(self, begun: int, fresh: int, looks: slice, slopes: Mask) -> list[Change]:
-        """Return, for each look after which the statistic counts, the likeliest change."""
+        """Return, for each look after which the statistic counts, the changes that are nearly as likely as any."""
         first = max(begun, looks.start - _LONGEST)
         span = slice(first, looks.stop)
         onsets = np.arange(max(fresh, first + 1), looks.stop)
@@ -190,51 +190,61 @@ class _Part:
             told = np.logaddexp.reduce(table.reshape(len(table), -1), axis=1)
         found = []
         for row in np.flatnonzero(told >= -np.log(self.level)):
-            c, j, shape = _likeliest(table[row])
-            found.append(
-                Change(
-                    group=self.group,
-                    channel=own[j],
-                    drift=bool(shape),
-                    onset=int(onsets[c]),
-                    found=looks.start + int(row),
-                    evidence=float(np.exp(min(told[row], 700.0))),
+            for c, j, shape in _likeliest(table[row]):
+                found.append(
+                    Change(
+                        group=self.group,
+                        channel=own[j],
+                        drift=bool(shape),
+                        onset=int(onsets[c]),
+                        found=looks.start + int(row),
+                        evidence=float(np.exp(min(told[row], 700.0))),
+                    )
                 )
-            )
         return found
 
     def _confirmed(self, change: Change, begun: int, slopes: Mask) -> bool:
-        """Tell whether two sessions after a step agree that there was one: one alone may be odd by itself."""
-        if change.drift:
-            return True
+        """Tell whether sessions after it agree on a change: one alone may be odd by itself.
+
+        Two after a step lie beyond half of it; three after the onset of a drift, each left out in turn, leave half of
+        it.
+        """
         j, c = change.channel, change.onset
         known = np.isfinite(self.variances[:, j])
         before = [i for i in range(begun, c) if known[i]]
         after = [i for i in range(c, change.found + 1) if known[i]]
-        if len(after) < 2 or not before:
+        if len(after) < (3 if change.drift else 2) or not before:
             return False
-        values = self.series.values[:, j]
+        years, values = self.series.years, self.series.values[:, j]
         if slopes[j] and len(before) > 2:
-            line = np.polyfit(self.series.years[before], values[before], 1)
-            values = values - np.polyval(line, self.series.years)
+            line = np.polyfit(years[before], values[before], 1)
+            values = values - np.polyval(line, years)
         off = values[after] - np.median(values[before])
-        step = float(np.mean(off))
-        return bool(np.sum(off * np.sign(step) > 0.5 * abs(step)) >= 2)
+        if not change.drift:
+            step = float(np.mean(off))
+            return bool(np.sum(off * np.sign(step) > 0.5 * abs(step)) >= 2)
+        t = years[after] - years[before[-1]]
+        top, bottom = t * off, t * t
+        rate = np.sum(top) / np.sum(bottom)
+        without = (np.sum(top) - top) / (np.sum(bottom) - bottom)
+        return bool(np.all(without * np.sign(rate) > 0.5 * abs(rate)))
 
 
-def _likeliest(ratios: Array) -> tuple[int, int, int]:
-    """Return onset, figure and shape (1: drift) of log ratios (onsets, figures, 2).
+def _likeliest(ratios: Array) -> list[tuple[int, int, int]]:
+    """Return onset, figure and shape (1: drift) by log ratios (onsets, figures, 2), in the order to be believed.
 
-    Wheels wear, and a drift looks like a step for a while: where both are nearly as likely it is taken for a drift,
-    from the earliest onset that is.
+    Wheels wear, and a drift looks like a step for a while: where both are nearly as likely the drift comes first, from
+    the earliest onset that is.
     """
-    least = float(np.max(ratios)) - _NEARLY
+    least, out = float(np.max(ratios)) - _NEARLY, []
     drifts = np.argwhere(ratios[..., 1] >= least)
     if len(drifts):
         onset = int(np.min(drifts[:, 0]))
-        return onset, int(np.argmax(ratios[onset, :, 1])), 1
-    c, j, shape = np.unravel_index(int(np.argmax(ratios)), ratios.shape)
-    return int(c), int(j), int(shape)
+        out.append((onset, int(np.argmax(ratios[onset, :, 1])), 1))
+    if np.max(ratios[..., 0]) >= least:
+        c, j = np.unravel_index(int(np.argmax(ratios[..., 0])), ratios.shape[:2])
+        out.append((int(c), int(j), 0))
+    return out
 
 
 def _odd_ones(values: Array, variances: Array) -> Mask:

@@ -157,10 +157,11 @@ def test_wear_is_a_trend_with_its_sigma_and_calls_for_a_calibration() -> None:
     assert worn.due < min(others)
 
 
-def test_one_bad_drive_is_no_change_but_asks_for_another() -> None:
+@pytest.mark.parametrize("spoilt_wheels", [(1.01, 1.01, 1.01), (0.99, 0.99, 1.0), (1.01, 1.0, 1.0)])
+def test_one_bad_drive_is_no_change_but_asks_for_another(spoilt_wheels: tuple[float, ...]) -> None:
     sessions = simulated_years(Years(robots=10, sessions=20), np.random.default_rng(7))
     own = [s for s in sessions if s.robot == "r0004"]
-    bad = replace(own[12], wheels=own[12].wheels * 1.01)
+    bad = replace(own[12], wheels=own[12].wheels * spoilt_wheels)
     spoilt = [bad if s is own[12] else s for s in sessions]
     then = fleet_history([s for s in spoilt if s.t_ns <= bad.t_ns]).robots[4]
     assert then.watched.pending == (WHEELS,)
