@@ -50,7 +50,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     from boxcal.target.measure.ruler import measure
 
     try:
-        box = load_target(path).box
+        before = load_target(path)
+        box = before.box
         conclusion = measure(box, _readings(args), ruler_sigma=args.ruler_percent / 100)
         target = make_target(box, conclusion.measured)
         save_target(target, out)
@@ -64,6 +65,11 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 1
     for line in _report(box, conclusion):
         print(line)
+    if before.refined is not None:
+        print(
+            "the shape that a fleet found was of the box as it was described before; "
+            "fleet-calibrate --joint-box finds it anew"
+        )
     print(f"{out}: {target.tag_ids.size} tags where they are measured to be; give it to fleet-calibrate --target")
     return 0
 

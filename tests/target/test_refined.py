@@ -11,6 +11,7 @@ from boxcal.calib.likelihood.target_deformation import target_deformation
 from boxcal.target.box import CORNERS, Box, Target, make_target
 from boxcal.target.errors import TargetError
 from boxcal.target.files.target_json import design_sha256, load_target, save_target, target_sha256
+from boxcal.target.measure.cli import main
 from boxcal.target.measure.measured_size import Measured
 from boxcal.target.measure.refined_shape import SHAPE, RefinedShape
 
@@ -79,6 +80,15 @@ def test_a_refined_target_is_read_back_as_it_was_written(measured: Measured | No
     assert target_sha256(again) == target_sha256(target) != target_sha256(target.unrefined)
     assert design_sha256(again) == design_sha256(make_target())
     assert len((tmp_path / "target.json").read_text().splitlines()) < 250  # a row of the covariance a line
+
+
+def test_a_box_that_is_measured_loses_the_shape_that_was_found_of_it_before(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    save_target(make_target(None, None, _refined()), tmp_path / "target.json")
+    assert main([str(tmp_path / "target.json"), "--tags-x", "237.5"]) == 0
+    assert "fleet-calibrate --joint-box finds it anew" in capsys.readouterr().out
+    assert load_target(tmp_path / "target.json").refined is None
 
 
 @pytest.mark.parametrize(
