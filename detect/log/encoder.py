@@ -90,9 +90,10 @@ def clean(t_ns: Ids, phi: Array, who: str, periods: Sequence[float] = (), step: 
     DetectError
         If fewer than two different stamps remain, or an angle is unreasonable.
     """
-    order = np.argsort(t_ns, kind="stable")
-    t_ns, phi = t_ns[order], phi[order]
-    last = np.concatenate([np.diff(t_ns) > 0, [True]])
+    if np.any(t_ns[1:] < t_ns[:-1]):
+        order = np.argsort(t_ns, kind="stable")
+        t_ns, phi = t_ns[order], phi[order]
+    last = np.concatenate([t_ns[1:] > t_ns[:-1], [True]])
     if np.sum(last) < 2:
         raise DetectError(
             f"{t_ns.size} positions with {np.sum(last)} different header stamp",
@@ -100,12 +101,14 @@ def clean(t_ns: Ids, phi: Array, who: str, periods: Sequence[float] = (), step: 
             needed="times are needed",
             remedy="make the driver stamp its messages",
         )
-    t_ns, phi = t_ns[last], phi[last]
+    if not np.all(last):
+        t_ns, phi = t_ns[last], phi[last]
     step = encoder_step(phi) if step is None else step
     phi, period = _unwrapped(phi, step, periods)
     kept = ~strays(phi, step)
     dropped = int(np.sum(~kept))
-    t_ns, phi = t_ns[kept], phi[kept]
+    if dropped:
+        t_ns, phi = t_ns[kept], phi[kept]
     if np.max(np.abs(phi)) > MAX_ANGLE:
         raise DetectError(
             f"position {np.max(np.abs(phi)):.3g}",
@@ -160,17 +163,20 @@ def strays(phi: Array, step: float) -> Flags:
         return out
     limit = max(_STRAY_ANGLE, _STRAY_STEPS * step)
     travel = np.abs(np.diff(phi))
+    # A stray is off by more than three times what its neighbours differ by, so nearly all of that from the one before.
+    leaps = np.flatnonzero(travel > limit * 5 / 6)
     for run in range(1, _STRAY_RUN + 1):
-        before, after = phi[: -run - 1], phi[run + 1 :]
+        at = leaps[leaps < phi.size - run - 1]
+        before, after = phi[at], phi[at + run + 1]
         agree = np.abs(after - before)
-        inside = np.stack([phi[1 + k : phi.size - run + k] for k in range(run)])
-        off = np.min(np.abs(inside - (before + after) / 2), axis=0)
-        found = np.flatnonzero((off > limit) & (off > 3 * agree + 3 * step))
-        if found.size > _MOST_STRAYS * phi.size:
+        inside = phi[at[:, None] + np.arange(1, run + 1)]
+        off = np.min(np.abs(inside - ((before + after) / 2)[:, None]), axis=1)
+        astray = (off > limit) & (off > 3 * agree + 3 * step)
+        if np.sum(astray) > _MOST_STRAYS * phi.size:
             continue
-        for k in found:  # the run is k + 1 to k + run
+        for k, far in zip(at[astray], off[astray], strict=True):  # the run is k + 1 to k + run
             beside = np.concatenate([travel[max(k - _BESIDE, 0) : k], travel[k + run + 1 : k + run + 1 + _BESIDE]])
-            if beside.size and off[k] > 2 * float(beside.max()) and not np.any(out[k : k + run + 2]):
+            if beside.size and far > 2 * float(beside.max()) and not np.any(out[k : k + run + 2]):
                 out[k + 1 : k + 1 + run] = True
     return out
 

@@ -36,4 +36,5 @@ def encoder_step(phi: NDArray[np.float64]) -> float:
     if np.mean(np.abs(gaps / step - multiples) < _WHOLE) < _SHARE:
         return 0.0
     count = np.concatenate([[0.0], np.cumsum(multiples)])
-    return float(np.polyfit(count, levels - levels[0], 1)[0])
+    count -= count.mean()
+    return float(count @ (levels - levels[0]) / (count @ count))

@@ -5,8 +5,9 @@ the last tenth of a second against what they change while it drives. A wrong gue
 kept is read from the recording again.
 """
 
+import shutil
 import tempfile
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import IO
 
@@ -20,9 +21,13 @@ from boxcal.target.arrays import Ids, Mask
 _LOOK_BACK_NS = 100_000_000
 _AT_REST = 0.06
 """Part of the largest change in a look back that still is rest."""
-_KEPT_A_STAND = 48
-_MAX_BYTES = 1 << 30
-_MAX_MEMORY = 48 << 20
+_KEPT_A_STAND = 32
+"""More than are looked at of a stop (20), as its ends are left out; of more, every second, fourth ... is kept."""
+_MAX_BYTES = 8 << 30
+_MAX_DISK = 0.5
+"""Largest part of the temporary folder's free space that is taken."""
+_MAX_MEMORY = 16 << 20
+_MAX_STAND = 16 << 20
 _MAX_GROUP_BYTES = 32 << 20
 
 
@@ -43,7 +48,8 @@ class FrameCache:
     read_back: int = 0
     _held: dict[tuple[int, int], bytes] = field(default_factory=dict)
     _file: "IO[bytes] | None" = None
-    _size: int = 0
+    _most: int = 0
+    _in_memory: int = 0
     _largest: dict[int, float] = field(default_factory=dict)
     _stand: dict[int, list[int]] = field(default_factory=dict)
     _group: dict[int, list[tuple[int, bytes]]] = field(default_factory=dict)
@@ -68,20 +74,21 @@ class FrameCache:
             if series.is_video:
                 self._remember(key, number, data)
             if not rest:
-                stand.clear()
+                self._put_away(key, stand)
                 continue
             stand.append(number)
-            stride = 1
-            while len(stand) // stride > _KEPT_A_STAND:
-                stride *= 2
-            if number % stride:
-                continue
-            for earlier, packet in self._group.get(key, ()):
-                self._keep(key, earlier, packet)
+            stride = _stride(len(stand))
             if series.is_video:
-                self._group[key] = []
-            else:
-                self._keep(key, number, data)
+                if number % stride == 0:
+                    for earlier, packet in self._group.get(key, ()):
+                        self._keep(key, earlier, packet, _MAX_MEMORY)
+                    self._group[key] = []
+                continue
+            if len(stand) > 1 and stride > _stride(len(stand) - 1):
+                for _ in self._let_go(key, [n for n in stand if n % stride]):
+                    pass  # of so long a stand fewer will be looked at
+            if number % stride == 0:
+                self._keep(key, number, data, _MAX_MEMORY + _MAX_STAND)
 
     def close(self) -> None:
         """Close the temporary file."""
@@ -98,19 +105,42 @@ class FrameCache:
         if sum(len(packet) for _, packet in group) > _MAX_GROUP_BYTES:
             group.clear()
 
-    def _keep(self, key: int, number: int, data: bytes | memoryview) -> None:
-        if (key, number) in self.places or self._size + len(data) > _MAX_BYTES:
+    def _keep(self, key: int, number: int, data: bytes | memoryview, most: int) -> None:
+        """Keep a frame: in memory while what is there stays below ``most`` bytes, else in the temporary file."""
+        if (key, number) in self.places:
             return
-        if self._size + len(data) <= _MAX_MEMORY:
-            self._held[key, number] = bytes(data)
-            self.places[key, number] = (-1, len(data))
-        else:
-            if self._file is None:
-                self._file = tempfile.TemporaryFile()  # noqa: SIM115  (lives as long as the recording)
-            place = self._file.seek(0, 2)
-            self._file.write(data)
-            self.places[key, number] = (place, len(data))
-        self._size += len(data)
+        if self._in_memory + len(data) > most:
+            self._write(key, number, data)
+            return
+        self._held[key, number] = bytes(data)
+        self._in_memory += len(data)
+        self.places[key, number] = (-1, len(data))
+
+    def _write(self, key: int, number: int, data: bytes | memoryview) -> None:
+        if self._file is None:
+            self._file = tempfile.TemporaryFile()  # noqa: SIM115  (lives as long as the recording)
+            self._most = min(_MAX_BYTES, int(_MAX_DISK * shutil.disk_usage(tempfile.gettempdir()).free))
+        place = self._file.seek(0, 2)
+        if place + len(data) > self._most:
+            return
+        self._file.write(data)
+        self.places[key, number] = (place, len(data))
+
+    def _let_go(self, key: int, numbers: Iterable[int]) -> Iterator[tuple[int, bytes]]:
+        """Yield those of some frames that are in memory, which leave it."""
+        for number in numbers:
+            data = self._held.pop((key, number), None)
+            if data is not None:
+                self._in_memory -= len(data)
+                del self.places[key, number]
+                yield number, data
+
+    def _put_away(self, key: int, stand: list[int]) -> None:
+        """Write the frames of a stand that is over to the file where memory holds enough of them already."""
+        if self._in_memory > _MAX_MEMORY:
+            for number, data in self._let_go(key, stand):
+                self._write(key, number, data)
+        stand.clear()
 
     def get(self, series: ImageSeries, number: int) -> bytes | None:
         """Return the message of a frame that was kept, else None."""
@@ -142,3 +172,11 @@ class FrameCache:
             known |= seen
             rests &= ~seen | (change <= _AT_REST * largest)
         return known & rests
+
+
+def _stride(frames: int) -> int:
+    """Return which of so many frames of a stand are kept: every one, every second, every fourth ..."""
+    stride = 1
+    while frames // stride > _KEPT_A_STAND:
+        stride *= 2
+    return stride

@@ -300,11 +300,16 @@ def _assembled(
     try:
         camera, choice = _chosen(scan, types)
         nominal = nominal or scan.metadata.nominal_wheels()
+        indexed = isinstance(container, IndexedMcap) and container.has_index
+        if not indexed:  # with an index, the choice may have to be made anew about all images
+            scan.forget_signals(but=(*choice.right, *choice.left))
         wheels = assemble_wheels(name, choice, units, nominal)
+        if not indexed:
+            scan.forget_signals()
     except DetectError as error:
         raise _with_losses(error, name, damage) from error
     rest = None
-    if isinstance(container, IndexedMcap) and container.has_index:
+    if isinstance(container, IndexedMcap) and indexed:
         fetch_images(scan, container, camera, wheels, all_of_them=all_images)
         if not all_images:
 

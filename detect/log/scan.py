@@ -1,6 +1,6 @@
 """The one pass over a recording: all wheel readings, where the images stand, and what it says of the robot."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -119,6 +119,13 @@ class Scan:
         images = sum(len(series.t_ns) for (t, _), series in self.images.items() if t == topic)
         readings = max((s.count for s in self.signals.get(topic, {}).values()), default=0)
         return max(images, readings, len(self.odometry[topic].poses) if topic in self.odometry else 0)
+
+    def forget_signals(self, but: Collection[Signal] = ()) -> None:
+        """Let go of all readings of wheels but those of some signals: a long drive has a million of each."""
+        for of_topic in self.signals.values():
+            for signal in of_topic.values():
+                if signal not in but:
+                    signal.forget()
 
     def images_of(self, topic: str) -> ImageSeries:
         """Return the images of a topic; of two types in one topic, the one with more."""

@@ -67,7 +67,8 @@ class Signal:
     def add(self, t_ns: Ids, log_ns: Ids, values: Array) -> None:
         """Take readings: stamps (N,) ns, times of recording (N,) ns, values (N,); what is no number is left out."""
         good = (np.abs(values) < _LARGEST) & (t_ns > -LATEST_NS) & (t_ns < LATEST_NS)  # NaN is neither
-        log_ns = np.clip(log_ns, -LATEST_NS, LATEST_NS)
+        if log_ns.size and max(int(log_ns.max()), -int(log_ns.min())) > LATEST_NS:
+            log_ns = np.clip(log_ns, -LATEST_NS, LATEST_NS)  # else the arrays of a message's joints stay one
         if not np.all(good):
             self.dropped += int(np.sum(~good))
             t_ns, log_ns, values = t_ns[good], log_ns[good], values[good]
@@ -101,6 +102,10 @@ class Signal:
     def values(self) -> Array:
         """The numbers, (N,)."""
         return np.asarray(_joined(self._values, np.float64), dtype=np.float64)
+
+    def forget(self) -> None:
+        """Let go of the readings, which are wanted no more; what is known of them all stays."""
+        self._t, self._log, self._values, self._tail = [], [], [], None
 
     def tail(self) -> tuple[Ids, Array]:
         """Return stamps and values of the last piece or two, for what is decided while reading."""

@@ -127,7 +127,8 @@ def _encoder(name: str, signal: Signal, factor: float, notes: list[str]) -> Enco
         )
     t_ns = times.t_ns
     stamped = t_ns != 0
-    t_ns, values = (t_ns[stamped], values[stamped]) if np.any(stamped) else (t_ns, values)
+    if np.any(stamped) and not np.all(stamped):
+        t_ns, values = t_ns[stamped], values[stamped]
     other = _second_publisher(t_ns, values)
     if np.any(other):
         notes.append(
