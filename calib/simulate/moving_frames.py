@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from boxcal.calib.geometry.so3_se3 import inverse
+from boxcal.calib.simulate.as_built import as_built
 from boxcal.calib.simulate.drive import Drive
 from boxcal.calib.simulate.robot import Robot
 from boxcal.calib.simulate.viewpoints import decodable_tags
@@ -65,27 +66,31 @@ def moving_frames(
     t_ns = t_ns[[bool(np.any((t > ended) & (t < begun))) for t in t_ns]]
     stamps = t_ns + np.rint(1e9 * (options.late_s + options.jitter_s * rng.standard_normal(len(t_ns)))).astype(np.int64)
     order = np.argsort(stamps, kind="stable")
-    frames = [_frame(robot, target, drive, options, rng, (int(t_ns[k]), int(stamps[k]))) for k in order]
+    targets = (target, as_built(target, drive.faults.box))
+    frames = [_frame(robot, targets, drive, options, rng, (int(t_ns[k]), int(stamps[k]))) for k in order]
     return tuple(frame for frame in frames if frame is not None)
 
 
 def _frame(  # noqa: PLR0917 - a robot, its drive and its camera
     robot: Robot,
-    target: Target,
+    targets: tuple[Target, Target],
     drive: Drive,
     options: ShutterOptions,
     rng: np.random.Generator,
     times: tuple[int, int],
 ) -> MovingFrame | None:
-    """Return the frame taken at a true time and stamped at another, ns; None if it shows fewer than two tags."""
-    t_ns, stamp = times
+    """Return the frame taken at a true time and stamped at another, ns; None if it shows fewer than two tags.
+
+    ``targets`` are the box as described and as built.
+    """
+    (t_ns, stamp), (target, built) = times, targets
     stop = drive.stop_at(t_ns)
     T_box_cam = drive.T_box_cam_at(np.array([t_ns]), stop)[0]
-    tags = decodable_tags(replace(robot, camera=drive.scene.cameras[stop]), target, T_box_cam)
+    tags = decodable_tags(replace(robot, camera=drive.scene.cameras[stop]), built, T_box_cam)
     if len(tags) < 2:
         return None
     ids = (CORNERS * tags[:, None] + np.arange(CORNERS)).ravel()
-    p_box = target.p_box(ids)
+    p_box = built.p_box(ids)
     at = np.full(len(ids), float(t_ns))
     for _ in range(_ROW_ROUNDS):  # the row in which a corner is seen says when, and that where
         row = _seen(drive, p_box, at, stop)[:, 1] / robot.image_size[1] - 0.5
