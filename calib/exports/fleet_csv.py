@@ -2,7 +2,8 @@
 
 import csv
 import io
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from itertools import chain
 
 from boxcal.calib.exports.text import number
 from boxcal.calib.geometry.euler import quaternion
@@ -75,17 +76,25 @@ def fleet_rows(
     errors, stale
         By robot: why its last log gave none; why its figures are none of today.
     """
-    errors, stale = errors or {}, stale or {}
-    calibrations = tuple(calibrations)
-    rows = [_row(c, errors.get(c.robot, ""), stale.get(c.robot, "")) for c in calibrations]
-    without = [robot for robot in errors if all(robot != c.robot for c in calibrations)]
-    rows += [{"robot": cell(robot), "verdict": "failed", "error": cell(errors[robot])} for robot in without]
-    return rows
+    return list(each_row(calibrations, errors=errors or {}, stale=stale or {}))
+
+
+def each_row(
+    calibrations: Iterable[Calibration], *, errors: Mapping[str, str], stale: Mapping[str, str]
+) -> Iterator[dict[str, str]]:
+    """Yield the rows that :func:`fleet_rows` returns, of fleets too large to hold them all."""
+    seen = set()
+    for c in calibrations:
+        seen.add(c.robot)
+        yield _row(c, errors.get(c.robot, ""), stale.get(c.robot, ""))
+    for robot in errors:
+        if robot not in seen:
+            yield {"robot": cell(robot), "verdict": "failed", "error": cell(errors[robot])}
 
 
 def fleet_csv(rows: Iterable[Mapping[str, str]]) -> bytes:
     """Return the table of a fleet (RFC 4180, UTF-8), its header in line 1."""
-    return _written([list(COLUMNS), *([row.get(name, "") for name in COLUMNS] for row in rows)])
+    return _written(chain([list(COLUMNS)], ([row.get(name, "") for name in COLUMNS] for row in rows)))
 
 
 def columns_csv() -> bytes:

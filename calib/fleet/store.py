@@ -6,7 +6,7 @@ adds what no result can say: whose last log failed, and which box all drove arou
 
 import json
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -108,8 +108,8 @@ def natural(name: str) -> list[tuple[int, int, str]]:
     return [(0, int(part), "") if part.isdecimal() else (1, 0, part) for part in re.split(r"(\d+)", name) if part]
 
 
-def fleet_record(members: Sequence[Member], target: Target, command: str) -> bytes:
-    """Return the content of ``fleet.json``: whom the folder holds, how they were judged, and the failures."""
+def fleet_record(members: Sequence[Member], target: Target, command: str) -> Iterator[bytes]:
+    """Yield the content of ``fleet.json`` in pieces: whom the folder holds, how they were judged, and the failures."""
     calibrated = {m.robot: m.calibration for m in members if m.calibration is not None}
     verdicts = {robot: c.verdict for robot, c in calibrated.items() if c.verdict is not None}
     document = {
@@ -123,9 +123,14 @@ def fleet_record(members: Sequence[Member], target: Target, command: str) -> byt
         "failed": {m.robot: str(m.error) for m in members if m.error is not None},
         "failures": {m.robot: _parts(m.error) for m in members if m.error is not None},
         "stale": {m.robot: m.stale for m in members if m.stale},
-        "verdicts": {robot: verdict_document(v) for robot, v in verdicts.items()},
     }
-    return (json.dumps(document, indent=2, ensure_ascii=False) + "\n").encode()
+    yield json.dumps(document, indent=2, ensure_ascii=False).removesuffix("\n}").encode()
+    yield b',\n  "verdicts": {'
+    for k, (robot, verdict) in enumerate(verdicts.items()):
+        one = json.dumps({robot: verdict_document(verdict)}, indent=2, ensure_ascii=False)
+        inner = one.removeprefix("{\n").removesuffix("\n}").replace("\n", "\n  ")
+        yield f"{',' if k else ''}\n  {inner}".encode()
+    yield b"\n  }\n}\n" if verdicts else b"}\n}\n"
 
 
 def _fresh(outcome: Outcome, out: Path, target: Target) -> Member:

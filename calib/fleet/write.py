@@ -3,12 +3,12 @@
 from collections.abc import Collection, Sequence
 from pathlib import Path
 
-from boxcal.calib.exports.fleet_csv import columns_csv, fleet_csv, fleet_rows
+from boxcal.calib.exports.fleet_csv import columns_csv, each_row, fleet_csv
 from boxcal.calib.exports.fleet_xlsx import fleet_xlsx
 from boxcal.calib.fleet.store import FLEET, PAGES, Member, fleet_record
 from boxcal.calib.report.fleet import fleet_report
 from boxcal.target.box import Target
-from boxcal.target.files.atomic_write import write_atomically
+from boxcal.target.files.atomic_write import write_atomically, write_pieces_atomically
 
 FAILED = "FAILED.txt"
 """Stands in the folder of a robot whose last log gave no calibration, beside what an earlier one gave."""
@@ -49,15 +49,14 @@ def write_fleet(
             write_atomically(out / m.robot / FAILED, text.encode())
         elif m.error is None:
             (out / m.robot / FAILED).unlink(missing_ok=True)
-    rows = fleet_rows(results, errors=errors, stale=stale)
-    write_atomically(out / "fleet.csv", fleet_csv(rows))
+    write_atomically(out / "fleet.csv", fleet_csv(each_row(results, errors=errors, stale=stale)))
     write_atomically(out / "fleet-columns.csv", columns_csv())
     if report:
         without_page = [c.robot for c in results if c.robot not in reported]
         failures = [m.error for m in members if m.error is not None]
         write_atomically(out / "fleet.html", fleet_report(results, failures, stale, without_page))
-        write_atomically(out / "fleet.xlsx", fleet_xlsx(rows))
+        write_atomically(out / "fleet.xlsx", fleet_xlsx(each_row(results, errors=errors, stale=stale)))
     else:
         for name in PAGES:
             (out / name).unlink(missing_ok=True)
-    write_atomically(out / FLEET, fleet_record(members, target, command))
+    write_pieces_atomically(out / FLEET, fleet_record(members, target, command))

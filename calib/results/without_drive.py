@@ -38,7 +38,11 @@ def without_drive(calibration: Calibration) -> Calibration:
     settings = calibration.provenance.settings
     origin = replace(calibration.provenance, settings={name: settings[name] for name in _KEPT if name in settings})
     ends = calibration.stops[:: max(len(calibration.stops) - 1, 1)][:2]
-    return replace(calibration, stops=ends, detail=detail, provenance=origin)
+    verdict = calibration.verdict
+    if verdict is not None:
+        reasons = [replace(r, rule=sys.intern(r.rule), advice=sys.intern(r.advice)) for r in verdict.reasons]
+        verdict = replace(verdict, headline=sys.intern(verdict.headline), reasons=tuple(reasons))
+    return replace(calibration, stops=ends, verdict=verdict, detail=detail, provenance=origin)
 
 
 def _interned(values: Mapping[str, float]) -> dict[str, float]:

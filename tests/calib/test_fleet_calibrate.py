@@ -358,6 +358,7 @@ def test_everything_that_users_take_away_is_written(
         "good",
         "fleet.csv",
         "fleet-columns.csv",
+        "run.json",
         "fleet.xlsx",
         "fleet.html",
         "fleet.json",

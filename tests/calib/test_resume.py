@@ -16,7 +16,7 @@ from boxcal.calib import calibrate as one_robot
 from boxcal.calib.calibrate import calibrate_robot
 from boxcal.calib.cli import main
 from boxcal.calib.errors import CalibError
-from boxcal.calib.one_robot import log_identity
+from boxcal.calib.one_robot import log_identity, writing
 from boxcal.calib.settings import Job, Settings
 from boxcal.calib.simulate.drive import DriveOptions, exact_correspondences, simulate_drive
 from boxcal.calib.simulate.robot import turtlebot
@@ -137,6 +137,28 @@ def test_the_hash_of_the_program_changes_with_any_of_its_files(tmp_path: Path, m
     (tmp_path / "further.py").write_text("x = 1")
     monkeypatch.setattr(boxcal.calib, "__path__", [*boxcal.calib.__path__, str(tmp_path)])
     assert boxcal.version.code_sha256.__wrapped__() != here
+
+
+def test_a_full_disk_is_one_line_a_robot_and_the_same_command_goes_on(
+    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run()
+    before = (tmp_path / "out" / "r1" / "calibration.json").read_bytes()
+    whole = writing.write_together
+
+    def full(folder: Path, files: object, **further: object) -> None:
+        raise OSError(28, "No space left on device", str(folder / ".camera.urdf.part"))
+
+    monkeypatch.setattr(writing, "write_together", full)
+    status, states, said = run("--tilt-prior-deg", 2)
+    assert status == 1
+    assert states["r1"][0] == "failed"
+    assert states["r1"][1].startswith("r1.npz: ")
+    assert states["r1"][1].endswith("No space left on device")
+    assert (tmp_path / "out" / "r1" / "calibration.json").read_bytes() == before
+    assert "Traceback" not in said
+    monkeypatch.setattr(writing, "write_together", whole)
+    assert run("--tilt-prior-deg", 2)[1]["r1"][0] == "done"
 
 
 @pytest.mark.slow

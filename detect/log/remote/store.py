@@ -20,6 +20,8 @@ _CLIENTS = {
 """The package that a scheme needs beside fsspec."""
 _TAGS = ("ETag", "etag", "md5Hash", "mtime", "LastModified", "created")
 """Where clients have what changes with a file, the best first."""
+_AT_ONCE = 64
+"""Small files that are fetched together."""
 _DENIED = {401, 403}
 _MISSING = {404, 410}
 _ABSENT = ("NoSuchBucket", "NoSuchKey", "does not exist", "Not Found")
@@ -105,9 +107,12 @@ class Store:
         with said(self.name):
             self.client.invalidate_cache()
             found = self._glob(pattern)
-            contents = self.client.cat(found) if len(found) > 1 else {p: self.client.cat_file(p) for p in found}
-        for path, content in contents.items():
-            yield _below(path, pattern), bytes(content)
+        for k in range(0, len(found), _AT_ONCE):  # not all are held at once
+            some = found[k : k + _AT_ONCE]
+            with said(self.name):
+                contents = self.client.cat(some) if len(some) > 1 else {p: self.client.cat_file(p) for p in some}
+            for path, content in contents.items():
+                yield _below(path, pattern), bytes(content)
 
     def matching(self, pattern: str) -> list[str]:
         """Return the paths, below the place, of the files that a pattern names."""
