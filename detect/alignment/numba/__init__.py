@@ -1,1 +1,1 @@
-"""Functions of the folder above compiled by numba (extra ``fast``): the same arguments, the same results."""
+"""Functions of the folder above compiled by numba: the same arguments, the same results."""
