@@ -7,6 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
+
 from boxcal.calib.calibrate import judged
 from boxcal.calib.diagnosis.choose import explain
 from boxcal.calib.diagnosis.first_look import first_look
@@ -101,16 +103,21 @@ def begin(member: Member, names: Sequence[str]) -> Part:
         own, block = settled(own.problem(look.drives, member.job.target), own, names)
     except BoxcalError as error:
         return Part(problem=error)
+    except np.linalg.LinAlgError as error:
+        return Part(problem=CalibError(f"its equations cannot be solved ({error})", remedy="leave it out"))
     return Part(own=own, block=block, drives=tuple(drive_id(drive) for drive in drives))
 
 
 @one_thread()
 def follow(member: Member, part: Part, names: Sequence[str], shape: Array) -> Part:
-    """Return a robot's part at a shape (m,) near the one of its part so far; one without a part has none still."""
+    """Return a robot's part at a shape (m,) near the one of its part so far; without a block where that fails."""
     if part.own is None:
         return part
-    drives = [without_frozen(drive)[0] for drive in member.read()]
-    own, block = settled(part.own.problem(drives, member.job.target), part.own, names, shape)
+    try:
+        drives = [without_frozen(drive)[0] for drive in member.read()]
+        own, block = settled(part.own.problem(drives, member.job.target), part.own, names, shape)
+    except (BoxcalError, np.linalg.LinAlgError):
+        return replace(part, block=None)
     return replace(part, own=own, block=block)
 
 

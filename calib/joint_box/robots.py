@@ -1,6 +1,7 @@
 """Robots of one box, as the joint solution speaks to them: what each said last, and what is asked of all."""
 
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -33,7 +34,8 @@ class Robots:
 
     def __init__(self, members: Sequence[Member], prior: ShapePrior, run: Run) -> None:
         self._members, self._prior, self._run = members, prior, run
-        self.parts = [_told(part) for part in run(partial(begin, names=prior.names), members)]
+        free = gauge_free(prior, np.zeros(len(prior.names)))
+        self.parts = [_freed(_told(part), free) for part in run(partial(begin, names=prior.names), members)]
         self.there = [k for k, part in enumerate(self.parts) if part.block is not None]
 
     @property
@@ -43,13 +45,8 @@ class Robots:
 
     @property
     def blocks(self) -> list[Block]:
-        """Information of the robots that have a part, each at the shape that it found by itself."""
-        return self._blocks(np.zeros(len(self._prior.names)))
-
-    def _blocks(self, shape: Array) -> list[Block]:
-        """Return what was said last, freed at a shape of all that no robot can tell."""
-        free = gauge_free(self._prior, shape)
-        return [block.projected(free) for k in self.there if (block := self.parts[k].block) is not None]
+        """Information of the robots that have a part, as they said it last; free of what no robot can tell."""
+        return [block for k in self.there if (block := self.parts[k].block) is not None]
 
     @property
     def problems(self) -> dict[str, BoxcalError]:
@@ -60,10 +57,15 @@ class Robots:
     def ask(self, shape: Array) -> list[Block]:
         """Send a shape (m,) to all that have a part, and return their information there."""
         work, rows = partial(follow, names=self._prior.names, shape=shape), self.there
-        told = self._run(work, [self._members[k] for k in rows], [self.parts[k] for k in rows])
-        for k, part in zip(rows, told, strict=True):
-            self.parts[k] = part or self.parts[k]  # of one that was lost what it said last still holds
-        return self._blocks(shape)
+        free, sent = gauge_free(self._prior, shape), (replace(self.parts[k], block=None) for k in rows)
+        for k, part in zip(rows, self._run(work, [self._members[k] for k in rows], sent), strict=True):
+            if part is not None and part.block is not None:  # else what it said last still holds
+                self.parts[k] = _freed(part, free)
+        return self.blocks
+
+
+def _freed(part: Part, free: Array) -> Part:
+    return part if part.block is None else replace(part, block=part.block.projected(free))
 
 
 def _told(part: Part | None) -> Part:
