@@ -158,7 +158,7 @@ def _too_few(drive: Correspondences) -> CalibError:
     return CalibError(
         f"{count} usable stops, and {moving.text}",
         needed=f"at least {MIN_STOPS} are needed",
-        remedy=_remedy(moving),
+        remedy=remedy_of(moving),
     )
 
 
@@ -241,8 +241,9 @@ def _turned_over(why: Explained) -> Finding:
 
 
 def _error(finding: Finding) -> CalibError:
-    return CalibError(finding.text, remedy=_remedy(finding))
+    return CalibError(finding.text, remedy=remedy_of(finding))
 
 
-def _remedy(finding: Finding) -> str:
+def remedy_of(finding: Finding) -> str:
+    """Return a finding's advice as the end of an error."""
     return finding.advice[:1].lower() + finding.advice[1:].rstrip(".")

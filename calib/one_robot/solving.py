@@ -5,8 +5,9 @@ from dataclasses import asdict, replace
 
 import numpy as np
 
+from boxcal.calib.diagnosis.counters import WRAPS, counter_finding
 from boxcal.calib.diagnosis.explained_estimate import estimate_explained
-from boxcal.calib.diagnosis.first_look import FirstLook
+from boxcal.calib.diagnosis.first_look import FirstLook, remedy_of
 from boxcal.calib.diagnosis.last_look import last_look
 from boxcal.calib.errors import CalibError
 from boxcal.calib.four_steps.procedure import FourSteps
@@ -47,7 +48,7 @@ def solve(job: Job, look: FirstLook) -> Calibration:
     except np.linalg.LinAlgError as error:
         raise unsolvable(sum(len(drive.stops) for drive in drives), error) from error
     except CalibError as error:
-        raise _said_with_start(error, steps) from error
+        raise _said_with_jumps(_said_with_start(error, steps), drives) from error
     _check_told(found, steps)
     found = replace(found, findings=(*look.findings, *found.findings, *last_look(look, found)))
     held_out = validate(drives, steps, options, found) if settings.validate else None
@@ -66,6 +67,14 @@ def _said_with_start(error: CalibError, steps: Sequence[FourSteps]) -> CalibErro
         needed=error.needed,
         remedy=error.remedy,
     )
+
+
+def _said_with_jumps(error: CalibError, drives: Sequence[Correspondences]) -> CalibError:
+    """Return why the likelihood fails, after how often the wheels' readings jump where no leg can be trusted."""
+    jumping = next((f for f in (counter_finding(drive.wheels, WRAPS) for drive in drives) if f is not None), None)
+    if jumping is None:
+        return error
+    return CalibError(f"{jumping.text}: {error.found}", source=error.source, remedy=remedy_of(jumping))
 
 
 def _why_replaced(steps: Sequence[FourSteps]) -> str:
