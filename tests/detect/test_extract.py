@@ -11,6 +11,7 @@ from small_logs import COMPRESSED, T0_NS, drive, jpeg, write_joints, write_log
 from small_views import SIZE, TARGET, T_cam_box, true_landmarks, view
 
 from boxcal.calib.simulate.mcap_writer import LogWriter
+from boxcal.detect.alignment.compilation import prepare
 from boxcal.detect.correspondences import load_correspondences
 from boxcal.detect.errors import DetectError
 from boxcal.detect.extract import ExtractSettings, extract, frames_at
@@ -44,6 +45,7 @@ def _good(tmp_path: Path) -> Path:
 
 def test_a_small_drive_gives_what_each_stop_saw_and_what_the_wheels_did(tmp_path: Path) -> None:
     path, told = _good(tmp_path), list[tuple[str, float]]()
+    prepare()  # else the first test of all is told of that, too
     found = extract(path, TARGET, progress=lambda text, share: told.append((text, share)))
     assert (found.robot, found.image_size, len(found.stops)) == ("robot7", SIZE, 4)
     assert found.source.log == "robot7.mcap"
