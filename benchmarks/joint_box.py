@@ -244,16 +244,10 @@ def speed_study(count: int, seed: int, pool: ProcessPoolExecutor, workers: int) 
     print(f"  on {workers} cores: {solved / workers + here:.0f} s; goal 180 s")
     print(f"  {per_robot / 1e3:.1f} kB come back from a robot a round")
     print(f"  shape: {joint.before.shape / joint.after.shape:.1f} times sharper than one robot's")
-    some = range(0, count, max(1, count // 20))
+    some = [k for k in range(0, count, max(1, count // 20)) if joint.blocks[k] is not None]
     run = Clocked(pool)
-    made = list(
-        run(
-            calibrate_with,
-            [members[k] for k in some if joint.blocks[k] is not None],
-            [joint.without(k) for k in some if joint.blocks[k] is not None],
-            [joint.target] * count,
-        )
-    )
+    boxes = [joint.without(k) for k in some]
+    made = list(run(calibrate_with, [members[k] for k in some], boxes, [joint.target] * len(some)))
     print(
         f"  calibrating each anew with it: {1e3 * run.seconds / len(made):.0f} ms a robot (of {len(made)}), "
         f"{run.seconds / len(made) * count / workers:.0f} s for all on {workers} cores"
