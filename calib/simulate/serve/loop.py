@@ -9,6 +9,8 @@ from boxcal.calib.simulate.serve.moving_robot import MovingRobot
 JOINT_S = 0.02
 """Time between two messages of the wheels."""
 _MOST_BEHIND_S = 0.5
+_LEAST_WAIT_S = 0.0005
+"""Time that is left to the camera even then: it would wait for the robot's lock without end."""
 
 
 class Loop:
@@ -53,8 +55,7 @@ class Loop:
             now = time.monotonic()
             if now - due > _MOST_BEHIND_S:
                 due = now  # the machine is too slow: the robot's time is, too
-            elif due > now:
-                self._stopped.wait(due - now)
+            self._stopped.wait(max(due - now, _LEAST_WAIT_S))
 
     def _look(self) -> None:
         while not self._stopped.is_set():
