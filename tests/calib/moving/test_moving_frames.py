@@ -77,10 +77,15 @@ def test_jitter_is_found_and_said_and_does_no_harm() -> None:
     assert max(abs(z) for z in _errors(found).values()) < 3.5
 
 
-def test_a_rolling_shutter_is_found_and_said_or_its_frames_are_left_out() -> None:
-    found = _with(ShutterOptions(readout_s=0.02))
-    assert "shutter rolls" in found.notes[-1] or "left out" in found.notes[-1]
-    assert max(abs(z) for z in _errors(found).values()) < 3.5
+def test_frames_of_a_slow_rolling_shutter_are_left_out_unless_they_are_asked_for() -> None:
+    shutter, alone = ShutterOptions(readout_s=0.02), _solved()[0]
+    found = _with(shutter)
+    assert "left out: the shutter rolls: a frame takes" in found.notes[-1]
+    np.testing.assert_array_equal(found.cov_all, alone.cov_all)
+    asked = _with(shutter, Moving.ON)
+    assert "shutter rolls" in asked.notes[-1]
+    assert asked.sigma["tx"] < 0.3 * alone.sigma["tx"]
+    assert max(abs(z) for z in _errors(asked).values()) < 3.5
 
 
 def test_a_long_exposure_does_no_harm() -> None:
