@@ -49,7 +49,7 @@ def command(robots: Path, folder: str) -> list[float]:
     environment = os.environ | {"NUMBA_CACHE_DIR": folder}
     before, begun, times = resource.getrusage(resource.RUSAGE_CHILDREN), time.monotonic(), []
     with subprocess.Popen(
-        [sys.executable, "-P", "-u", "-m", "boxcal", *words, "--out", str(robots / "out")],
+        [sys.executable, "-P", "-u", "-m", "boxcal", *words, "--out", str(robots / "out"), "--force"],
         env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
     ) as process:  # fmt: skip
         for line in process.stdout or ():
