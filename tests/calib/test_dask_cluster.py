@@ -27,7 +27,7 @@ from boxcal.calib.simulate.drive import DriveOptions, exact_correspondences, sim
 from boxcal.calib.simulate.robot import turtlebot
 from boxcal.target.box import make_target
 
-pytest.importorskip("distributed", reason="the extra 'cluster' is not installed")
+distributed = pytest.importorskip("distributed", reason="the extra 'cluster' is not installed")
 ROBOTS = 9
 
 
@@ -55,7 +55,10 @@ def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
             ended.callback(process.kill)
             processes.append(process)
             _wait_for(place.exists, process)
-        yield Cluster(address=json.loads(place.read_text())["address"], workers=processes[1:])
+        address = json.loads(place.read_text())["address"]
+        with distributed.Client(address, set_as_default=False) as client:
+            client.wait_for_workers(3, timeout=60)
+        yield Cluster(address=address, workers=processes[1:])
 
 
 def _wait_for(ready: Callable[[], bool], process: subprocess.Popen[bytes]) -> None:

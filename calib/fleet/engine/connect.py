@@ -1,6 +1,7 @@
 """Connection to a Dask cluster: its scheduler found, its workers' versions compared with those here."""
 
 import logging
+import re
 import time
 from collections.abc import Iterable
 from pathlib import Path
@@ -14,6 +15,7 @@ from boxcal.detect.log.safe_text import listed, printable
 
 CONFIGURED = "configured"
 """Stands for the scheduler that Dask's own configuration names."""
+_ADDRESS = re.compile(r"([a-z]+://)?[^\s/]+:\d+/?")
 _ANSWER_S = 10.0
 """Seconds that a scheduler is given to answer."""
 _VERSIONS_S = 60.0
@@ -75,6 +77,8 @@ def _client(scheduler: str, name: str) -> Any:
         if not Path(scheduler).is_file():  # Dask would wait for it for ever
             raise _absent(name, "no such file")
         place = {"scheduler_file": scheduler}
+    elif not _ADDRESS.fullmatch(scheduler):  # Dask may wait for that, too
+        raise _absent(name, "no address")
     try:
         return Client(**place, timeout=_ANSWER_S, set_as_default=False)
     except Exception as error:  # of many kinds, after the address that was given
