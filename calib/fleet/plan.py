@@ -26,6 +26,11 @@ def check_options(args: Namespace) -> None:
         raise CalibError(
             f"--rerun and --results-mcap show one robot, {robots} are given", remedy="give one robot's logs"
         )
+    if args.cluster and (args.rerun or args.results_mcap):
+        raise CalibError(
+            "--rerun and --results-mcap are written where the work is done, --cluster does it elsewhere",
+            remedy="leave out --cluster for this robot",
+        )
     if args.rerun and find_spec("rerun") is None:
         raise CalibError(
             "--rerun needs an extra that is not installed", remedy="pip install 'boxcal[rerun]', or leave out --rerun"

@@ -192,6 +192,7 @@ def test_resume_skips_what_is_there_already(logs: Path, tmp_path: Path, capsys: 
     [
         (("--draw",), "--draw needs the images"),
         (("--closed-form", "--validate"), "exclude each other"),
+        (("--cluster", "tcp://127.0.0.1:1", "--results-mcap", "out.mcap"), "--cluster does it elsewhere"),
         (("--rerun", "x.rrd"), "rerun"),
     ],
 )

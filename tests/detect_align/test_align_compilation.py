@@ -64,6 +64,17 @@ def test_compiled_code_is_kept_by_what_it_is_made_of(monkeypatch, tmp_path):
     assert kernel.cache_folder.__wrapped__() != folder
 
 
+def test_two_copies_of_the_same_sources_do_not_take_each_others_code_for_their_own(monkeypatch, tmp_path):
+    """The compiler names its files by the place of the sources: a second copy found all complete, nothing its own."""
+    monkeypatch.setattr(kernel._CONFIG, "CACHE_DIR", str(tmp_path / "cache"))
+    copies = [tmp_path / name / "source.py" for name in ("first", "second")]
+    for copy in copies:
+        copy.parent.mkdir()
+        copy.write_text("the same")
+    assert kernel.folder_for(copies[:1]) != kernel.folder_for(copies[1:])
+    assert kernel.folder_for(copies[:1]) == kernel.folder_for(copies[:1])
+
+
 def test_a_second_process_waits_for_the_first(tmp_path):
     told, order = [], []
     first, ready = threading.Event(), threading.Event()

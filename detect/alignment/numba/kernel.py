@@ -34,7 +34,8 @@ def cache_folder() -> Path | None:
 def folder_for(sources: Iterable[Path]) -> Path | None:
     """Return the folder for code compiled from some sources, made if need be; None if no place can be written."""
     digest = hashlib.sha256(__version__.encode())
-    for source in sources:
+    for source in sources:  # with their place, by which the compiler names its files: another copy finds none of them
+        digest.update(str(source).encode())
         digest.update(source.read_bytes())
     places = [Path(_CONFIG.CACHE_DIR)] if _CONFIG.CACHE_DIR else []
     places += [Path(_APPDIRS.user_cache_dir("boxcal"))]
