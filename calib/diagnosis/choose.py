@@ -160,7 +160,13 @@ def _solved(fit: Fit, cause: Cause, gain: float) -> Solved:
 
 
 def _shows(fit: Fit, cause: Cause, gain: float) -> bool:
-    """Return whether a cause that was solved for has a size that is clearly there, and that it can have."""
+    """Return whether a cause that was solved for has a size that is clearly there, and that it can have.
+
+    A solution whose noise levels do not settle proves nothing: with few legs a cause that takes up one of them can
+    leave so little that the slip of all falls to nothing, and the evidence grows without bound.
+    """
+    if not fit.converged:
+        return False
     solved = _solved(fit, cause, gain)
     return not _needless(solved) and can_be(cause, solved)
 

@@ -18,6 +18,9 @@ SPREADS = (0.0, 0.8, 1.6)
 _LOG_PRIOR = np.log([0.7, 0.18, 0.12])
 _FAULTY = 0.02
 """Probability of a leg's fault beforehand."""
+_PROBABLY = 0.5
+"""A leg that is more probably faulty than not is as surprising as where all are alike: of few legs none proves
+that there is no spread, which let one stay that was off by twenty standard deviations."""
 _FAULTS = (30.0, 3e5)
 """Variances of faults, in those of the noise; all their logarithms are alike."""
 _CLEARLY = 2.0
@@ -57,8 +60,16 @@ def surprise(normal: Array, square: Array, freedom: Array, told: Mask) -> Array:
     x = square[odd, None, None, None] / np.exp(_LOG_SCALE[:, None] + _LOG_VARIANCE[1:, None, :])
     chance = special.chdtrc(freedom[odd, None, None, None], x) @ np.exp(_LOG_NODE_WEIGHTS)
     p = normal.copy()
-    p[odd] = weight[:, 0].sum(axis=1) * normal[odd] + np.sum(weight[:, 1:] * chance, axis=(1, 2))
+    slips_more = weight[:, 0].sum(axis=1) * normal[odd] + np.sum(weight[:, 1:] * chance, axis=(1, 2))
+    p[odd] = np.where(_fault_probability(square[odd], weight) > _PROBABLY, normal[odd], slips_more)
     return p
+
+
+def _fault_probability(square: Array, weight: Array) -> Array:
+    """Return the probability that each leg (N,) is faulty, with weights of spreads and scales by the others."""
+    own = np.exp(special.logsumexp(_log_densities(square), axis=3))
+    sound = (1 - _FAULTY) * np.sum(weight * own, axis=(1, 2))
+    return np.asarray(1 - sound / np.sum(weight * np.exp(_contaminated(square)), axis=(1, 2)))
 
 
 def spread_of(square: Array) -> float:

@@ -33,6 +33,15 @@ def test_one_leg_unlike_the_others_is_surprising_only_where_these_are_alike() ->
     assert chance(3.0, ALIKE) > 0.3
 
 
+def test_a_leg_far_off_others_that_may_or_may_not_be_alike_is_a_fault() -> None:
+    """Squares of a real drive of 12 legs whose wheel was nudged at a stop, .02 rad between two readings."""
+    square = np.array([6.2, 10.3, 9.0, 0.2, 0.4, 2.1, 412.6, 0.06, 2.2, 1.3, 4.0, 1.6])
+    normal = special.chdtrc(3, square)
+    found = surprise(normal, square, np.full(12, 3), np.ones(12, dtype=np.bool_))
+    assert found[6] < 1e-80
+    assert np.all(np.delete(found, 6) > 0.01)
+
+
 def test_another_faulty_leg_hides_none() -> None:
     others = ALIKE.copy()
     others[-1] = 500.0
