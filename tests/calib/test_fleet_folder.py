@@ -11,6 +11,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -39,6 +40,14 @@ PAPER = ("--lens", "radial", "--floor", "rigid", "--scale-prior-percent", "0", "
 MEASURED = Measured(
     sx=1.002, sy=1.001, width=0.2504, depth=0.2498, height=0.2, cov=np.diag([1e-3, 1e-3, 2e-4, 2e-4, 2e-4]) ** 2
 )
+
+
+@pytest.fixture(autouse=True)
+def _interruptible() -> Iterator[None]:
+    """Have commands that are started hear Ctrl-C, which a shell's background job, such as this one may be, does not."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
 
 
 @pytest.fixture(scope="module")

@@ -27,7 +27,7 @@ class RunningEstimate:
     seen
         The drive as it was seen last; None before the first.
     drive
-        What the estimate was made from: without stops of frozen pictures, its landmarks where they are.
+        What the estimate was made from: stops of frozen pictures without corners, landmarks where they are.
     problem
         Sentence about why there is none; empty if there is.
     seconds
