@@ -28,7 +28,9 @@ def _what(event: Event) -> str:
     if main is None:
         return f"{event.change.group}: changed"
     if event.change.drift:
-        return f"{_name(main)}: drift of {_said(main)} a year since {event.until} (told by the drive of {event.found})"
+        return (
+            f"{_name(main)}: drift of {_said(main)} a year since {event.until} (detected by the drive of {event.found})"
+        )
     if event.change.group == EXTRINSICS:
         what = f"camera turned by {degrees(event.turned):.2f}° ± {degrees(event.turned_sigma):.2f}°"
         moved = [s for s in event.shifts if CHANNELS[s.channel].unit == "mm" and abs(s.size) > _TOLD * s.sigma]
@@ -37,7 +39,7 @@ def _what(event: Event) -> str:
     else:
         others = [s for s in event.shifts if CHANNELS[s.channel].watched and abs(s.size) > _TOLD * s.sigma]
         what = "; ".join(f"{_name(s)} {_said(s)}" for s in (others or [main]))
-    return f"{what}, between {event.since} and {event.until} (told by the drive of {event.found})"
+    return f"{what}, between {event.since} and {event.until} (detected by the drive of {event.found})"
 
 
 def short_event(event: Event) -> str:

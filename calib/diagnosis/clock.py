@@ -32,7 +32,7 @@ FITS_DEG = 4.0
 """Turns agree to this (root mean square) where an offset fits."""
 GAIN = 4.0
 """And so many times better than without an offset."""
-MAX_MISFIT = 0.05
+MAX_RMS = 0.05
 """Places agree to this share of the distances moved where an offset fits."""
 _COARSE_S, _FINE_S = 0.5, 0.1
 """A robot stands for a second and more at each stop, so that offsets need not be tried more closely."""
@@ -90,8 +90,8 @@ def find_offset(drive: Correspondences, camera: CameraStep) -> ClockOffset | Non
     coarse = np.arange(-LONGEST_S, LONGEST_S + _COARSE_S, _COARSE_S)
     cost = np.array([rms(late) for late in coarse])
     tried = [(_misfit(drive, camera, middle - late * 1e9), late) for late in coarse[np.argsort(cost)[:_CANDIDATES]]]
-    misfit, late = min(tried)
-    if misfit >= MAX_MISFIT:
+    residual, late = min(tried)
+    if residual >= MAX_RMS:
         return None
     fine = late + np.arange(-_PLATEAU_S, _PLATEAU_S + _FINE_S, _FINE_S)
     cost = np.array([rms(x) for x in fine])
@@ -160,7 +160,7 @@ def _misfit(drive: Correspondences, camera: CameraStep, t_ns: Array) -> float:
     except (CalibError, np.linalg.LinAlgError):
         return float("inf")
     u = upright_translations(camera.T_cam_box, steps.axis.a2, steps.axis.a3)
-    return float(steps.mounting.misfit / np.sqrt(np.mean(np.sum(u**2, axis=1))))
+    return float(steps.mounting.rms / np.sqrt(np.mean(np.sum(u**2, axis=1))))
 
 
 def _rms(drive: Correspondences, t_ns: Array, turn: Array, pairs: tuple[Index, Index]) -> float:

@@ -37,7 +37,7 @@ def gluing_by_wheels(
     placed: Callable[[Correspondences, Target], Correspondences],
     described: FourSteps | None,
 ) -> tuple[Gluing, str] | None:
-    """Return the arrangement under which wheels and images agree, with the misfits in words; None if none does.
+    """Return the arrangement under which wheels and images agree, with how well in words; None if none does.
 
     A few stops after a leg that went wrong fit some arrangement by chance: with wheels that no robot has, or hardly
     better than the box as described.
@@ -66,9 +66,9 @@ def gluing_by_wheels(
             continue
         steps = fitting(camera, legs_between(there, camera.kept)) if len(camera.kept) >= LEAST_STOPS else None
         if steps is not None and LEAST < steps.mounting.rR / steps.mounting.b < MOST:
-            fits.append((steps.mounting.misfit, gluing, steps))
+            fits.append((steps.mounting.rms, gluing, steps))
     fits.sort(key=lambda fit: fit[0])
-    others = [misfit for misfit, *_ in fits[1:]] + ([] if described is None else [described.mounting.misfit])
+    others = [rms for rms, *_ in fits[1:]] + ([] if described is None else [described.mounting.rms])
     if not fits or min(others, default=np.inf) < CLEARLY * fits[0][0]:
         return None
     return fits[0][1], agreement(fits[0][2])

@@ -22,7 +22,7 @@ LEAST_STOPS = 5
 """With fewer stops than this some wheels fit whatever the signs are, and nothing is said."""
 MAX_HEADING_DEG = 3.0
 """Turns seen and rolled agree to this (root mean square) where an explanation fits."""
-MAX_MISFIT = 0.1
+MAX_RMS = 0.1
 """Places seen and rolled agree to this share of the distances moved."""
 MAX_UNLIKE = 0.4
 """The wheels' radii differ by no more than this, as a logarithm."""
@@ -56,7 +56,7 @@ class Explained:
 def agreement(steps: FourSteps) -> str:
     """Return how well wheels and images agree (root mean squares), in words."""
     rms = np.degrees(steps.heading.rms)
-    mm = steps.mounting.misfit * 1e3
+    mm = steps.mounting.rms * 1e3
     return f"with that, rotations by the images and by the wheels agree to {rms:.2g} deg and positions to {mm:.2g} mm"
 
 
@@ -95,7 +95,7 @@ def explain_signs(camera: CameraStep, legs: Legs, target: Target) -> Explained |
         steps = fitting(camera, changed)
         if steps is not None:
             fits.append(Explained(key=key, text=text, advice=advice, steps=steps))
-    best = min(fits, key=lambda e: e.steps.mounting.misfit, default=None)
+    best = min(fits, key=lambda e: e.steps.mounting.rms, default=None)
     if best is not None and over is not None and best.key == "wheels-swapped":
         return replace(best, text=f"{best.text}, or the box stands upside down")
     return best
@@ -120,6 +120,6 @@ def agree(steps: FourSteps) -> bool:
     moved = float(np.sqrt(np.mean(np.sum(u**2, axis=1))))
     return bool(
         steps.heading.rms < np.radians(MAX_HEADING_DEG)
-        and steps.mounting.misfit < MAX_MISFIT * moved
+        and steps.mounting.rms < MAX_RMS * moved
         and abs(np.log(steps.mounting.rR / steps.mounting.rL)) < MAX_UNLIKE
     )

@@ -10,8 +10,8 @@ from boxcal.target.arrays import Array
 
 MIN_RANK_RATIO = 1e-3
 """Smallest sigma4/sigma3: below it the moves leave more than one solution (the appendix' rank condition)."""
-MAX_MISFIT = 0.5
-"""Largest misfit of the solution, relative to the distances moved (both root mean square)."""
+MAX_RMS = 0.5
+"""Largest residual of the solution, relative to the distances moved (both root mean square)."""
 _PARAMETERS = ("rL", "tx", "ty", "cos a1", "sin a1")
 
 
@@ -29,7 +29,7 @@ class MountingStep:
         Translation of the mounting.
     singular_values : (5,)
         Of the stacked equations, descending.
-    misfit : m
+    rms : m
         Root mean square over the pairs of what the solution leaves of the equations: odometry less camera.
     """
 
@@ -40,7 +40,7 @@ class MountingStep:
     tx: float
     ty: float
     singular_values: Array
-    misfit: float
+    rms: float
 
     @property
     def null_ratio(self) -> float:
@@ -81,7 +81,7 @@ def solve_mounting(*, beta: Array, theta: Array, u: Array, aR: float, aL: float)
     _check_rank(singular, Vt)
     scale = np.hypot(Vt[-1, 3], Vt[-1, 4])
     v = Vt[-1] / scale
-    misfit = float(singular[4] / scale / np.sqrt(len(u)))
+    rms = float(singular[4] / scale / np.sqrt(len(u)))
     rL, tx, ty, cosine, sine = (float(x) for x in (v if v[0] > 0 else -v))
     rR = -(aR / aL) * rL
     return MountingStep(
@@ -92,7 +92,7 @@ def solve_mounting(*, beta: Array, theta: Array, u: Array, aR: float, aL: float)
         tx=tx,
         ty=ty,
         singular_values=singular,
-        misfit=misfit,
+        rms=rms,
     )
 
 
@@ -111,12 +111,12 @@ def check_agreement(step: MountingStep, u: Array) -> None:
     Raises
     ------
     CalibError
-        If the misfit exceeds ``MAX_MISFIT`` of the distances moved.
+        If its residual exceeds ``MAX_RMS`` of the distances moved.
     """
     moved = float(np.sqrt(np.mean(np.sum(u**2, axis=1))))
-    if step.misfit > MAX_MISFIT * moved:
+    if step.rms > MAX_RMS * moved:
         raise CalibError(
-            f"wheels and images do not agree on any calibration (they differ by {step.misfit:.3f} m where the camera "
+            f"wheels and images do not agree on any calibration (they differ by {step.rms:.3f} m where the camera "
             f"moved {moved:.3f} m): strong slip, a robot lifted, or a box moved during the drive",
             remedy="drive again",
         )

@@ -10,14 +10,14 @@ from boxcal.calib.history.session import Session
 from boxcal.target.arrays import Array
 
 LEAST_ROBOTS = 3
-"""Robots that must have driven around a box before its size is told from changes of the robots themselves."""
+"""Robots that must have driven around a box before its size is distinguished from their changes."""
 _ROUNDS = 30
 _LENGTHS = ("r", "b", "rL", "rR")
 _PLACES = ("tx", "ty", "tz")
 
 
 def of_one_size(fleet: Sequence[Series], sessions: Sequence[Sequence[Session]]) -> tuple[list[Series], set[str]]:
-    """Return the series with all lengths told by one box, and the boxes whose size could not be told from the others'.
+    """Return the series with all lengths scaled to one box, and the boxes of a size that could not be compared.
 
     Another box, or the same measured anew, changes the lengths of all its robots by one factor. It is found as the
     median, over robots, of what their radii differ from their own levels (median polish of a table of robots and

@@ -183,7 +183,7 @@ def _look(
 
 
 def _stretches(fleet: Sequence[Series], found: Sequence[Watched]) -> list[list[Stretch]]:
-    """Return, for each channel, the sessions of all robots cut at their changes, odd ones left aside."""
+    """Return, for each channel, the sessions of all robots cut at their changes, outliers left out."""
     out: list[list[Stretch]] = []
     for j, channel in enumerate(CHANNELS):
         own = []

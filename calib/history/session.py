@@ -119,7 +119,7 @@ def session_of(calibration: Calibration) -> Session:
 def drive_key(inputs: Mapping[str, str], stops: list[tuple[int, int]]) -> str:
     """Return what the same drive has in common however often it is calibrated: a hash of its logs' hashes.
 
-    Logs without a hash (folders) are told by when their first and last stop began and ended.
+    Logs without a hash (folders) are identified by when their first and last stop began and ended.
     """
     logs = sorted(digest for name, digest in inputs.items() if name != "target")
     if not logs or "" in logs:

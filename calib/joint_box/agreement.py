@@ -1,4 +1,4 @@
-"""Robots whose box was another one, told from those that saw the same: each block against the sum of the others."""
+"""Robots whose box was another one than that of the others: each block against the sum of the others."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

@@ -82,6 +82,6 @@ def _as_steps(drive: Correspondences, camera: CameraStep, state: State) -> FourS
         tx=tx,
         ty=ty,
         singular_values=np.asarray(np.linalg.svd(rows, compute_uv=False), dtype=np.float64),
-        misfit=float(np.sqrt(np.sum(left**2) / len(u))),
+        rms=float(np.sqrt(np.sum(left**2) / len(u))),
     )
     return FourSteps(camera=camera, axis=axis, heading=heading, mounting=mounting, T_body_cam=state.T_body_cam)

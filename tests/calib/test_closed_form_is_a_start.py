@@ -61,7 +61,7 @@ def test_consecutive_stops_alone_give_the_four_steps_figures():
     assert robust.mounting.b == pytest.approx(steps.mounting.b, rel=0.02)
     np.testing.assert_allclose(robust.T_body_cam, steps.T_body_cam, atol=0.01)
     assert robust.heading.rms < radians(1.0)
-    assert robust.mounting.misfit < 0.01
+    assert robust.mounting.rms < 0.01
     assert "for once" in robust.notes[-1]
     assert np.isfinite(estimate([drive], robust, EstimateOptions(target=TARGET)).cov).all()
 

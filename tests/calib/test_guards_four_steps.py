@@ -116,7 +116,7 @@ def test_a_leg_holds_both_stops_angles_and_every_sample_between_them() -> None:
 
 
 def test_what_step_4_says_of_its_fit_is_what_its_solution_leaves(exact: Any) -> None:
-    """The misfit is how far wheels and camera disagree on where the body went, root mean square over the pairs."""
+    """The residual is how far wheels and camera disagree on where the body went, root mean square over the pairs."""
     drive = exact.through(exact.around(8, 1.2, 3.0, np.random.default_rng(9)), exact.mounting(3.0, 9.0, 1.0))
     slip = 1 + 0.01 * np.random.default_rng(10).normal(size=drive.dphi.shape)
     legs = Legs(dphi_R=drive.dphi[:, 0] * slip[:, 0], dphi_L=drive.dphi[:, 1] * slip[:, 1], ends=drive.ends)
@@ -131,11 +131,11 @@ def test_what_step_4_says_of_its_fit_is_what_its_solution_leaves(exact: Any) -> 
         back = float(found.axis.theta[i, j])
         rolled = -np.array([[np.cos(back), -np.sin(back)], [np.sin(back), np.cos(back)]]) @ beta * step.rL
         square.append(np.sum((rolled - seen[:2, 3]) ** 2))
-    assert step.misfit == pytest.approx(np.sqrt(np.mean(square)), rel=1e-6)
+    assert step.rms == pytest.approx(np.sqrt(np.mean(square)), rel=1e-6)
     assert step.rank_ratio == pytest.approx(step.singular_values[3] / step.singular_values[2], rel=1e-12)
     assert step.null_ratio == pytest.approx(step.singular_values[4] / step.singular_values[3], rel=1e-12)
     assert 0 < step.null_ratio < step.rank_ratio < 1
-    assert step.misfit > 1e-4
+    assert step.rms > 1e-4
 
 
 def test_three_stops_name_no_swapped_wheels_since_any_number_of_whole_turns_fits_them() -> None:

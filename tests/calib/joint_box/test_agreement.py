@@ -1,4 +1,4 @@
-"""Robots whose box was another one are told from those that saw the same, at a rate held over the fleet."""
+"""Robots whose box was another one are found among those that saw the same, at a rate held over the fleet."""
 
 import numpy as np
 import pytest
