@@ -84,7 +84,7 @@ def agreement(
     now = tested()
     while counts.sum() > 1:
         excess = np.where(counts, now.statistic / np.maximum(now.freedom, 1), 0.0)
-        worst = int(np.argmax(excess))
+        worst = int(np.lexsort((-excess, np.where(counts, now.p_value, 2.0)))[0])  # least p; of equal ones most excess
         off = counts & (excess >= _ALIKE * excess[worst]) & (now.p_value < limit)
         if off.sum() > 1 and 2 * (counts & ~off).sum() > len(counts):
             counts[off] = False
@@ -92,7 +92,7 @@ def agreement(
             counts[worst] = False
         then = tested()
         if then.p_value[worst] >= limit:
-            counts = now.counts.copy()
+            counts = now.counts & (counts | (then.p_value >= limit))
             break
         now = then
     back = ~counts & (now.p_value >= limit)

@@ -16,6 +16,9 @@ from boxcal.target.box import Target
 from boxcal.target.errors import BoxcalError
 
 LEAST_ROBOTS = 2
+MOST_SPREAD = 9.0
+"""Larger scatter of the robots (a variance, in those of their noise) is no common box: half and half of two boxes make
+40 to 80, fleets of one box 1.0 to 2.8."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -101,6 +104,11 @@ def solve_box(members: Sequence[Member], run: Run = map) -> JointBox:
 
 def _check_majority(joined: Joined, names: Sequence[str]) -> None:
     found = joined.agreement
+    if found.posterior.spread > MOST_SPREAD:
+        raise CalibError(
+            f"the robots' boxes differ by {found.posterior.spread**0.5:.1f} times what their noise explains",
+            remedy="were there two boxes, or were sheets glued anew between drives? Calibrate those apart",
+        )
     if not found.majority or int(found.counts.sum()) < LEAST_ROBOTS:
         agree = [name for name, counts in zip(names, found.counts, strict=True) if counts]
         raise CalibError(

@@ -8,6 +8,7 @@ from boxcal.calib.joint_box.agreement import agreement
 from boxcal.calib.joint_box.block import Block
 from boxcal.calib.joint_box.posterior import posterior
 from boxcal.calib.joint_box.shape_prior import ShapePrior, shape_prior
+from boxcal.calib.joint_box.together import MOST_SPREAD
 from boxcal.calib.likelihood import EstimateOptions
 from boxcal.target.arrays import Array
 
@@ -67,6 +68,17 @@ def test_robots_of_another_box_are_left_out_and_move_nobody(others: int, prior: 
     np.testing.assert_array_equal(found.counts, np.arange(20) >= others)
     alone = posterior(blocks[others:], prior, prior.usual)
     np.testing.assert_allclose(found.posterior.shape, alone.shape, rtol=0, atol=1e-9 * _usual(prior).max())
+
+
+@pytest.mark.parametrize(("others", "robots"), [(9, 20), (10, 20), (4, 8), (3, 7)])
+def test_a_fleet_of_two_boxes_is_never_taken_for_one(others: int, robots: int, prior: ShapePrior) -> None:
+    """Either just those of the other box are left out, or the scatter says that there is no common one."""
+    for seed in range(3):
+        rng = np.random.default_rng([seed, others, robots])
+        shape, another = _usual(prior) * rng.standard_normal((2, len(prior.names)))
+        found = agreement(_blocks(prior, [another] * others + [shape] * (robots - others), rng), prior, prior.usual)
+        sorted_out = np.array_equal(found.counts, np.arange(robots) >= others)
+        assert sorted_out or not found.majority or found.posterior.spread > MOST_SPREAD
 
 
 def test_two_robots_that_differ_are_no_majority(prior: ShapePrior) -> None:
