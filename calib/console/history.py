@@ -119,7 +119,9 @@ def robot_text(history: FleetHistory, robot: RobotHistory) -> str:
         ]
         for s in robot.sessions
     ]
-    lines = [event_text(e) for e in robot.events] or ["no change beyond chance"]
+    lines = [event_text(e) for e in robot.events]
+    if not lines and not robot.watched.pending:
+        lines = ["no change beyond chance" if history.judged else "too few drives yet to tell a change from chance"]
     lines += [pending_text(group) for group in robot.watched.pending]
     lines += [f"{s.key[:8]}: {note}" for s in robot.sessions for note in s.notes]
     for key, side in (("rL", "left"), ("rR", "right")):

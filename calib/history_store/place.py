@@ -8,7 +8,7 @@ from boxcal.calib.errors import CalibError
 
 VARIABLE = "BOXCAL_STORE"
 """Environment variable that names the store where no option does; only there a URL may hold a password."""
-_PASSWORD = re.compile(r"//[^/@]*:[^/@]*@|[?&]password=", re.IGNORECASE)
+_PASSWORD = re.compile(r"//[^/@]*:[^@]*@|[?&]password=", re.IGNORECASE)
 
 
 def store_url(given: str | None) -> str | None:

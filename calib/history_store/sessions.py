@@ -43,8 +43,10 @@ def put(connection: Any, new: Iterable[Session]) -> list[str]:
             except sa.exc.IntegrityError:  # another run has just put the same drive there
                 kept = connection.execute(sa.select(sessions.c.calibrated, sessions.c.dated_by).where(there)).one()
         if s.calibrated >= kept.calibrated:
+            if kept.dated_by == USER or (kept.dated_by == CALIBRATION and s.notes):
+                del values["t_ns"], values["dated_by"]  # the first calibration was nearest to the drive
             if kept.dated_by == USER:
-                del values["t_ns"], values["dated_by"]
+                del values["notes"]
             connection.execute(sessions.update().where(there).values(**values))
     return lines
 

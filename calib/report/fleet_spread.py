@@ -115,6 +115,10 @@ def _explained(column: Array, sigma: Array, groups: Sequence[str], real: RandomE
     names = [name for name in dict.fromkeys(groups) if name and np.sum(kinds == name) > 2]
     if len(names) < 2 or not real.between > 0:
         return ""
+    counted = np.isin(kinds, names)  # robots of no revision would count as spread that none explains, or as all of it
+    real = random_effects(column[counted], sigma[counted])
+    if not real.between > 0:
+        return ""
     parts = [(int(np.sum(kinds == n)), random_effects(column[kinds == n], sigma[kinds == n]).between) for n in names]
     known = [(count, between) for count, between in parts if isfinite(between)]
     total = sum(count for count, _ in known)

@@ -239,7 +239,8 @@ def test_a_file_that_is_no_database_is_left_alone(tmp_path: Path) -> None:
 
 
 def test_a_password_on_the_command_line_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    for given in ("postgresql://u:geheim@h/x", "postgresql://h/x?user=u&password=geheim"):
+    urls = ("postgresql://u:geheim@h/x", "postgresql://u:ge/heim@h/x", "postgresql://h/x?user=u&password=geheim")
+    for given in urls:
         with pytest.raises(CalibError, match="--store holds a password, and the command line is written") as caught:
             store_url(given)
         assert "geheim" not in str(caught.value)
