@@ -66,10 +66,19 @@ def _why_anew(job: Job, calibration: Calibration, place: ResultsPlace, *, joint:
         return "other settings"
     if by_itself and origin.inputs.get("target") != target_sha256(job.target):
         return "another box, or the box measured anew"
-    if place.folder == place.out and not all(path.exists() for path in _expected(job, folder)):
-        return "files are missing in its folder"
+    if missing := _files_missing(job, place, folder):
+        return missing
     now = job_fingerprint(job, [log_identity(log) for log in job.logs])
     return "" if now == mark else "another log, or another version of the program"
+
+
+def _files_missing(job: Job, place: ResultsPlace, folder: Path) -> str:
+    """Return why files have to be written again, empty if none: those outside the folder may be another robot's."""
+    if job.settings.rerun is not None or job.settings.results_mcap is not None:
+        return "--rerun and --results-mcap are written anew"
+    if place.folder == place.out and not all(path.exists() for path in _expected(job, folder)):
+        return "files are missing in its folder"
+    return ""
 
 
 def _expected(job: Job, folder: Path) -> Iterator[Path]:
@@ -80,6 +89,3 @@ def _expected(job: Job, folder: Path) -> Iterator[Path]:
         yield folder / REPORT
     if settings.draw:
         yield folder / "stops"
-    for further in (settings.rerun, settings.results_mcap):
-        if further is not None:
-            yield further

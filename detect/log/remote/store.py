@@ -18,7 +18,10 @@ _CLIENTS = {
     **dict.fromkeys(("http", "https"), "aiohttp"),
 }
 """The package that a scheme needs beside fsspec."""
-_TAGS = ("ETag", "etag", "md5Hash", "mtime", "LastModified", "created")
+_TAGS = (
+    *("ETag", "etag", "md5Hash", "Content-MD5", "Digest"),
+    *("mtime", "LastModified", "Last-Modified", "created"),
+)
 """Where clients have what changes with a file, the best first."""
 _AT_ONCE = 64
 """Small files that are fetched together."""
@@ -68,9 +71,7 @@ class Store:
             raise DetectError(
                 "no file, or a server that does not tell its size", source=self.name, remedy="check the URL"
             )
-        tag = next(
-            (about[k] for k in ("ETag", "etag", "md5Hash", "mtime", "LastModified", "created") if k in about), ""
-        )
+        tag = next((about[k] for k in _TAGS if k in about), "")
         return FileState(size=int(about["size"]), tag=str(tag).strip('"'))
 
     def is_folder(self) -> bool:
