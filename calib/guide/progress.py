@@ -54,6 +54,7 @@ class Progress:
             reached(self.outlook.bars)
             and verdict.get("level") == "good"
             and verdict.get("stops") == self.drive.stops_taken
+            and not self._judging
         )
 
     @property
@@ -63,8 +64,12 @@ class Progress:
         The driver waits for it then: where it takes longer than to drive to the next stop, it would never be that of
         all stops otherwise.
         """
-        told = self.full.verdict.get("stops") == self.drive.stops_taken
-        return reached(self.outlook.bars) and not told and (self.wants["judge"] or not self.full.idle)
+        return reached(self.outlook.bars) and self._judging
+
+    @property
+    def _judging(self) -> bool:
+        """Whether the drive as it is has not been judged yet; a nudge changes it at one number of stops."""
+        return self.wants["judge"] or not self.full.idle
 
     @property
     def places(self) -> tuple[Place, ...]:

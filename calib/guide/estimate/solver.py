@@ -32,7 +32,10 @@ class Solver:
 
     def get_ready(self) -> None:
         """Start the process and let it load what it needs, so that the first drive does not wait for that."""
-        self._pool_there().submit(_load)
+        try:
+            self._pool_there().submit(_load)
+        except BrokenProcessPool:  # the next drive starts it again
+            self.give_up()
 
     def give_up(self) -> None:
         """End the process, whatever it does."""

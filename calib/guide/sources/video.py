@@ -152,6 +152,6 @@ def compressed_image(stamp_ns: int, frame_id: str, kind: str, data: bytes) -> by
     sec, nanosec = divmod(stamp_ns, _NS)
     out = bytearray(b"\0\1\0\0" + struct.pack("<iI", sec & 0x7FFFFFFF, nanosec))
     for text in (frame_id, kind):
-        content = text.encode() + b"\0"
+        content = text.encode(errors="replace") + b"\0"
         out += bytes(-(len(out) - 4) % 4) + struct.pack("<I", len(content)) + content
     return bytes(out + bytes(-(len(out) - 4) % 4) + struct.pack("<I", len(data)) + data)
