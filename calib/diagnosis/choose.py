@@ -101,7 +101,9 @@ def explain(fit: Fit, needed: float = NEEDED) -> Explained:
             continue
         kept = tuple(a for a in adopted if a[0] is more.cause or not _needless(_solved(here, *a)))
         fewer = _refit(start, [c for c, _ in kept]) if len(kept) < len(adopted) else None
-        found = Explained(fit=here, adopted=adopted) if fewer is None else Explained(fit=fewer, adopted=kept)
+        found = Explained(fit=here, adopted=adopted)
+        if fewer is not None and _shows(fewer, more.cause, more.gain):
+            found = Explained(fit=fewer, adopted=kept)
     return replace(found, doubts=_next(found, vanished, np.inf).doubts)
 
 

@@ -20,7 +20,7 @@ _LEAST_OF_QUIET = 0.05
 """Slip is taken as at least this share of what equals the quantisation."""
 _LEAST_OF_STOPS = 0.05
 """And as this share of what stops show: frames are near to each other, and less would hide them in rounding."""
-_AT_REST = 10.0
+_AT_REST = 1.0
 """Promised decrease of the sum of squares from which on the solver did not get there."""
 _LEAST_SWAY, _MOST_SWAY = 0.03, 100.0
 _LEAST_SCALE = 1.0

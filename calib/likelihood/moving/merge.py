@@ -53,7 +53,10 @@ def with_moving_frames(
     count = sum(len(drive.moving) for drive in drives)
     if moving is Moving.AUTO and count < FEWEST:
         return found
-    result = _with_frames(found, fit, drives, moving)
+    try:
+        result = _with_frames(found, fit, drives, moving)
+    except np.linalg.LinAlgError:
+        result = "wheels and pictures do not fit there"
     if isinstance(result, Estimate):
         return result
     if moving is Moving.ON:
@@ -70,10 +73,7 @@ def _with_frames(found: Estimate, fit: Fit, drives: Sequence[Correspondences], m
         return why
     drive = drives[0]
     noise = FrameNoise(slip=fit.components.slip, jitter_s=FIRST_JITTER_S, sway=1.0, scale=1.0)
-    try:
-        settled, odd = sound(fit, drive, np.arange(len(drive.moving)), noise)
-    except np.linalg.LinAlgError:
-        settled, odd = None, 0
+    settled, odd = sound(fit, drive, np.arange(len(drive.moving)), noise)
     if settled is None:
         return f"{odd} of them contradict the others" if odd else "wheels and pictures do not fit there"
     cov = joint_covariance(fit, settled)

@@ -90,6 +90,7 @@ def test_frames_of_a_slow_rolling_shutter_are_left_out_unless_they_are_asked_for
 
 def test_a_long_exposure_does_no_harm() -> None:
     found = _with(ShutterOptions(exposure_s=0.02))
+    assert "were used" in found.notes[-1]
     assert max(abs(z) for z in _errors(found).values()) < 3.5
 
 
