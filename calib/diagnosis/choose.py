@@ -108,16 +108,19 @@ def explain(fit: Fit, needed: float = NEEDED) -> Explained:
 
 
 def _next(found: Explained, vanished: Sequence[str], needed: float) -> _Search:
-    """Return the explanation that is needed most; where none is, those that are nearly needed."""
+    """Return the explanation that is needed most; where none is, those that are nearly needed.
+
+    Families that vanished are not solved for again, but may be doubts: what is left of them the sigmas must allow for.
+    """
     fit = found.fit
-    have = {*vanished, *(cause.family for cause, _ in found.adopted)}
+    have = {cause.family for cause, _ in found.adopted}
     every = [cause for cause in candidates(fit) if cause.family not in have]
     here = rank(fit, every)
     tried: list[tuple[Ranked, Fit]] = [(best, fit) for best in here]
     if np.any(fit.problem.leg_known & (fit.weights.legs == 0)):
         whole = _with_all_legs(fit)
         tried += [(best, whole) for best in rank(whole, [cause for cause in every if not cause.in_pictures])]
-    tried.sort(key=lambda t: -t[0].log_bayes)
+    tried = sorted((t for t in tried if t[0].cause.family not in vanished), key=lambda t: -t[0].log_bayes)
     before, best, most = log_evidence(fit), _Search(), needed
     known = {id(ranked): ranked.log_bayes for ranked in here}
     for ranked, start in tried[:_TRIED]:

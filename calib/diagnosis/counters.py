@@ -30,8 +30,10 @@ def jumps(steps: Array) -> Ids:
     """
     usual = float(np.quantile(steps, _LARGE_SHARE)) if steps.size else 0.0
     large = np.flatnonzero(steps > max(JUMP_RAD, MANY_TIMES * usual))
-    around = np.clip(large[:, None] + np.arange(-_NEIGHBOURS, _NEIGHBOURS + 1), 0, max(steps.size - 1, 0))
-    return np.asarray(large[steps[large] > MANY_TIMES * np.median(steps[around], axis=1)], dtype=np.int64)
+    window = min(2 * _NEIGHBOURS + 1, max(steps.size, 1))
+    first = np.clip(large - _NEIGHBOURS, 0, steps.size - window)  # near an end the window lies to one side
+    around = steps[first[:, None] + np.arange(window)]
+    return np.asarray(large[steps[large] > MANY_TIMES * np.median(around, axis=1)], dtype=np.int64)
 
 
 WRAPS = 3

@@ -237,7 +237,7 @@ def solve_likelihood(
         tests = leg_tests(problem, at, weights, profile)
         legs = weights.legs
         if options.find_faults:
-            kept = legs_seen.settled(flag_legs(problem, tests, weights, options.false_alarm))
+            kept = legs_seen.settled(flag_legs(problem, tests, weights, options.false_alarm, legs_seen.stay))
             spread = legs_seen.widest(spread_of(tests.square[kept > 0]) if options.slip is None else 0.0)
             legs = spread_weights(tests.expected_square, kept, spread)
         same = fresh and bool(np.all(np.abs(legs - weights.legs) < _CLOSE_WEIGHT))

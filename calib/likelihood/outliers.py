@@ -17,7 +17,7 @@ from boxcal.calib.likelihood.normal_equations import Solution
 from boxcal.calib.likelihood.problem import Problem
 from boxcal.calib.likelihood.residuals import FIRST_STOP, LEG_UNKNOWNS, SECOND_STOP, leg_covariance
 from boxcal.calib.likelihood.slip_profile import SlipProfile
-from boxcal.target.arrays import Array, Ids
+from boxcal.target.arrays import Array, Ids, Mask
 
 _RETURNS = 2
 """A leg that was let in again so often stays."""
@@ -148,11 +148,16 @@ class LegMemory:
         self._returns: Ids = np.zeros(0, dtype=np.int64)
         self._spreads: list[float] = []
 
+    @property
+    def stay(self) -> Mask:
+        """Legs that returned twice, (N,); empty before the first round."""
+        return self._returns >= _RETURNS
+
     def settled(self, legs: Array) -> Array:
         """Return the legs' weights (0 or 1), those that returned twice kept."""
         used = legs > 0
         if self._used is not None:
-            used |= self._returns >= _RETURNS
+            used |= self.stay
             self._returns = self._returns + (used & (self._used == 0))
         else:
             self._returns = np.zeros(len(legs), dtype=np.int64)
@@ -166,7 +171,9 @@ class LegMemory:
         return max(self._spreads) if changes > 2 else spread
 
 
-def flag_legs(problem: Problem, tests: LegTests, weights: Weights, significance: float) -> Array:
+def flag_legs(
+    problem: Problem, tests: LegTests, weights: Weights, significance: float, stay: Mask | None = None
+) -> Array:
     """Return the legs' new weights: at most one more is left out at a time, and those that fit come back.
 
     Parameters
@@ -175,11 +182,16 @@ def flag_legs(problem: Problem, tests: LegTests, weights: Weights, significance:
         The legs, their tests, and which of them count now.
     significance
         Chance of a false alarm in a drive: each of its N legs is tested at ``significance / N``.
+    stay : (N,) bool
+        Legs that are not left out whatever their test, so that they do not take the place of one that can be; none of
+        them if it is empty or not given.
     """
     limit = significance / leg_counts(problem)
     out = weights.legs == 0
     new = np.where(out & (tests.p_value >= limit) & problem.leg_known, 1.0, weights.legs)
     suspicious = ~out & (tests.p_value < limit)
+    if stay is not None and stay.size:
+        suspicious &= ~stay
     if np.any(suspicious) and np.sum(out) < most_rejected(len(out)):
         worst = np.argmin(np.where(suspicious, tests.p_value, np.inf))
         new[worst] = 0.0

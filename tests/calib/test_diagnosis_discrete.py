@@ -172,6 +172,13 @@ def test_fast_wheels_that_are_sampled_seldom_and_mostly_stand_do_not_jump() -> N
     assert jumps(np.zeros(0)).size == 0
 
 
+@pytest.mark.parametrize("at", [0, 1, 500, 998, 999])
+def test_a_jump_is_found_wherever_in_the_log_it_is(at: int) -> None:
+    steps = np.full(1000, 0.05)
+    steps[at] = 3.0
+    assert jumps(steps).tolist() == [at]
+
+
 @pytest.mark.parametrize("kind", list(LossKind))
 def test_what_a_recording_lost_is_never_good_and_comes_back_from_disk(kind: LossKind, tmp_path: Path) -> None:
     seen = drive(turtlebot(), Imperfections())

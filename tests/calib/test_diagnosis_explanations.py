@@ -186,6 +186,11 @@ def test_the_search_goes_on_where_a_cause_vanishes_and_ends_with_doubts_where_no
     explained = explain(solved)
     assert "scrub" not in {cause.family for cause, _ in explained.adopted}
     assert explained.adopted[0][0].family == "outer"  # alike where most turns are on the spot
+    monkeypatch.setattr(choose, "MOST", 1)
+    explained = explain(solved)
+    assert not explained.adopted
+    assert explained.doubts[0].cause.family == "scrub"  # not adopted, but the sigmas allow for it
+    assert explained.doubts[0].probability > 0.5
 
 
 def test_distortion_that_is_nearly_needed_widens_the_sigmas() -> None:

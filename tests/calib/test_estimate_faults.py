@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 
 from boxcal.calib.geometry.so3_se3 import inverse, planar
-from boxcal.calib.likelihood import Estimate, estimate
+from boxcal.calib.likelihood import Estimate, EstimateOptions, estimate
+from boxcal.calib.likelihood.estimator import fit
 from boxcal.calib.likelihood.leg_outliers import find_slip
+from boxcal.calib.likelihood.outliers import LegMemory, flag_legs
 from boxcal.calib.simulate.drive import Drive, DriveOptions, exact_correspondences, simulate_drive
 from boxcal.calib.simulate.robot import khepera
 from boxcal.calib.uncertainty.cramer_rao import Truth, errors
@@ -139,6 +141,23 @@ def test_stop_whose_corners_are_mostly_wrong_is_pointed_out_not_thinned(drive: D
     found = estimate([replace(data, stops=(*data.stops[:3], replace(stop, uv_px=uv), *data.stops[4:]))])
     assert any(note.startswith("stop 4: more than half") for note in found.notes)
     assert not [c for c in found.flagged_corners if c.stop == 3]
+
+
+def test_a_leg_that_stays_does_not_take_the_place_of_a_second_bad_one(drive: Drive) -> None:
+    found = fit([seen(drive)], None, EstimateOptions(find_faults=False))
+    p_value = np.full(STOPS - 1, 0.5)
+    p_value[[3, 7]] = 1e-9, 1e-6
+    tests = replace(found.tests, p_value=p_value)
+    stay = np.arange(STOPS - 1) == 3
+    for flagged, out in ((None, 3), (stay, 7), (np.zeros(0, dtype=np.bool_), 3)):
+        legs = flag_legs(found.problem, tests, found.weights, 0.01, flagged)
+        assert np.flatnonzero(legs == 0).tolist() == [out]
+    memory = LegMemory()
+    for worst in (3, 0, 3, 0):  # left out and let in again, twice
+        legs = np.ones(STOPS - 1)
+        legs[worst] = 0 if worst else 1
+        memory.settled(legs)
+    assert np.flatnonzero(memory.stay).tolist() == [3]
 
 
 def test_find_slip_recovers_a_slip_of_either_wheel_or_both() -> None:
