@@ -7,16 +7,21 @@ without it, paired), what was named for what was injected, the sizes found, erro
 results are called good or usable that are wrong by more than 5 sigma.
 
     python benchmarks/explanations.py --quick
+    python benchmarks/explanations.py --runs 10 --keep runs.jsonl    # then --runs 20 adds ten to them
 """
 
 import argparse
 import re
 import time
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
 
 import numpy as np
+from kept_runs import KeptRuns
 
 from boxcal.calib.calibrate import calibrate
 from boxcal.calib.errors import CalibError
@@ -76,7 +81,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--quick", action="store_true", help="3 drives of each violation, 20 clean ones")
     parser.add_argument("--only", default="", help="violations whose name holds this word; 'clean' for drives without")
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--keep", type=Path, metavar="FILE", help="keep every drive's outcome there, and go on with it")
     arguments = parser.parse_args(argv)
+    kept = KeptRuns(arguments.keep)
     runs, clean = (3, 20) if arguments.quick else (arguments.runs, arguments.clean)
     confusion: dict[str, Counter[str]] = {}
     everything: list[Run] = []
@@ -92,14 +99,14 @@ def main(argv: Sequence[str] | None = None) -> int:
             continue
         for size in violation.sizes:
             begun = time.process_time()
-            found = [one(violation, size, np.random.default_rng([arguments.seed, k, run]), run) for run in range(runs)]
+            found = [one(violation, size, (arguments.seed, k, run), kept) for run in range(runs)]
             everything += found
             confusion.setdefault(violation.name, Counter()).update(
                 cause for run in found for cause in (families(run) or ["nothing"])
             )
             print(line(violation, size, found, time.process_time() - begun), flush=True)
     if arguments.only in {"", "clean"}:
-        everything += show_clean(clean, arguments.seed)
+        everything += show_clean(clean, arguments.seed, kept)
     if confusion:
         table(confusion)
     calibrated = [run for run in everything if run.level != "refused"]
@@ -109,8 +116,22 @@ def main(argv: Sequence[str] | None = None) -> int:
     return 0
 
 
-def one(violation: Violation, size: float, rng: np.random.Generator, run: int) -> Run:
-    robot = (turtlebot, khepera)[run % 2]()
+def one(violation: Violation, size: float, draw: tuple[int, int, int], kept: KeptRuns) -> Run:
+    """Return the outcome of one drive with a violation; ``draw`` is the seed, which violation, and which drive."""
+    return _kept(kept, (*draw, violation.name, size), partial(_one, violation, size, draw))
+
+
+def _kept(kept: KeptRuns, key: tuple[int | str | float, ...], make: Callable[[], Run]) -> Run:
+    def made() -> dict[str, Any]:
+        run = make()
+        return {**asdict(run), "errors": run.errors.tolist()}
+
+    run = kept.outcome(key, made)
+    return Run(**{**run, "causes": tuple(run["causes"]), "errors": np.array(run["errors"])})
+
+
+def _one(violation: Violation, size: float, draw: tuple[int, int, int]) -> Run:
+    rng, robot = np.random.default_rng(draw), (turtlebot, khepera)[draw[-1] % 2]()
     usual = hand_made(rng)
     faults = violation.draw(usual, size, robot, rng)
     seed = int(rng.integers(2**62))
@@ -218,9 +239,9 @@ def line(violation: Violation, size: float, found: list[Run], seconds: float) ->
     )
 
 
-def show_clean(count: int, seed: int) -> list[Run]:
+def show_clean(count: int, seed: int, kept: KeptRuns) -> list[Run]:
     """Print and return what is found where nothing is wrong: hand-made boxes and leaning robots, nothing else."""
-    found = list(clean_runs(count, seed))
+    found = [_kept(kept, (seed, 999, run, "clean", 0.0), partial(clean_run, seed, run)) for run in range(count)]
     named = Counter(cause for run in found for cause in families(run))
     false = sum(any(cause != "target" for cause in families(run)) for run in found)
     z = np.concatenate([run.errors for run in found])
@@ -233,13 +254,12 @@ def show_clean(count: int, seed: int) -> list[Run]:
     return found
 
 
-def clean_runs(count: int, seed: int) -> Iterator[Run]:
-    for run in range(count):
-        rng = np.random.default_rng([seed, 999, run])
-        robot = (turtlebot, khepera)[run % 2]()
-        faults = hand_made(rng)
-        options = DriveOptions(stops=STOPS, steps_per_sample=4)
-        yield judged(imperfect_drive(robot, TARGET, options, replace(faults), rng), None, 0.0)
+def clean_run(seed: int, run: int) -> Run:
+    """Return the outcome of a drive without a violation."""
+    rng = np.random.default_rng([seed, 999, run])
+    robot = (turtlebot, khepera)[run % 2]()
+    options = DriveOptions(stops=STOPS, steps_per_sample=4)
+    return judged(imperfect_drive(robot, TARGET, options, hand_made(rng), rng), None, 0.0)
 
 
 def table(confusion: dict[str, Counter[str]]) -> None:
