@@ -222,7 +222,8 @@ def again(number: int, first: Simulated, seed: int) -> Member:
     """Return a robot of the large fleet: a drive seen once more, with fresh noise."""
     rng = np.random.default_rng([seed, 4, number])
     stops = tuple(replace(s, uv_px=s.uv_px + NOISE_PX * rng.standard_normal(s.uv_px.shape)) for s in first.seen.stops)
-    again = replace(first.seen, stops=stops, robot=f"r{number:04d}")
+    wheels = replace(first.seen.wheels, t_ns=first.seen.wheels.t_ns + number)  # no drive counts twice
+    again = replace(first.seen, stops=stops, wheels=wheels, robot=f"r{number:04d}")
     return member(Simulated(robot=replace(first.robot, name=f"r{number:04d}"), seen=again))
 
 

@@ -5,15 +5,17 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from boxcal.calib.errors import CalibError
+from boxcal.calib.fleet.batch import calibrate_fleet
 from boxcal.calib.fleet.engine.calls import Call, Engine
-from boxcal.calib.joint_box.one_of_many import Member, calibrate_with
+from boxcal.calib.joint_box.one_of_many import Member, calibrated
+from boxcal.calib.joint_box.robots import LOST
 from boxcal.calib.joint_box.together import JointBox, solve_box
 from boxcal.calib.likelihood.compiled.compilation import prepare_all
 from boxcal.calib.results.calibration import Calibration
 from boxcal.calib.results.fingerprint import JOINT
 from boxcal.calib.results.without_drive import without_drive
 from boxcal.calib.settings import CORRESPONDENCES, Outcome
+from boxcal.detect.log.safe_text import listed
 from boxcal.target.box import Target
 from boxcal.target.errors import BoxcalError
 from boxcal.target.files.target_json import save_target, target_sha256
@@ -45,10 +47,13 @@ class Refined:
 def refine(outcomes: Sequence[Outcome], engine: Engine, folder: Path, said: str) -> Refined:
     """Solve the boxes of a run, each by all robots that drove around it, and calibrate those robots with it.
 
+    A robot that takes no part keeps the calibration that it has by itself; if what it has is of an earlier joint
+    solution, it is calibrated anew.
+
     Parameters
     ----------
     outcomes
-        Of every robot by itself; what was saved of their logs is in their folders.
+        Of every robot, by itself or of an earlier joint solution; what was saved of their logs is in their folders.
     engine
         Where the work is done.
     folder
@@ -71,15 +76,35 @@ def refine(outcomes: Sequence[Outcome], engine: Engine, folder: Path, said: str)
         except (BoxcalError, OSError) as error:
             failed = True
             lines.append(f"joint box: {error}")
+            lines += [f"  {said}/{name} is of an earlier run"] if (folder / name).exists() else []
             continue
         lines += _said(joint, f"{said}/{name}")
         for k, outcome, line in _made_anew(joint, [outcomes[k] for k in rows], engine):
             new[rows[k]] = outcome
             lines += [line] if line else []
+    stale = [k for k, outcome in enumerate(new) if outcome is outcomes[k] and _joint(outcome)]
+    for k, outcome in zip(stale, _by_themselves([outcomes[k] for k in stale], engine), strict=True):
+        new[k] = outcome
+    if stale:
+        names = listed([outcomes[k].job.robot for k in stale])
+        lines.append(f"  calibrated anew by themselves, since their results were of an earlier joint solution: {names}")
     if not boxes:
         failed = True
         lines.append("joint box: no robot was calibrated that could take part")
     return Refined(outcomes=new, lines=lines, failed=failed)
+
+
+def _joint(outcome: Outcome) -> bool:
+    """Tell whether a robot's result is of an earlier joint solution."""
+    found = outcome.calibration
+    return found is not None and found.provenance.fingerprint.endswith(JOINT)
+
+
+def _by_themselves(outcomes: Sequence[Outcome], engine: Engine) -> Iterator[Outcome]:
+    """Yield robots calibrated by themselves: what an earlier joint solution made of them does not hold any more."""
+    if outcomes:
+        found = {o.job.robot: o for o in calibrate_fleet([o.job for o in outcomes], engine=engine)}
+        yield from (found[outcome.job.robot] for outcome in outcomes)
 
 
 def _silent(_: str) -> None:
@@ -122,25 +147,21 @@ def _made_anew(joint: JointBox, outcomes: Sequence[Outcome], engine: Engine) -> 
     taking = [k for k, block in enumerate(joint.blocks) if block is not None]
     members = (joint.members[k] for k in taking)
     boxes = (joint.without(k) for k in taking)
-    results = _run_on(engine)(calibrated, members, boxes, (joint.target for _ in taking))
+    results = _run_on(engine)(made_anew, members, boxes, (joint.target for _ in taking))
     for k, result in zip(taking, results, strict=True):
         before = outcomes[k]
         job = replace(before.job, target=joint.target)
         if isinstance(result, Calibration):
             yield k, replace(before, job=job, calibration=result), ""
         else:
-            why = result or "the process that worked on it was lost"
+            why = result or LOST
             yield k, before, f"  {job.robot}: keeps the calibration that it has by itself ({why})"
 
 
-def calibrated(member: Member, box: Target, known_as: Target) -> Calibration | BoxcalError:
-    """Return a robot's calibration with the box that the others found, written; or why there is none."""
-    try:
-        return without_drive(calibrate_with(member, box, known_as))
-    except BoxcalError as error:
-        return error
-    except OSError as error:
-        return CalibError(f"{error.filename or 'a file'}: {error.strerror or error}", remedy="check the folder")
+def made_anew(member: Member, box: Target, known_as: Target) -> Calibration | BoxcalError:
+    """Return a robot's calibration with the box that the others found, written, without its drive; or why not."""
+    found = calibrated(member, box, known_as)
+    return without_drive(found) if isinstance(found, Calibration) else found
 
 
 def _said(joint: JointBox, name: str) -> list[str]:

@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from boxcal.calib.errors import CalibError
-from boxcal.calib.joint_box.one_of_many import Member, calibrate_with
-from boxcal.calib.joint_box.robots import Run
+from boxcal.calib.joint_box.one_of_many import Member, calibrated
+from boxcal.calib.joint_box.robots import LOST, Run
 from boxcal.calib.joint_box.together import JointBox, solve_box
 from boxcal.calib.results.calibration import Calibration
 from boxcal.calib.settings import Job, Settings
@@ -24,9 +24,9 @@ class RefinedFleet:
     target
         The box, refined: give it to :func:`boxcal.save_target`, and to the calibrations of other robots.
     calibrations
-        Of every robot that took part, by name.
+        With the refined box, by name.
     left_out
-        Why a robot did not, by name.
+        Why a robot has none, by name.
     joint
         The joint solution, with all its figures.
     """
@@ -84,12 +84,15 @@ def refine_box(
         for name, drive in drives.items()
     ]
     joint = solve_box(members, run)
+    left_out = {name: str(error) for name, error in joint.left_out.items()}
     taking = [k for k, block in enumerate(joint.blocks) if block is not None]
     boxes = (joint.without(k) for k in taking)
-    results = run(calibrate_with, [joint.members[k] for k in taking], boxes, [joint.target] * len(taking))
-    return RefinedFleet(
-        target=joint.target,
-        calibrations={joint.members[k].job.robot: result for k, result in zip(taking, results, strict=True)},
-        left_out={name: str(error) for name, error in joint.left_out.items()},
-        joint=joint,
-    )
+    results = run(calibrated, [joint.members[k] for k in taking], boxes, [joint.target] * len(taking))
+    calibrations = {}
+    for k, result in zip(taking, results, strict=True):
+        name = joint.members[k].job.robot
+        if isinstance(result, Calibration):
+            calibrations[name] = result
+        else:
+            left_out[name] = f"helped to find the box, but has no calibration with it: {result or LOST}"
+    return RefinedFleet(target=joint.target, calibrations=calibrations, left_out=left_out, joint=joint)

@@ -121,6 +121,18 @@ def follow(member: Member, part: Part, names: Sequence[str], shape: Array) -> Pa
     return replace(part, own=own, block=block)
 
 
+def calibrated(member: Member, box: Target, known_as: Target) -> Calibration | BoxcalError:
+    """Return a robot's calibration as :func:`calibrate_with` makes and writes it; or why there is none."""
+    try:
+        return calibrate_with(member, box, known_as)
+    except BoxcalError as error:
+        return error
+    except np.linalg.LinAlgError as error:
+        return CalibError(f"its equations cannot be solved ({error})")
+    except OSError as error:
+        return CalibError(f"{error.filename or 'a file'}: {error.strerror or error}", remedy="check the folder")
+
+
 @one_thread()
 def calibrate_with(member: Member, box: Target, known_as: Target) -> Calibration:
     """Return a robot's calibration with a box that the others found, and write it where its job says.

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from boxcal.calib.errors import CalibError
 from boxcal.calib.joint_box.block import Block, without
 from boxcal.calib.likelihood.components import VarianceComponents
 from boxcal.calib.likelihood.corner_floor import with_floor
@@ -118,6 +119,11 @@ def settled(
         Their values, held; those of the solution if not given.
     tolerance
         Promised decrease of the sum of squares at which its own unknowns stay.
+
+    Raises
+    ------
+    CalibError
+        If its equations have no solution there.
     """
     free, weights, columns = _without_prior(problem, names), own.weights(problem), _columns(problem, names)
     rest = np.setdiff1d(np.arange(len(problem.names)), columns)
@@ -128,6 +134,8 @@ def settled(
     for _ in range(_MOST_STEPS):
         step = solve(_only(normal, rest))
         left = float(step.decrease)
+        if not np.isfinite(left):
+            raise CalibError("its equations have no solution at the shape of the box that the others found")
         if not left > tolerance:
             break
         d_shared = np.zeros(len(problem.names))

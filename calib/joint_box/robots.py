@@ -17,10 +17,15 @@ from boxcal.target.errors import BoxcalError
 
 Run = Callable[..., Iterable[Any]]
 """Does work on many robots: as ``map`` does over several sequences, results in their order; None where one was lost."""
+LOST = "the process that worked on it was lost"
+LEAST_ROBOTS = 2
+"""With fewer robots there is nothing to solve together."""
+_MISSES = 2
+"""A robot that fails to follow the shape so many times in a row takes no part."""
 
 
 class Robots:
-    """The robots of one box, begun each by itself.
+    """The robots of one box, begun each by itself; a drive that two of them have counts once.
 
     Parameters
     ----------
@@ -30,13 +35,25 @@ class Robots:
         What is known of the box before.
     run
         What does the work on all robots.
+
+    Raises
+    ------
+    CalibError
+        If fewer than two robots can take part.
     """
 
     def __init__(self, members: Sequence[Member], prior: ShapePrior, run: Run) -> None:
         self._members, self._prior, self._run = members, prior, run
         free = gauge_free(prior, np.zeros(len(prior.names)))
-        self.parts = [_freed(_told(part), free) for part in run(partial(begin, names=prior.names), members)]
-        self.there = [k for k, part in enumerate(self.parts) if part.block is not None]
+        begun = run(partial(begin, names=prior.names), members)
+        self.parts = _each_drive_once([_freed(_told(part), free) for part in begun], members)
+        self._missed = [0] * len(self.parts)
+        self._check()
+
+    @property
+    def there(self) -> list[int]:
+        """Numbers of the robots that have a part."""
+        return [k for k, part in enumerate(self.parts) if part.block is not None]
 
     @property
     def names(self) -> list[str]:
@@ -55,13 +72,57 @@ class Robots:
         return {member.job.robot: part.problem for member, part in pairs if part.problem is not None}
 
     def ask(self, shape: Array) -> list[Block]:
-        """Send a shape (m,) to all that have a part, and return their information there."""
+        """Send a shape (m,) to all that have a part, and return their information there.
+
+        What a robot that does not follow said last holds once more, marked as not settled (``left`` is infinite); after
+        that it has no part.
+
+        Raises
+        ------
+        CalibError
+            If fewer than two robots are left.
+        """
         work, rows = partial(follow, names=self._prior.names, shape=shape), self.there
         free, sent = gauge_free(self._prior, shape), (replace(self.parts[k], block=None) for k in rows)
         for k, part in zip(rows, self._run(work, [self._members[k] for k in rows], sent), strict=True):
-            if part is not None and part.block is not None:  # else what it said last still holds
-                self.parts[k] = _freed(part, free)
+            if part is None or part.block is None:
+                self.parts[k] = self._missing(k)
+            else:
+                self.parts[k], self._missed[k] = _freed(part, free), 0
+        self._check()
         return self.blocks
+
+    def _missing(self, k: int) -> Part:
+        """Return the part of a robot that did not follow."""
+        self._missed[k] += 1
+        before = self.parts[k]
+        if before.block is None or self._missed[k] >= _MISSES:
+            return Part(problem=CalibError("its solution does not follow the shape of the box that the others found"))
+        return replace(before, block=replace(before.block, left=np.inf))
+
+    def _check(self) -> None:
+        if len(self.there) < LEAST_ROBOTS:
+            raise CalibError(
+                f"{len(self.there)} of {len(self.parts)} robots can take part in the joint solution",
+                needed=f"at least {LEAST_ROBOTS} are needed",
+                remedy="leave out --joint-box",
+            )
+
+
+def _each_drive_once(parts: Sequence[Part], members: Sequence[Member]) -> list[Part]:
+    """Return the parts without those of robots one of whose drives a robot before them has."""
+    whose: dict[str, str] = {}
+    out = []
+    for part, member in zip(parts, members, strict=True):
+        if part.block is not None:
+            same = [whose[drive] for drive in part.drives if drive in whose]
+            if same:
+                problem = CalibError(f"its drive is that of {same[0]}", remedy="give each drive once, by one name")
+                out.append(Part(problem=problem))
+                continue
+            whose |= dict.fromkeys(part.drives, member.job.robot)
+        out.append(part)
+    return out
 
 
 def _freed(part: Part, free: Array) -> Part:
@@ -70,4 +131,4 @@ def _freed(part: Part, free: Array) -> Part:
 
 def _told(part: Part | None) -> Part:
     """Return a robot's part, also where nothing came back."""
-    return part or Part(problem=CalibError("the process that worked on it was lost", remedy="give fewer --jobs"))
+    return part or Part(problem=CalibError(LOST, remedy="give fewer --jobs"))

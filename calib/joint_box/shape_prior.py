@@ -1,6 +1,6 @@
 """Unknowns of a box that all robots share, and what is known of them before any robot drove."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -59,20 +59,16 @@ class ShapePrior:
 
     def refined(self, shape: Array, cov: Array, drives: tuple[str, ...], robots: int) -> Target:
         """Return the target with a shape (m,) and its covariance (m, m), found from some drives of so many robots."""
-        before = self.target.refined
-        values = np.zeros(len(SHAPE)) if before is None else before.values.copy()
-        whole = np.zeros((len(SHAPE), len(SHAPE))) if before is None else before.cov.copy()
+        values, whole = np.zeros(len(SHAPE)), np.zeros((len(SHAPE), len(SHAPE)))
         at = [SHAPE.index(name) for name in self.names]
-        values[at] += shape
+        values[at] = shape
         whole[np.ix_(at, at)] = cov
-        known = () if before is None else before.drives
-        count = robots + (0 if before is None else before.robots)
-        refined = RefinedShape(values=values, cov=whole, robots=count, drives=tuple(dict.fromkeys((*known, *drives))))
+        refined = RefinedShape(values=values, cov=whole, robots=robots, drives=drives)
         return make_target(self.target.box, self.target.measured, refined)
 
 
 def shape_prior(options: EstimateOptions) -> ShapePrior:
-    """Return what is known of a box before, under the options of the estimates.
+    """Return what is known of a box before any drive, under the options of the estimates.
 
     Raises
     ------
@@ -81,7 +77,8 @@ def shape_prior(options: EstimateOptions) -> ShapePrior:
     """
     if options.target is None:
         raise CalibError("no target was given", needed="the box that all robots drove around is needed")
-    found = target_deformation(options, np.zeros(0, dtype=np.int64), np.zeros((0, 3)))
+    described = options.target.unrefined
+    found = target_deformation(replace(options, target=described), np.zeros(0, dtype=np.int64), np.zeros((0, 3)))
     rows = [k for k, name in enumerate(found.names) if name != "ink"]
     if not rows:
         raise CalibError(
@@ -89,7 +86,7 @@ def shape_prior(options: EstimateOptions) -> ShapePrior:
             remedy="leave out the options that say so (--scale-prior-percent 0, --face-prior-mm 0, --bow-prior-mm 0)",
         )
     return ShapePrior(
-        target=options.target,
+        target=described,
         names=tuple(found.names[k] for k in rows),
         sigma=found.sigma[rows],
         component=tuple(found.component[k] for k in rows),

@@ -7,7 +7,7 @@ from boxcal.calib.errors import CalibError
 from boxcal.calib.joint_box.block import Block, inverse
 from boxcal.calib.joint_box.difference import difference
 from boxcal.calib.joint_box.one_of_many import Member, Part
-from boxcal.calib.joint_box.robots import Robots, Run
+from boxcal.calib.joint_box.robots import LEAST_ROBOTS, Robots, Run
 from boxcal.calib.joint_box.rounds import Joined, join
 from boxcal.calib.joint_box.shape_prior import ShapePrior, shape_prior
 from boxcal.calib.joint_box.sharpness import Sharpness, ruler
@@ -15,10 +15,12 @@ from boxcal.calib.one_robot.solving import options_of
 from boxcal.target.box import Target
 from boxcal.target.errors import BoxcalError
 
-LEAST_ROBOTS = 2
-MOST_SPREAD = 9.0
-"""Larger scatter of the robots (a variance, in those of their noise) is no common box: half and half of two boxes make
-40 to 80, fleets of one box 1.0 to 2.8."""
+MOST_OFF = 3.0
+"""How far a robot's box may lie from the common one, in standard deviations of what it tells itself: what it is given
+for its own must not be further off than three sigmas, even if two boxes hide behind the scatter."""
+MOST_SPREAD = MOST_OFF**2
+"""Largest scatter of the robots that is one box, as a variance in units of their noise. Fleets of one box have 1.0 to
+2.8; two boxes made by hand differ so much that half and half of them have thousands."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -90,12 +92,6 @@ def solve_box(members: Sequence[Member], run: Run = map) -> JointBox:
     members = [replace(m, job=replace(m.job, target=m.job.target.unrefined)) for m in members]
     prior = shape_prior(options_of(members[0].job))
     robots = Robots(members, prior, run)
-    if len(robots.there) < LEAST_ROBOTS:
-        raise CalibError(
-            f"{len(robots.there)} of {len(members)} robots can take part in the joint solution",
-            needed=f"at least {LEAST_ROBOTS} are needed",
-            remedy="leave out --joint-box",
-        )
     joined = join(robots.blocks, prior, robots.ask)
     _check_majority(joined, robots.names)
     left_out = robots.problems | _of_another_box(robots.names, joined, prior)
