@@ -150,7 +150,11 @@ def _steps(drive: Correspondences, target: Target, mode: CameraMode) -> FourStep
 
 
 def _too_few(drive: Correspondences) -> CalibError:
-    """Return that there are too few stops, and that their pictures move if they do: stops are lost so."""
+    """Return the error that says that there are too few stops.
+
+    Where pictures of those that are left move while the wheels stand, it speaks of the clocks: under a wrong time most
+    frames fall into the robot's motion, and stops without a still frame are lost.
+    """
     count = len(drive.stops)
     moving = clock_finding(None, moving_pictures(drive), count)
     if moving is None:

@@ -4,6 +4,7 @@ import numpy as np
 
 from boxcal.calib.diagnosis.clock import clock_finding, moving_pictures
 from boxcal.calib.diagnosis.counters import WRAPS, counter_finding
+from boxcal.calib.diagnosis.described_height import unlike_described
 from boxcal.calib.diagnosis.first_look import LAYOUT_RMS_PX, FirstLook
 from boxcal.calib.diagnosis.joint_units import judge_units
 from boxcal.calib.diagnosis.layout import other_layout
@@ -34,7 +35,11 @@ def last_look(look: FirstLook, found: Estimate) -> tuple[Finding, ...]:
     cameras = np.concatenate([d.T_box_body @ found.T_body_cam for d in found.drives])
     low = below_floor(cameras)
     if low is None and all(f is None for f in out):
-        low = below_axle(float(np.median(cameras[:, 2, 3])), min(found.rR, found.rL))
+        height = float(np.median(cameras[:, 2, 3]))
+        sources = [drive.source for drive in look.drives if drive.source.nominal_T_base_cam]
+        low = below_axle(height, min(found.rR, found.rL))
+        if low is None and sources:
+            low = unlike_described(height, max(found.rR, found.rL), sources[0])
     out.append(low)
     rms_px = max(step.camera.rms_px for step in look.steps)
     if rms_px > LAYOUT_RMS_PX:

@@ -10,6 +10,7 @@ _ADVICE = {
     LossKind.DAMAGED: "Record the drive again, on a disk with room, and stop the recorder before the robot is switched "
     "off.",
     LossKind.UNDECODED: "Check the driver that publishes them, the recorder and its disk, and record again.",
+    LossKind.NO_NUMBERS: "Check the wheels' driver and its connection to the motors, and record again.",
     LossKind.SIZES_UNKNOWN: "Give the driver's own wheels with --nominal, or record what its encoders say.",
 }
 

@@ -1,7 +1,8 @@
-"""Arrangement of the sheets where no picture shows two of them: the one under which wheels and pictures agree.
+"""Arrangement of the sheets by the wheels: the one under which they and the pictures agree, unlike as described.
 
-With one sheet a picture, sheets exchanged or upside down put the robot elsewhere without any corner being off. Only the
-wheels tell: each arrangement with one thing wrong is tried, and the one that fits is taken.
+Pictures of two sheets tell how these lie to each other (:mod:`boxcal.calib.diagnosis.sheets`). With one sheet a
+picture, sheets exchanged or upside down put the robot elsewhere without any corner being off, and only the wheels tell:
+each arrangement with one thing wrong is tried, and the one that fits is taken.
 """
 
 from collections.abc import Callable

@@ -11,6 +11,7 @@ import numpy as np
 
 from boxcal.detect.errors import DetectError
 from boxcal.detect.log.encoder_step import encoder_step
+from boxcal.detect.log.losses import MOST_STRAYS
 from boxcal.detect.log.wheel_samples import Flags, WheelSamples
 from boxcal.target.arrays import Array, Ids
 
@@ -33,8 +34,8 @@ _STRAY_RUN = 3
 _STRAY_STEPS = 4.0
 _MOVING_WRAPS = 0.6
 """Part of the wraps that must happen while the wheel turns."""
-_BESIDE, _MOST_STRAYS = 4, 0.02
-"""Travel is compared with so many readings on either side; more strays than this part are the signal itself."""
+_BESIDE = 4
+"""Travel is compared with so many readings on either side."""
 _STRAY_ANGLE = 0.02
 """A stray is off by more than so many encoder steps and rad, while its neighbours agree."""
 
@@ -172,7 +173,7 @@ def strays(phi: Array, step: float) -> Flags:
         inside = phi[at[:, None] + np.arange(1, run + 1)]
         off = np.min(np.abs(inside - ((before + after) / 2)[:, None]), axis=1)
         astray = (off > limit) & (off > 3 * agree + 3 * step)
-        if np.sum(astray) > _MOST_STRAYS * phi.size:
+        if np.sum(astray) > MOST_STRAYS * phi.size:
             continue
         for k, far in zip(at[astray], off[astray], strict=True):  # the run is k + 1 to k + run
             beside = np.concatenate([travel[max(k - _BESIDE, 0) : k], travel[k + run + 1 : k + run + 1 + _BESIDE]])

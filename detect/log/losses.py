@@ -3,12 +3,22 @@
 from dataclasses import dataclass
 from enum import StrEnum
 
+MOST_STRAYS = 0.02
+"""Largest part of a signal's readings that may be wrong and be taken out as strays.
+
+A reading is found astray by its neighbours, which have to be right themselves; where more are off, they are taken for
+the signal itself. Messages damaged on the way show about as often in their frame (lengths, names), so that they do
+not decode, as in their numbers, so that they do: where more than this part does not decode, or is no number, as
+many wrong numbers may be among the rest as no filter takes out.
+"""
+
 
 class LossKind(StrEnum):
     """Kinds of losses; stable, for programs."""
 
     DAMAGED = "recording-damaged"
     UNDECODED = "messages-undecoded"
+    NO_NUMBERS = "readings-no-numbers"
     SIZES_UNKNOWN = "wheel-sizes-unknown"
 
 

@@ -22,7 +22,7 @@ from boxcal.detect.log.frame_cache import FrameCache
 from boxcal.detect.log.frame_times import frame_times
 from boxcal.detect.log.frames import FrameSource
 from boxcal.detect.log.images import Grey, frame_id_of
-from boxcal.detect.log.losses import Loss, LossKind
+from boxcal.detect.log.losses import MOST_STRAYS, Loss, LossKind
 from boxcal.detect.log.metadata import Metadata
 from boxcal.detect.log.opener import open_container
 from boxcal.detect.log.safe_text import printable
@@ -35,8 +35,6 @@ from boxcal.detect.log.wheel_choice import WheelChoice, choose_wheels
 from boxcal.detect.log.wheel_samples import WheelSamples, WheelUnits
 from boxcal.target.arrays import Ids
 
-_MOST_STRAYS = 0.02
-"""More messages of a topic that do not decode than this part are a loss that the verdict has to know of."""
 _DEPTH_ENCODINGS = {"16UC1", "32FC1", "16SC1", "64FC1"}
 
 
@@ -406,7 +404,7 @@ def _undecoded(scan: Scan, problems: dict[str, tuple[str, int]]) -> tuple[list[L
     lost, strays = [], []
     for topic, (what, count) in problems.items():
         total = count + scan.decoded_of(topic)
-        if count > _MOST_STRAYS * total:
+        if count > MOST_STRAYS * total:
             text = f"{printable(topic)}: {count} of {total} messages do not decode ({what}); the others were used"
             lost.append(Loss(kind=LossKind.UNDECODED, text=text))
         else:

@@ -46,6 +46,8 @@ class Signal:
         Whether the messages carry times; else those of recording are taken.
     dropped
         How many readings were left out: no numbers, or numbers or times beyond all measure.
+    dropped_first
+        How many of them came before the first that was not.
     """
 
     topic: str
@@ -55,6 +57,7 @@ class Signal:
     ticks_per_turn: float | None = None
     stamped: bool = True
     dropped: int = 0
+    dropped_first: int = 0
     _t: list[Ids] = field(default_factory=list)
     _log: list[Ids] = field(default_factory=list)
     _values: list[Array] = field(default_factory=list)
@@ -71,6 +74,8 @@ class Signal:
             log_ns = np.clip(log_ns, -LATEST_NS, LATEST_NS)  # else the arrays of a message's joints stay one
         if not np.all(good):
             self.dropped += int(np.sum(~good))
+            if not self.count:
+                self.dropped_first += int(np.argmax(good)) if np.any(good) else good.size
             t_ns, log_ns, values = t_ns[good], log_ns[good], values[good]
         if not values.size:
             return

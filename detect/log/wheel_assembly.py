@@ -1,5 +1,6 @@
 """From the signals that are the wheels to wheel samples: times, units, cleaning, one time base."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import pi
 
@@ -9,7 +10,7 @@ from boxcal.detect.errors import DetectError
 from boxcal.detect.log.clocks import usable_stamps
 from boxcal.detect.log.encoder import MAX_ANGLE, Encoder, averaged, clean, join
 from boxcal.detect.log.encoder_step import encoder_step
-from boxcal.detect.log.losses import Loss, LossKind
+from boxcal.detect.log.losses import MOST_STRAYS, Loss, LossKind
 from boxcal.detect.log.odometry import ASSUMED_RADIUS, ASSUMED_SEPARATION, virtual_wheels
 from boxcal.detect.log.safe_text import printable
 from boxcal.detect.log.signals import OdometrySignal, Quantity, Signal
@@ -19,8 +20,6 @@ from boxcal.target.arrays import Array, Ids
 
 SLOWEST_HZ = 3.0
 """Wheel readings that come more rarely tell nothing of the way between two of them."""
-_MOST_WILD = 0.02
-"""More impossible readings than this part are no strays."""
 _COUNTERS = (2.0**16, 2.0**32)
 """Ranges of the counters in encoder messages, ticks."""
 _TWO_PUBLISHERS = 0.1
@@ -93,6 +92,8 @@ def assemble_wheels(
         notes.append(
             f"{printable(choice.right[0].topic)} counts {ticks:g} ticks a turn (--ticks-per-turn changes that)"
         )
+    said, losses = _no_numbers((*choice.right, *choice.left))
+    notes += said
     sides: list[Encoder] = []
     for signals, factor in zip((choice.right, choice.left), units.factors, strict=True):
         encoders = [_encoder(name, s, factor, notes) for s in signals]
@@ -107,18 +108,34 @@ def assemble_wheels(
         units=units,
         nominal=None,
         notes=tuple(notes),
+        losses=losses,
     )
+
+
+def _no_numbers(signals: Sequence[Signal]) -> tuple[list[str], tuple[Loss, ...]]:
+    """Return what is said of readings that are no numbers; many, after a wheel's first number, are a loss.
+
+    Drivers publish NaN until the motors have answered; that costs nothing.
+    """
+    notes, losses = [], []
+    for signal in signals:
+        if not signal.dropped:
+            continue
+        total = signal.count + signal.dropped
+        text = (
+            f"{signal.dropped} of {total} readings of {printable(signal.name)} are no numbers, "
+            "or they or their times are beyond all measure; they were left out"
+        )
+        notes.append(text)
+        if signal.dropped - signal.dropped_first > MOST_STRAYS * (total - signal.dropped_first):
+            losses.append(Loss(kind=LossKind.NO_NUMBERS, text=text))
+    return notes, tuple(losses)
 
 
 def _encoder(name: str, signal: Signal, factor: float, notes: list[str]) -> Encoder:
     """Return one signal as an encoder: in rad, in order, put right."""
     who = f"{name}: joint {printable(signal.name)} in {printable(signal.topic)}"
     t_ns, values = signal.t_ns, signal.values
-    if signal.dropped:
-        notes.append(
-            f"{signal.dropped} of {signal.count + signal.dropped} readings of {printable(signal.name)} are no numbers, "
-            "or they or their times are beyond all measure; they were left out"
-        )
     times = usable_stamps(t_ns, signal.log_ns, f"the messages in {printable(signal.topic)}")
     if not signal.stamped:
         times = replace(
@@ -138,7 +155,7 @@ def _encoder(name: str, signal: Signal, factor: float, notes: list[str]) -> Enco
         t_ns, values = t_ns[~other], values[~other]
     wild = np.abs(values) > MAX_ANGLE / abs(factor)
     if np.any(wild):
-        if np.mean(wild) > _MOST_WILD:
+        if np.mean(wild) > MOST_STRAYS:
             raise DetectError(
                 f"position {np.max(np.abs(values)):.3g}",
                 source=who,

@@ -47,6 +47,34 @@ def causes(look: FirstLook) -> list[str]:
 
 
 @pytest.mark.parametrize(
+    ("base", "higher", "cause"),
+    [
+        ("r1/base_footprint", 0.0, None),
+        ("base_footprint", 0.015, None),
+        ("base_footprint", 0.03, "box-raised"),
+        ("base_footprint", -0.03, "camera-height"),
+        ("base_link", 0.03, "box-raised"),  # no base link lies below the floor
+        ("base_link", -0.06, None),  # but it may lie as high as the wheels
+        ("base_link", -0.1, "camera-height"),
+        ("", 0.0, None),
+    ],
+)
+def test_a_camera_that_is_not_as_high_as_described_is_said_and_never_good(
+    base: str, higher: float, cause: str | None
+) -> None:
+    seen = drive(turtlebot(), Imperfections())
+    T = turtlebot().T_body_cam.copy()
+    T[2, 3] += higher
+    told = tuple(T.ravel().tolist()) if base else ()
+    look = first_look([replace(seen, source=replace(seen.source, base_frame=base, nominal_T_base_cam=told))], TARGET)
+    findings = last_look(look, estimate(look.drives, look.steps))
+    assert [f.cause for f in findings] == ([] if cause is None else [cause])
+    for finding in findings:
+        assert finding_reason(finding).level is Level.USABLE
+        assert finding.size == pytest.approx({0.03: 30, -0.03: 30, -0.1: 100 - 66}[higher], abs=1.5)
+
+
+@pytest.mark.parametrize(
     ("box", "said"),
     [
         (BoxFaults(order=(1, 0, 2, 3)), "sheets 0 and 1 are swapped"),

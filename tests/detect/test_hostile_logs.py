@@ -31,6 +31,7 @@ from boxcal.detect.errors import DetectError
 from boxcal.detect.log import scan
 from boxcal.detect.log.containers import base, mcap
 from boxcal.detect.log.containers.mcap_records import MAGIC
+from boxcal.detect.log.losses import LossKind
 from boxcal.detect.log.recording import Recording, open_recording
 from boxcal.detect.log.wheel_samples import JointUnit, WheelUnits
 
@@ -314,6 +315,23 @@ def test_readings_beyond_all_measure_are_dropped_and_counted(tmp_path: Path) -> 
     assert np.max(np.abs(found.wheels.phi_R)) < 1e3
     for joint in (LEFT, RIGHT):
         assert any(re.match(rf"2 of \d+ readings of {joint} are no numbers, or", note) for note in found.notes)
+
+
+@pytest.mark.parametrize(("wrong", "lost"), [(slice(0, 100), 0), (slice(100, 106), 0), (slice(100, 110), 2)])
+def test_many_readings_that_are_no_numbers_are_a_loss_but_not_before_the_motors_answer(
+    tmp_path: Path, wrong: slice, lost: int
+) -> None:
+    t_ns, right, left, _ = drive()
+    right, left = right.copy(), left.copy()
+    right[wrong] = left[wrong] = np.nan
+
+    def joints(log: LogWriter) -> None:
+        for t, of_right, of_left in zip(t_ns.tolist(), right, left, strict=True):
+            log.joint_state(JOINTS, t, t + 2_000_000, [LEFT, RIGHT], [of_left, of_right])
+
+    found = open_recording(write_log(tmp_path / "a.mcap", joints, write_frames))
+    assert sum(" are no numbers, or" in note for note in found.notes) == 2
+    assert [loss.kind for loss in found.losses] == [LossKind.NO_NUMBERS] * lost
 
 
 @pytest.mark.parametrize(("broken", "said"), [(1, "1 message left out"), (20, "20 of {} messages do not decode")])
