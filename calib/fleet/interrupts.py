@@ -1,6 +1,5 @@
-"""Ctrl-C held back until the work is at a place where it can stop, and never lost."""
+"""Ctrl-C held back until the work is at a place where it can stop, and neither it nor SIGTERM ever lost."""
 
-import _thread
 import signal
 import sys
 import threading
@@ -58,34 +57,49 @@ def interrupts_remembered() -> Iterator[Callable[[], None]]:
 
     before = signal.signal(signal.SIGINT, note)
     try:
-        with _pressed_anew_where_dropped():
+        with _sent_anew_where_dropped(signal.SIGINT, KeyboardInterrupt):
             yield again
     finally:
         signal.signal(signal.SIGINT, before)
 
 
 @contextmanager
-def _pressed_anew_where_dropped() -> Iterator[None]:
-    """Press Ctrl-C again a moment after Python dropped a KeyboardInterrupt, which it does in call-backs."""
+def ended_by_sigterm() -> Iterator[None]:
+    """Raise SystemExit on SIGTERM, so that half-written files are put away; again where a call-back swallows it."""
+
+    def end(_number: int, _frame: FrameType | None) -> None:
+        sys.exit(1)
+
+    before = signal.signal(signal.SIGTERM, end)
+    try:
+        with _sent_anew_where_dropped(signal.SIGTERM, SystemExit):
+            yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+@contextmanager
+def _sent_anew_where_dropped(number: signal.Signals, raised: type[BaseException]) -> Iterator[None]:
+    """Send a signal again a moment after Python dropped what its handler raised, which it does in call-backs."""
     before = sys.unraisablehook
-    presses: list[threading.Timer] = []
+    sent: list[threading.Timer] = []
 
     def dropped(what: "sys.UnraisableHookArgs") -> None:
-        if not isinstance(what.exc_value, KeyboardInterrupt):
+        if not isinstance(what.exc_value, raised):
             before(what)
             return
-        presses.append(threading.Timer(_MOMENT_S, _thread.interrupt_main))
-        presses[-1].daemon = True
-        presses[-1].start()
+        sent.append(threading.Timer(_MOMENT_S, signal.raise_signal, [number]))
+        sent[-1].daemon = True
+        sent[-1].start()
 
     sys.unraisablehook = dropped
     try:
         yield
     finally:
         sys.unraisablehook = before
-        for press in presses:
-            press.cancel()
-            press.join()
+        for signals in sent:
+            signals.cancel()
+            signals.join()
 
 
 def _arrives() -> bool:

@@ -11,8 +11,8 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -24,7 +24,7 @@ from boxcal.calib.cli import main
 from boxcal.calib.console.progress import make_progress
 from boxcal.calib.console.tables import columns, shortened, table
 from boxcal.calib.fleet.find_target import find_target
-from boxcal.calib.fleet.interrupts import interrupts_held, interrupts_remembered
+from boxcal.calib.fleet.interrupts import ended_by_sigterm, interrupts_held, interrupts_remembered
 from boxcal.calib.fleet.store import natural
 from boxcal.calib.settings import Stage
 from boxcal.calib.simulate.drive import DriveOptions, exact_correspondences, simulate_drive
@@ -274,7 +274,19 @@ def test_ctrl_c_that_a_call_back_swallows_is_not_lost() -> None:
             again()
 
 
-def test_ctrl_c_in_a_call_back_is_raised_again_when_it_has_returned(capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize(
+    ("number", "raised", "handled"),
+    [
+        (signal.SIGINT, KeyboardInterrupt, interrupts_remembered),
+        (signal.SIGTERM, SystemExit, ended_by_sigterm),
+    ],
+)
+def test_a_signal_in_a_call_back_is_raised_again_when_it_has_returned(
+    number: signal.Signals,
+    raised: type[BaseException],
+    handled: Callable[[], AbstractContextManager[object]],
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     presses = 0
 
     @ctypes.CFUNCTYPE(None)
@@ -282,10 +294,10 @@ def test_ctrl_c_in_a_call_back_is_raised_again_when_it_has_returned(capsys: pyte
         nonlocal presses
         presses += 1
         if presses <= 3:  # in the first three call-backs, each of which drops it
-            signal.raise_signal(signal.SIGINT)
+            signal.raise_signal(number)
 
     begun = time.monotonic()
-    with pytest.raises(KeyboardInterrupt), interrupts_remembered():  # noqa: PT012
+    with pytest.raises(raised), handled():  # noqa: PT012
         for _ in range(3):
             call_back()
         while time.monotonic() < begun + 5:

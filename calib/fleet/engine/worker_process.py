@@ -2,7 +2,6 @@
 
 import os
 import signal
-import sys
 import threading
 from multiprocessing import parent_process
 from multiprocessing.connection import Connection
@@ -11,6 +10,7 @@ from typing import Any
 from boxcal.calib.fleet.engine.calls import Call, Done
 from boxcal.calib.fleet.engine.here import made
 from boxcal.calib.fleet.engine.telling import heard_by
+from boxcal.calib.fleet.interrupts import ended_by_sigterm
 
 STARTED, SAID, DONE = "started", "said", "done"
 """What a message through the pipe is: a call began, it said something, it is done."""
@@ -19,8 +19,12 @@ STARTED, SAID, DONE = "started", "said", "done"
 def work(pipe: "Connection[Any, Any]") -> None:
     """Make the calls that come through a pipe until it is closed; also if the process at its other end is killed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the process at the other end
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # so that half-written files are put away
     threading.Thread(target=_end_with_parent, daemon=True).start()
+    with ended_by_sigterm():
+        _make_calls(pipe)
+
+
+def _make_calls(pipe: "Connection[Any, Any]") -> None:
     while True:
         try:
             call: Call[Any] = pipe.recv()
