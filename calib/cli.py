@@ -34,8 +34,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     words = list(sys.argv[1:] if argv is None else argv)
     try:
         with interrupts_remembered() as stop_if_asked:
-            go = _watch if args.watch else _run
-            return go(args, shlex.join(["fleet-calibrate", *words]), stop_if_asked)
+            command = shlex.join(["fleet-calibrate", *words])
+            return _watch(args, command, stop_if_asked) if args.watch else _run(args, command, stop_if_asked)[0]
     except BrokenPipeError:  # whoever read the output has closed it (| head); all files are written
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
@@ -45,21 +45,24 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _watch(args: argparse.Namespace, command: str, stop_if_asked: Callable[[], None]) -> int:
-    """Calibrate logs as they arrive, until Ctrl-C between two of them; returns the exit status."""
-    from boxcal.calib.fleet.watch import EVERY_S, arrivals, check_places, logs_in
+    """Calibrate logs as they arrive, until Ctrl-C between two of them; returns the exit status.
+
+    Logs that nothing came of, for no reason of their own (a scheduler that is down), are tried at every look until
+    something does; what is in the way is said once.
+    """
+    from boxcal.calib.fleet.watch import EVERY_S, Arrivals, check_places, logs_in, robots_of_their_own
     from boxcal.target.errors import BoxcalError
 
-    places, said = list(args.logs), ""
+    places = list(args.logs)
+    in_the_way, unreachable = _Once(), _Once()
 
     def look() -> "dict[Path, Any]":
-        nonlocal said
         try:
-            found, problem = logs_in(places), ""
+            found = logs_in(places)
         except BoxcalError as error:  # it may be there again at the next look
-            found, problem = {}, f"fleet-calibrate: {error}"
-        if problem and problem != said:
-            _tell(problem)
-        said = problem
+            unreachable.tell(f"fleet-calibrate: {error}")
+            return {}
+        unreachable.forget()
         return found
 
     try:
@@ -68,19 +71,53 @@ def _watch(args: argparse.Namespace, command: str, stop_if_asked: Callable[[], N
         _tell(f"fleet-calibrate: {error}")
         return 2
     _tell("fleet-calibrate: watching; Ctrl-C ends it")
+    arrivals = Arrivals(look)
     try:
-        for logs in arrivals(look, lambda: time.sleep(EVERY_S)):
-            args.logs = logs
-            if _run(args, command, stop_if_asked) == INTERRUPTED:
-                return INTERRUPTED
+        while True:
+            args.logs, problems = robots_of_their_own(arrivals.next())
+            for problem in problems:
+                _tell(f"fleet-calibrate: {problem}")
+            if args.logs:
+                status, left = _run(args, command, stop_if_asked, in_the_way.tell)
+                if status == INTERRUPTED:
+                    return INTERRUPTED
+                if not left:
+                    in_the_way.forget()
+                arrivals.again(left)
+            time.sleep(EVERY_S)
     except KeyboardInterrupt:
         _tell("fleet-calibrate: no longer watching")
     return 0
 
 
-def _run(args: argparse.Namespace, command: str, stop_if_asked: Callable[[], None]) -> int:
+class _Once:
+    """Lines said once, however often they come up, until they are forgotten."""
+
+    def __init__(self) -> None:
+        self._said: set[str] = set()
+
+    def tell(self, line: str) -> None:
+        if line not in self._said:
+            _tell(line)
+        self._said.add(line)
+
+    def forget(self) -> None:
+        self._said.clear()
+
+
+def _run(
+    args: argparse.Namespace,
+    command: str,
+    stop_if_asked: Callable[[], None],
+    tell: Callable[[str], None] | None = None,
+) -> "tuple[int, list[Path]]":
+    """Calibrate robots; returns the exit status, and the logs that were not reached.
+
+    What is in the way of all of them is told by ``tell`` (:func:`_tell` if not given).
+    """
+    tell, logs = tell or _tell, list(args.logs)
     if not args.quiet:  # before what takes a second to load
-        _tell(f"fleet-calibrate: {len(args.logs)} log{'s' if len(args.logs) > 1 else ''}, starting ...")
+        tell(f"fleet-calibrate: {len(logs)} log{'s' if len(logs) > 1 else ''}, starting ...")
     from boxcal.calib.fleet.engine.chosen import chosen_engine
     from boxcal.calib.fleet.results_place import results_place
     from boxcal.calib.fleet.run_record import Run
@@ -98,10 +135,10 @@ def _run(args: argparse.Namespace, command: str, stop_if_asked: Callable[[], Non
             engine, remarks = chosen_engine(args, len(jobs if args.joint_box else waiting))
             open_places.enter_context(engine)
         except BoxcalError as error:
-            _tell(f"fleet-calibrate: {error}")
-            return 2
+            tell(f"fleet-calibrate: {error}")
+            return 2, logs
         if unreachable:
-            _tell(f"fleet-calibrate: {unreachable}")
+            tell(f"fleet-calibrate: {unreachable}")
         kept = f"{len(outcomes)} of {len(jobs)} robots are unchanged and kept (--force does them again)"
         for line in [] if args.quiet else [box, *remarks, *([f"fleet-calibrate: {kept}"] if outcomes else [])]:
             _tell(line)
@@ -119,9 +156,10 @@ def _run(args: argparse.Namespace, command: str, stop_if_asked: Callable[[], Non
                 print("\n" + "\n".join(together.lines))
                 status = max(status, 1) if together.failed else status
         if ended is not None:
-            _tell(f"fleet-calibrate: {ended}")
-            return max(status, 1)
-        return status if whole else _interrupted(jobs, outcomes, before)
+            tell(f"fleet-calibrate: {ended}")
+            reached = {outcome.job.robot for outcome in outcomes}
+            return max(status, 1), [log for job in jobs if job.robot not in reached for log in job.logs]
+        return status if whole else _interrupted(jobs, outcomes, before), []
 
 
 def _kept(args: argparse.Namespace, jobs: "list[Job]", place: "ResultsPlace") -> "tuple[list[Outcome], dict[str, str]]":

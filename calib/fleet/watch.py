@@ -1,12 +1,12 @@
 """Logs as they arrive in a folder or bucket: given out once they have stopped changing, and again if they change."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from boxcal.calib.errors import CalibError
 from boxcal.calib.one_robot.log_identity import file_state
-from boxcal.calib.settings import CORRESPONDENCES
+from boxcal.calib.settings import CORRESPONDENCES, robot_name
 from boxcal.detect.log.containers.bag_folder import METADATA, PARTS
 from boxcal.detect.log.remote.store import expanded, store_of
 from boxcal.detect.log.remote.urls import is_url
@@ -61,23 +61,47 @@ def _behind(place: Path) -> list[Path]:
     return [place / name for name in store_of(place).names() if name.lower().endswith(_KINDS)]
 
 
-def arrivals(look: Callable[[], Mapping[Path, Any]], pause: Callable[[], None]) -> Iterator[list[Path]]:
-    """Yield the logs that have arrived since, look by look, sorted; for ever.
+class Arrivals:
+    """Logs that have arrived since the look before: those that stopped changing, and again those that changed since.
 
     Parameters
     ----------
     look
         Gives the logs that are there, each with what changes when it does.
-    pause
-        Called between two looks.
     """
-    before: Mapping[Path, Any] = {}
-    given: dict[Path, Any] = {}
-    while True:
-        now = look()
-        ready = sorted(log for log, state in now.items() if before.get(log) == state and given.get(log) != state)
-        given |= {log: now[log] for log in ready}
-        before = now
-        if ready:
-            yield ready
-        pause()
+
+    def __init__(self, look: Callable[[], Mapping[Path, Any]]) -> None:
+        self._look = look
+        self._before: Mapping[Path, Any] = {}
+        self._given: dict[Path, Any] = {}
+
+    def next(self) -> list[Path]:
+        """Look once, and return what has arrived, sorted."""
+        now, before = self._look(), self._before
+        ready = sorted(log for log, state in now.items() if before.get(log) == state and self._given.get(log) != state)
+        self._given |= {log: now[log] for log in ready}
+        self._before = now
+        return ready
+
+    def again(self, logs: Iterable[Path]) -> None:
+        """Have logs given once more at the next look: nothing came of them, for no reason of their own."""
+        for log in logs:
+            self._given.pop(log, None)
+
+
+def robots_of_their_own(logs: Iterable[Path]) -> tuple[list[Path], list[BoxcalError]]:
+    """Return the logs that robots can be named after, and what speaks against each other one."""
+    named: dict[str, Path] = {}
+    problems: list[BoxcalError] = []
+    for log in logs:
+        try:
+            name = robot_name(log)
+        except BoxcalError as error:
+            problems.append(error)
+            continue
+        if name in named:
+            problems.append(
+                CalibError(f"{named[name].name} is called {name} too", source=log, remedy="rename one of them")
+            )
+        named.setdefault(name, log)
+    return list(named.values()), problems

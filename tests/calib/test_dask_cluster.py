@@ -10,19 +10,23 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from boxcal.calib.cli import main
 from boxcal.calib.errors import CalibError
+from boxcal.calib.fleet import batch
 from boxcal.calib.fleet.attempt import attempt_elsewhere
 from boxcal.calib.fleet.batch import calibrate_fleet
 from boxcal.calib.fleet.engine import connect as connecting
 from boxcal.calib.fleet.engine import versions as compared
+from boxcal.calib.fleet.engine.compared_workers import ComparedWorkers
 from boxcal.calib.fleet.engine.connect import connect
-from boxcal.calib.fleet.engine.versions import differences, versions
-from boxcal.calib.settings import Job, Settings
+from boxcal.calib.fleet.engine.versions import OURS, differences, versions
+from boxcal.calib.settings import Job, Outcome, Settings, Stage
 from boxcal.calib.simulate.drive import DriveOptions, exact_correspondences, simulate_drive
 from boxcal.calib.simulate.robot import turtlebot
 from boxcal.target.box import make_target
@@ -34,6 +38,7 @@ ROBOTS = 9
 @dataclass(frozen=True)
 class Cluster:
     address: str
+    scheduler: subprocess.Popen[bytes]
     workers: list[subprocess.Popen[bytes]]
 
 
@@ -58,7 +63,7 @@ def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
         address = json.loads(place.read_text())["address"]
         with distributed.Client(address, set_as_default=False) as client:
             client.wait_for_workers(3, timeout=60)
-        yield Cluster(address=address, workers=processes[1:])
+        yield Cluster(address=address, scheduler=processes[0], workers=processes[1:])
 
 
 def _wait_for(ready: Callable[[], bool], process: subprocess.Popen[bytes]) -> None:
@@ -106,6 +111,10 @@ def _versions_are_compared(cluster: Cluster, monkeypatch: pytest.MonkeyPatch) ->
         with pytest.raises(CalibError, match=r"no worker can be used: worker tcp.*has boxcal .* there, 0\.0\.9 here"):
             connect(cluster.address, limit_s=60)
         patched.undo()
+        patched.setattr(compared, "code_sha256", lambda: "0" * 64)
+        with pytest.raises(CalibError, match=r"no worker can be used: worker tcp.*has boxcal's code .* there, 0{12} h"):
+            connect(cluster.address, limit_s=60)
+        patched.undo()
         patched.setattr(compared, "_of", lambda _: "1.0")
         engine, remarks = connect(cluster.address, limit_s=60)
         engine.__exit__()
@@ -130,12 +139,15 @@ def test_a_killed_and_a_frozen_worker_change_nothing(
     assert remarks == [f"cluster {cluster.address}: 3 workers"]
     with engine:
         there = []
-        for outcome in calibrate_fleet(_jobs(logs, tmp_path / "there"), engine=engine):
+        stages: list[Stage] = []
+        for outcome in calibrate_fleet(_jobs(logs, tmp_path / "there"), engine=engine, progress=stages.append):
             there.append(outcome)
             if len(there) == 4:
                 cluster.workers[0].kill()
                 cluster.workers[1].send_signal(signal.SIGSTOP)
         assert engine.workers == 1
+    cluster.workers[1].kill()
+    assert len({stage.robot for stage in stages} & {log.stem for log in logs}) > ROBOTS // 2
     assert [o.error for o in (*here, *there)] == 2 * ROBOTS * [None]
     assert sorted(o.job.robot for o in there) == sorted(log.stem for log in logs)
     assert _results(tmp_path / "there") == _results(tmp_path / "here")
@@ -182,6 +194,67 @@ def test_a_log_that_a_worker_does_not_see_is_said(tmp_path: Path) -> None:
 
 def test_versions_name_what_results_depend_on() -> None:
     mine = versions()
-    assert set(mine) == {"boxcal", "python", "numpy", "scipy", "numba", "opencv"}
+    assert set(mine) == {"boxcal", "boxcal's code", "python", "numpy", "scipy", "numba", "opencv"}
     assert list(differences(mine, mine)) == []
     assert list(differences({"numpy": "2.4"}, {"numpy": "2.3"})) == ["numpy 2.3 there, 2.4 here"]
+
+
+class _Client:
+    """A client of a cluster whose workers say the versions that they are given."""
+
+    def __init__(self, said: dict[str, dict[str, str]]) -> None:
+        self.said = said
+
+    def submit(self, _function: object, *, workers: list[str], **_: object) -> "distributed.Future":
+        return SimpleNamespace(done=lambda: True, status="finished", result=lambda: self.said[workers[0]])
+
+    def cancel(self, *_: object, **__: object) -> None:
+        pass
+
+
+def test_a_worker_that_joins_later_is_used_only_if_its_program_is_the_same() -> None:
+    mine = versions()
+    same, other = dict(mine), {**mine, "boxcal's code": "0" * 12}
+    compared_workers = ComparedWorkers(_Client({"a": same, "b": same, "c": other}))
+    assert compared_workers.wait(["a"]) == []
+    assert compared_workers.look(["a", "b", "c"]) == [
+        f"worker c has boxcal's code {'0' * 12} there, {mine[OURS[1]]} here; left out"
+    ]
+    assert compared_workers.usable == {"a", "b"}
+    assert compared_workers.look(["a", "b", "c"]) == []
+
+
+def test_a_scheduler_that_is_lost_on_the_way_is_one_line_and_what_is_finished_is_kept(
+    cluster: Cluster,
+    logs: list[Path],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """The last test here: it ends the cluster."""
+    finished: list[Path] = []
+
+    def end_scheduler(job: Job, *arguments: Any) -> Outcome:
+        finished.append(job.logs[0])
+        cluster.scheduler.kill()
+        return outcome_of(job, *arguments)
+
+    outcome_of = batch._outcome
+    monkeypatch.setattr(batch, "_outcome", end_scheduler)
+    words = [*map(str, logs), "--no-report", "--quiet", "--out", str(tmp_path), "--cluster", cluster.address]
+    begun = time.monotonic()
+    assert main(words) == 1
+    assert time.monotonic() - begun < 60
+    said = capsys.readouterr().err.splitlines()
+    assert said[-1].startswith("fleet-calibrate: the cluster's scheduler is gone; what is finished is kept")
+    record = json.loads((tmp_path / "run.json").read_text())
+    assert record["counts"]["done"] == len(finished)
+    assert record["counts"]["not reached"] == ROBOTS - len(finished)
+    monkeypatch.undo()
+    assert main(words[: ROBOTS + 4]) == 0
+    assert json.loads((tmp_path / "run.json").read_text())["counts"] == {
+        "done": ROBOTS - len(finished),
+        "kept": len(finished),
+        "failed": 0,
+        "not reached": 0,
+    }

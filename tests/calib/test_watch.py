@@ -2,8 +2,10 @@
 
 import json
 import time
-from contextlib import suppress
+from argparse import Namespace
+from collections.abc import Generator
 from pathlib import Path
+from typing import Never
 
 import numpy as np
 import pytest
@@ -11,7 +13,10 @@ import pytest
 from boxcal.calib.cli import main
 from boxcal.calib.errors import CalibError
 from boxcal.calib.fleet import watch
-from boxcal.calib.fleet.watch import arrivals, check_places, logs_in
+from boxcal.calib.fleet.engine import chosen
+from boxcal.calib.fleet.engine.calls import Engine
+from boxcal.calib.fleet.engine.here import ThisProcess
+from boxcal.calib.fleet.watch import Arrivals, check_places, logs_in, robots_of_their_own
 from boxcal.calib.simulate.drive import DriveOptions, exact_correspondences, simulate_drive
 from boxcal.calib.simulate.robot import turtlebot
 from boxcal.target.box import make_target
@@ -21,13 +26,27 @@ PAPER = ("--lens", "radial", "--floor", "rigid", "--scale-prior-percent", "0", "
 
 def test_a_log_is_given_once_it_has_stopped_changing_and_again_if_it_changes() -> None:
     a, b = Path("a.mcap"), Path("b.mcap")
-    given = []
     looks = iter([{}, {a: 1}, {a: 2, b: 1}, {a: 2, b: 1}, {a: 2, b: 1}, {}, {a: 2, b: 5}, {a: 2, b: 5}, {a: 2, b: 5}])
-    running = arrivals(lambda: next(looks), lambda: None)
-    with suppress(RuntimeError):  # the looks end
-        while True:
-            given.append(next(running))
-    assert given == [[a, b], [b]]
+    arrivals = Arrivals(lambda: next(looks))
+    given = [arrivals.next() for _ in range(9)]
+    assert given == [[], [], [], [a, b], [], [], [], [b], []]
+
+
+def test_a_log_that_nothing_came_of_is_given_again_and_the_others_are_not() -> None:
+    a, b = Path("a.mcap"), Path("b.mcap")
+    arrivals = Arrivals(lambda: {a: 1, b: 1})
+    assert [arrivals.next() for _ in range(3)] == [[], [a, b], []]
+    arrivals.again([b])
+    assert [arrivals.next() for _ in range(2)] == [[b], []]
+
+
+def test_a_log_that_names_no_robot_or_one_that_is_there_keeps_none_of_the_others(tmp_path: Path) -> None:
+    bad = tmp_path / "a\nb.npz"
+    logs, problems = robots_of_their_own([tmp_path / "r1.mcap", tmp_path / "r1.npz", bad, tmp_path / "r2.mcap"])
+    assert logs == [tmp_path / "r1.mcap", tmp_path / "r2.mcap"]
+    first, second = map(str, problems)
+    assert first == f"{tmp_path / 'r1.npz'}: r1.mcap is called r1 too; rename one of them"
+    assert "no name for a robot can be made of it" in second
 
 
 def test_recordings_and_closed_bags_are_logs_and_nothing_else_is(tmp_path: Path) -> None:
@@ -86,3 +105,41 @@ def test_the_command_calibrates_what_arrives_until_it_is_interrupted(
     assert "bad.npz" in json.loads((out / "fleet.json").read_text())["failed"]["bad"]
     assert main([str(robots / "r1.npz"), "--watch"]) == 2
     assert watch.EVERY_S >= 1
+
+
+def test_a_batch_that_met_a_dead_cluster_is_done_when_it_is_back_and_the_fault_said_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    target, robots, out = make_target(), tmp_path / "robots", tmp_path / "out"
+    robots.mkdir()
+    rng, robot = np.random.default_rng(1), turtlebot("r1")
+    drive = simulate_drive(robot, target, DriveOptions(stops=9), rng)
+    exact_correspondences(robot, target, drive, 0.1, rng).save(robots / "r1.npz")
+    (robots / "a\nb.npz").write_bytes(b"no name")
+    tries: list[object] = []
+    good = chosen.chosen_engine
+
+    class Gone(ThisProcess):
+        def run(self, *_: object) -> Generator[Never, None, None]:
+            raise CalibError("the cluster's scheduler is gone")
+            yield
+
+    def engine(args: Namespace, count: int) -> tuple[Engine, list[str]]:
+        tries.append(count)
+        if len(tries) < 4:
+            raise CalibError("no scheduler answers there")
+        return (Gone(), []) if len(tries) == 4 else good(args, count)
+
+    def ended(_: float) -> None:
+        if (out / "r1" / "calibration.json").exists() or len(tries) > 9:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(chosen, "chosen_engine", engine)
+    monkeypatch.setattr(time, "sleep", ended)
+    words = [str(robots), "--watch", "--out", str(out), "--no-report", "--jobs", "1", "--quiet", *PAPER]
+    assert main(words) == 0
+    assert len(tries) == 5
+    said = capsys.readouterr().err
+    assert said.count("no scheduler answers there") == 1
+    assert said.count("scheduler is gone") == 1
+    assert said.count("no name for a robot") == 1

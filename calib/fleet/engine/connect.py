@@ -2,24 +2,19 @@
 
 import logging
 import re
-import time
-from collections.abc import Iterable
 from pathlib import Path
-from secrets import token_hex
 from typing import Any
 
 from boxcal.calib.errors import CalibError
+from boxcal.calib.fleet.engine.compared_workers import ComparedWorkers
 from boxcal.calib.fleet.engine.dask_cluster import DaskCluster
-from boxcal.calib.fleet.engine.versions import OURS, differences, versions
-from boxcal.detect.log.safe_text import listed, printable
+from boxcal.detect.log.safe_text import printable
 
 CONFIGURED = "configured"
 """Stands for the scheduler that Dask's own configuration names."""
 _ADDRESS = re.compile(r"([a-z]+://)?[^\s/]+:\d+/?")
 _ANSWER_S = 10.0
 """Seconds that a scheduler is given to answer."""
-_VERSIONS_S = 60.0
-"""Seconds that workers are given to say their versions: they load boxcal for it."""
 
 
 def connect(scheduler: str, *, limit_s: float, silent_s: float = 60.0) -> tuple[DaskCluster, list[str]]:
@@ -44,14 +39,15 @@ def connect(scheduler: str, *, limit_s: float, silent_s: float = 60.0) -> tuple[
         found = list(client.scheduler_info(n_workers=-1)["workers"])
         if not found:
             raise CalibError("a cluster without workers", source=name, remedy="start some: dask worker " + name)
-        left_out, remarks = _compared(client, found)
-        if len(left_out) == len(found):
+        compared = ComparedWorkers(client)
+        remarks = compared.wait(found)
+        if not compared.usable:
             raise CalibError(f"no worker can be used: {'; '.join(remarks)}", source=name)
     except BaseException:
         client.close()
         raise
-    cluster = DaskCluster(client, limit_s=limit_s, silent_s=silent_s, left_out=left_out)
-    return cluster, [f"cluster {name}: {len(found) - len(left_out)} workers", *remarks]
+    cluster = DaskCluster(client, compared, limit_s=limit_s, silent_s=silent_s)
+    return cluster, [f"cluster {name}: {len(compared.usable)} workers", *remarks]
 
 
 def _client(scheduler: str, name: str) -> Any:
@@ -92,30 +88,3 @@ def _absent(name: str, why: str) -> CalibError:
         needed="a Dask scheduler, as tcp://host:8786",
         remedy="start one (dask scheduler), or leave out --cluster to work on this machine",
     )
-
-
-def _compared(client: Any, workers: Iterable[str]) -> tuple[set[str], list[str]]:
-    """Return the workers that cannot be used, and what differs: each difference once, with the workers that have it."""
-    here = versions()
-    mark = token_hex(4)
-    asked = {w: client.submit(versions, workers=[w], pure=False, key=f"boxcal versions {mark} {w}") for w in workers}
-    deadline = time.monotonic() + _VERSIONS_S
-    while not all(future.done() for future in asked.values()) and time.monotonic() < deadline:
-        time.sleep(0.02)
-    left_out: set[str] = set()
-    who: dict[str, list[str]] = {}
-    for worker, future in asked.items():
-        if future.status == "finished":
-            there = future.result()
-            found = [f"has {text}" for text in differences(here, there)]
-            unusable = there.get(OURS) != here[OURS]
-        elif future.status == "error":
-            found, unusable = [f"cannot load boxcal ({type(future.exception()).__name__})"], True
-        else:
-            found, unusable = [f"does not answer within {_VERSIONS_S:g} s"], True
-        if unusable:
-            left_out.add(worker)
-        for text in found:
-            who.setdefault(text + ("; left out" if unusable else ""), []).append(worker)
-    client.cancel(list(asked.values()), force=True)
-    return left_out, [f"worker {listed(sorted(names))} {text}" for text, names in who.items()]

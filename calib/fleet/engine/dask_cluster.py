@@ -8,15 +8,18 @@ import time
 from collections import deque
 from collections.abc import Generator, Iterable, Iterator
 from contextlib import AbstractContextManager
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from queue import Empty, SimpleQueue
 from secrets import token_hex
 from typing import Any
 
 from boxcal.calib.errors import CalibError
 from boxcal.calib.fleet.engine.calls import OUT_OF_MEMORY, Call, Done, T, Told
+from boxcal.calib.fleet.engine.compared_workers import ComparedWorkers
 from boxcal.calib.fleet.engine.here import made
+from boxcal.calib.fleet.engine.telling import heard_by
 from boxcal.calib.fleet.interrupts import interrupts_held
+from boxcal.calib.settings import Stage
 
 _ATTEMPTS = 2
 """Times that a call is made whose worker is lost."""
@@ -28,6 +31,8 @@ _START_S = 120.0
 """Seconds that a worker may take besides for its first call: it loads and perhaps compiles code."""
 _FETCH_S = 60.0
 """Seconds that a result may take on its way."""
+_SAY_S = 0.5
+"""Seconds between two stages that a call tells."""
 _NOBODY_S = 60.0
 """Seconds after which a cluster that has no workers (left) is given up."""
 
@@ -44,36 +49,37 @@ class _Attempt:
 
 
 class DaskCluster(AbstractContextManager["DaskCluster"]):
-    """Workers of a Dask cluster; those that join later are used too.
-
-    What calls tell of themselves while they run is not passed on.
+    """Workers of a Dask cluster; those that join later are used too, once their versions were compared.
 
     Parameters
     ----------
     client
         ``distributed.Client``; closed when the engine is left.
+    compared
+        Which workers may be used.
     limit_s
         Seconds that a call may take; then it is given to another worker, and the one that had it gets no more.
     silent_s
         Seconds without a heartbeat after which a worker is taken to be frozen.
-    left_out
-        Addresses of workers that are not used.
     """
 
     sees_files = False
 
     def __init__(
-        self, client: Any, *, limit_s: float = float("inf"), silent_s: float = 60.0, left_out: Iterable[str] = ()
+        self, client: Any, compared: ComparedWorkers, *, limit_s: float = float("inf"), silent_s: float = 60.0
     ) -> None:
-        self._client = client
+        self._client, self._compared = client, compared
         self._limit_s, self._silent_s = limit_s, silent_s
-        self._left_out = set(left_out)
+        self._too_slow: set[str] = set()
         self._alive: list[str] = []
         self._seen: dict[str, tuple[float, float]] = {}
         self._looked, self._last_alive = -float("inf"), time.monotonic()
         self._warm: set[str] = set()
         self._running: dict[str, _Attempt] = {}
         self._finished: SimpleQueue[str] = SimpleQueue()
+        self._said: SimpleQueue[Stage] = SimpleQueue()
+        self._topic = f"boxcal {token_hex(8)}"
+        client.subscribe_topic(self._topic, lambda event: self._said.put(Stage(**event[1]["stage"])))
         self._look()
 
     @property
@@ -84,7 +90,7 @@ class DaskCluster(AbstractContextManager["DaskCluster"]):
     def __exit__(self, *_: object) -> None:
         self._client.close()
 
-    def run(self, calls: Iterable[Call[T]], told: Told | None = None) -> Generator[Done[T], None, None]:  # noqa: ARG002
+    def run(self, calls: Iterable[Call[T]], told: Told | None = None) -> Generator[Done[T], None, None]:
         """Yield what becomes of each call, as they finish (see :meth:`boxcal.calib.fleet.engine.calls.Engine.run`)."""
         waiting = iter(calls)
         again: deque[_Attempt] = deque()
@@ -94,6 +100,7 @@ class DaskCluster(AbstractContextManager["DaskCluster"]):
                 while self._give(waiting, again) or again or self._running:
                     yield from self._happened(again)
                     yield from self._overdue(again)
+                    self._pass_on(told)
                     if pressed():
                         raise KeyboardInterrupt
         finally:
@@ -108,16 +115,19 @@ class DaskCluster(AbstractContextManager["DaskCluster"]):
             return
         self._looked = now
         if self._client.status != "running":
-            raise CalibError(
-                "the cluster's scheduler is gone",
-                remedy="what is finished is kept; start the scheduler and give the same command again",
-            )
-        found = self._client.scheduler_info(n_workers=-1)["workers"]
+            raise _gone()
+        try:
+            found = self._client.scheduler_info(n_workers=-1)["workers"]
+        except (OSError, TimeoutError) as error:  # it went a moment ago
+            raise _gone() from error
         for address, about in found.items():
             heard = float(about.get("last_seen", 0.0))
             if address not in self._seen or self._seen[address][0] != heard:
                 self._seen[address] = (heard, now)
-        self._alive = [a for a in found if a not in self._left_out and now - self._seen[a][1] < self._silent_s]
+        for remark in self._compared.look(found):
+            self._said.put(Stage(robot="cluster", name="workers", text=remark, share=0.0))
+        used = self._compared.usable - self._too_slow
+        self._alive = [a for a in found if a in used and now - self._seen[a][1] < self._silent_s]
         if self._alive:
             self._last_alive = now
         elif now > self._last_alive + _NOBODY_S:
@@ -140,11 +150,18 @@ class DaskCluster(AbstractContextManager["DaskCluster"]):
             token = f"{attempt.call.key} {token_hex(4)}"
             attempt.worker, attempt.deadline = worker, time.monotonic() + self._limit_s + start
             attempt.future = self._client.submit(
-                made_by_a_worker, attempt.call, key=f"boxcal {token}", workers=[worker], pure=False
+                made_by_a_worker, attempt.call, self._topic, key=f"boxcal {token}", workers=[worker], pure=False
             )
             self._running[token] = attempt
             attempt.future.add_done_callback(lambda _, token=token: self._finished.put(token))
         return True
+
+    def _pass_on(self, told: Told | None) -> None:
+        """Pass on what calls said of themselves, and what is to be said of workers that joined."""
+        while not self._said.empty():
+            message = self._said.get()
+            if told is not None:
+                told(message)
 
     def _happened(self, again: deque[_Attempt]) -> Iterator[Done[Any]]:
         """Wait a moment for a call to be done and yield it; one that is to be made again is put there."""
@@ -176,7 +193,7 @@ class DaskCluster(AbstractContextManager["DaskCluster"]):
                 why = "the worker that worked on it died or froze (out of memory?)"
             elif time.monotonic() > attempt.deadline:
                 why = f"took longer than {self._limit_s:g} s"
-                self._left_out.add(attempt.worker)
+                self._too_slow.add(attempt.worker)
             else:
                 continue
             del self._running[token]
@@ -194,12 +211,34 @@ _LOST = {"KilledWorker", "CancelledError", "FutureCancelledError", "FutureLostEr
 """Names of what is raised for a result whose worker, or whose way here, is lost."""
 
 
+def _gone() -> CalibError:
+    return CalibError(
+        "the cluster's scheduler is gone",
+        remedy="what is finished is kept; start the scheduler and give the same command again",
+    )
+
+
 def _first(waiting: Iterator[Call[Any]]) -> _Attempt | None:
     call = next(waiting, None)
     return None if call is None else _Attempt(call=call)
 
 
-def made_by_a_worker(call: Call[Any]) -> tuple[Any, str, str]:
-    """Return what becomes of a call that is made here, without the call itself: result, why lost, traceback."""
-    done = made(call)
+def made_by_a_worker(call: Call[Any], topic: str) -> tuple[Any, str, str]:
+    """Return what becomes of a call that is made here, without the call itself: result, why lost, traceback.
+
+    The stages that it tells go out as events of a topic, one every :data:`_SAY_S` at most, since all of a cluster's go
+    through one scheduler.
+    """
+    from distributed import get_worker  # noqa: PLC0415  (an extra)
+
+    worker, last = get_worker(), -float("inf")
+
+    def say(message: Any) -> None:
+        nonlocal last
+        if isinstance(message, Stage) and time.monotonic() > last + _SAY_S:
+            last = time.monotonic()
+            worker.log_event(topic, {"stage": asdict(message)})
+
+    with heard_by(say):
+        done = made(call)
     return done.result, done.lost, done.details

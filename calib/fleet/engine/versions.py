@@ -4,15 +4,17 @@ import platform
 from collections.abc import Iterator, Mapping
 from importlib.metadata import PackageNotFoundError, version
 
-from boxcal.version import installed_version
+from boxcal.version import code_sha256, installed_version
 
 _PACKAGES = {"numpy": "numpy", "scipy": "scipy", "numba": "numba", "opencv": "opencv-contrib-python-headless"}
-OURS = "boxcal"
+OURS = ("boxcal", "boxcal's code")
+"""What must be the same everywhere: version, and the sources themselves (their hash), which tell builds apart."""
 
 
 def versions() -> dict[str, str]:
     """Return the versions of boxcal, Python and the packages that results depend on, by name."""
-    return {OURS: installed_version(), "python": platform.python_version(), **{n: _of(p) for n, p in _PACKAGES.items()}}
+    ours = dict(zip(OURS, (installed_version(), code_sha256()[:12]), strict=True))
+    return {**ours, "python": platform.python_version(), **{n: _of(p) for n, p in _PACKAGES.items()}}
 
 
 def _of(package: str) -> str:
