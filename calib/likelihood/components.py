@@ -54,7 +54,7 @@ class VarianceComponents:
 
     def freezes(self, state: State) -> bool:
         """Tell whether a state has effects whose variance is zero."""
-        values = np.concatenate([state.lean, state.growth[:, None]], axis=1)
+        values = np.column_stack([state.lean, state.growth])
         return bool(np.any(values[:, self.local_sigma == 0]))
 
     def rigid_where_zero(self, state: State) -> State:

@@ -112,7 +112,7 @@ def picture_equations(problem: Problem, at: Linearization, components: VarianceC
     w = components.noise_scale**-2
     s = components.local_sigma
     corners, local = at.corner_normal, at.corner_local
-    values = np.concatenate([at.state.lean, at.state.growth[:, None]], axis=1)
+    values = np.column_stack([at.state.lean, at.state.growth])
     unit = np.divide(values, s, out=np.zeros_like(values), where=s > 0)
     own = Local(
         D=w * local.D * (s[:, None] * s) + np.eye(len(s)),

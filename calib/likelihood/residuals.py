@@ -293,23 +293,29 @@ def corner_equations(problem: Problem, corners: Corners, weight: Array) -> tuple
     N = np.array([part.T @ part for part in parts])
     H, g = N[:, :m, :m], N[:, :m, m]
     shared = corners.J_shared
-    stop_maps = np.concatenate([corners.J_pose, corners.J_local], axis=2)  # (G, m, 7)
+    stop_maps = np.concatenate([corners.J_pose, corners.J_local], axis=2)  # (G, m, 3 + q)
     HS = H @ shared
     HM = H @ stop_maps
-    first = np.searchsorted(corners.group_stop, np.arange(len(problem.drive)))
-    n = shared.shape[2]
+    n, P = shared.shape[2], len(problem.drive)
     A = shared.reshape(-1, n).T @ HS.reshape(-1, n)
     a = np.einsum("gmi,gm->i", shared, g)
-    BG = np.add.reduceat(np.swapaxes(HS, 1, 2) @ stop_maps, first, axis=0)  # (P, n, 7)
-    DF = np.add.reduceat(np.swapaxes(stop_maps, 1, 2) @ HM, first, axis=0)
-    cf = np.add.reduceat(np.einsum("gmi,gm->gi", stop_maps, g), first, axis=0)
-    P = len(first)
+    BG = by_stop(np.swapaxes(HS, 1, 2) @ stop_maps, corners.group_stop, P)  # (P, n, 3 + q)
+    DF = by_stop(np.swapaxes(stop_maps, 1, 2) @ HM, corners.group_stop, P)
+    cf = by_stop(np.einsum("gmi,gm->gi", stop_maps, g), corners.group_stop, P)
     B, D, c = np.zeros((P, n, PER_STOP)), np.zeros((P, PER_STOP, PER_STOP)), np.zeros((P, PER_STOP))
     B[:, :, :3], D[:, :3, :3], c[:, :3] = BG[:, :, :3], DF[:, :3, :3], cf[:, :3]
-    by_chain = np.zeros((P, PER_STOP, LOCAL))
+    by_chain = np.zeros((P, PER_STOP, corners.J_local.shape[2]))
     by_chain[:, :3] = DF[:, :3, 3:]
     local = Local(D=DF[:, 3:, 3:], by_shared=BG[:, :, 3:], by_chain=by_chain, c=cf[:, 3:])
-    return Normal(A=A, B=B, D=D, E=np.zeros_like(D), a=a, c=c), local, np.add.reduceat(N[:, m, m], first)
+    return Normal(A=A, B=B, D=D, E=np.zeros_like(D), a=a, c=c), local, by_stop(N[:, m, m], corners.group_stop, P)
+
+
+def by_stop(values: Array, group_stop: Ids, stops: int) -> Array:
+    """Return sums over the groups of each stop, (P, ...), of values (G, ...); zero at stops that have none."""
+    out = np.zeros((stops, *values.shape[1:]))
+    seen, first = np.unique(group_stop, return_index=True)
+    out[seen] = np.add.reduceat(values, first, axis=0)
+    return out
 
 
 def leg_equations(problem: Problem, legs: LegResiduals, information: Array) -> tuple[Normal, Array]:

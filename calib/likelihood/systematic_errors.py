@@ -11,7 +11,7 @@ from boxcal.calib.likelihood.components import VarianceComponents
 from boxcal.calib.likelihood.levenberg_marquardt import Linearization, Weights
 from boxcal.calib.likelihood.normal_equations import Solution
 from boxcal.calib.likelihood.problem import Problem
-from boxcal.calib.likelihood.residuals import groups_of
+from boxcal.calib.likelihood.residuals import by_stop, groups_of
 from boxcal.target.arrays import Array
 
 _ALONG_U = ((1, 0), (3, 0), (1, 2))
@@ -49,10 +49,9 @@ def systematic_covariance(
     groups = groups_of(corners.group, len(corners.group_stop))
     g = np.array([_pull(pulls[rows], along_u[rows], along_v[rows]) for rows in groups])
     P = len(problem.drive)
-    first = np.searchsorted(corners.group_stop, np.arange(P))
     a = np.tensordot(corners.J_shared, g, axes=([0, 1], [0, 1]))
-    c = np.add.reduceat(np.swapaxes(corners.J_pose, 1, 2) @ g, first, axis=0)
-    local = np.add.reduceat(np.swapaxes(corners.J_local * components.local_sigma, 1, 2) @ g, first, axis=0)
+    c = by_stop(np.swapaxes(corners.J_pose, 1, 2) @ g, corners.group_stop, P)
+    local = by_stop(np.swapaxes(corners.J_local * components.local_sigma, 1, 2) @ g, corners.group_stop, P)
     e = solution.eliminated
     a -= np.tensordot(e.by_shared, local, axes=([0, 1], [0, 1]))
     chain = -np.swapaxes(e.by_chain, 1, 2) @ local

@@ -62,11 +62,11 @@ def updated(
         The solution's joint covariances.
     """
     s = components.local_sigma
-    values = np.concatenate([at.state.lean, at.state.growth[:, None]], axis=1)
+    values = np.column_stack([at.state.lean, at.state.growth])
     unit = np.divide(values, s, out=np.zeros_like(values), where=s > 0) + solution.d_local
     left = 1 - solution.local_variances(joint)
     found: dict[str, float] = {}
-    for name, columns in (("lean", [0, 1]), ("height", [2]), ("growth", [3])):
+    for name, columns in (("lean", [0, 1]), ("height", [2]), ("growth", list(range(3, len(s))))):
         sigma = float(s[columns[0]])
         if sigma > 0:
             square, freedom = float(np.sum(unit[:, columns] ** 2)), max(float(np.sum(left[:, columns])), 0.0)

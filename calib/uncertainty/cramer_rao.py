@@ -76,7 +76,7 @@ class Truth:
         )
 
 
-_NO_SLIP = 0.02
+NO_SLIP = 0.02
 """No slip at all is taken as this share of what equals the encoders' quantisation, so that nothing is exact."""
 
 
@@ -90,7 +90,7 @@ def cramer_rao(drives: Sequence[Correspondences], truth: Truth, options: Estimat
     problem = build_problem(drives, kept, options, truth.encoder_step)
     weights = Weights(corners=np.ones(len(problem.uv_px)), legs=problem.leg_known.astype(np.float64))
     at = linearize(problem, _state(problem, truth), weights)
-    slip = max(truth.slip, _NO_SLIP * quiet_slip(problem, at))
+    slip = max(truth.slip, NO_SLIP * quiet_slip(problem, at))
     components = VarianceComponents(
         noise_scale=truth.noise_scale, slip=slip, lean=truth.lean, height=truth.height, target=dict(truth.target)
     )

@@ -1,0 +1,199 @@
+"""Estimates of the cameras of one robot, as their common solution has them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from boxcal.calib.geometry.parameters import COUNT, MOUNTING, TRANSLATION, WHEELS
+from boxcal.calib.geometry.so3_se3 import inverse, rigid
+from boxcal.calib.likelihood.cameras.agreement import disagreement
+from boxcal.calib.likelihood.cameras.solve import RobotFit, solved
+from boxcal.calib.likelihood.cameras.start import beginning, in_pictures
+from boxcal.calib.likelihood.estimate import DriveEstimate, Estimate
+from boxcal.calib.likelihood.fit import Fit
+from boxcal.calib.likelihood.leg_outliers import flagged_legs
+from boxcal.calib.likelihood.state import camera_motions
+from boxcal.calib.likelihood.summary import reported_cov
+from boxcal.detect.correspondences import Correspondences
+from boxcal.target.arrays import Array
+from boxcal.target.measure.size_influence import measured_scale_sigma
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Cameras:
+    """Estimates of all cameras of a robot, and the covariance between them.
+
+    Attributes
+    ----------
+    estimates
+        Of each camera: its own lens and extrinsics, wheels and stops of all.
+    mountings : (6 C, 6 C)
+        Covariance of all extrinsics: rotation (right perturbation, rad) and translation (m, along the body's axes) of
+        one camera after the other.
+    apart
+        Why the cameras could not be solved together, and the covariance is an upper bound only; else empty.
+    doubt
+        What speaks against the cameras' belonging to one robot and one drive; empty if nothing does.
+    notes
+        What the user should know of the common solution.
+    """
+
+    estimates: tuple[Estimate, ...]
+    mountings: Array
+    apart: str = ""
+    doubt: str = ""
+    notes: tuple[str, ...] = ()
+
+
+def solve_cameras(
+    found: Sequence[Estimate], fits: Sequence[Fit], drives: Sequence[Sequence[Correspondences]]
+) -> Cameras:
+    """Return the estimates of a robot's cameras from all of them together.
+
+    Parameters
+    ----------
+    found, fits
+        Each camera's own estimate, and the solution that it reports.
+    drives
+        For each camera the same drives, as it saw them.
+    """
+    why = _unsuitable(fits)
+    if not why:
+        try:
+            begin = beginning(fits, drives)
+            fit = solved(begin.robot, begin.state, begin.levels, begin.legs, fits[0].options)
+        except np.linalg.LinAlgError:
+            why = "their common equations cannot be solved"
+    if why:
+        return apart(found, why)
+    return _reported(found, fits, begin.drives, fit)
+
+
+def apart(found: Sequence[Estimate], why: str) -> Cameras:
+    """Return each camera's own estimate, with a covariance that holds however their errors go together.
+
+    Twice the sum of two covariances is no less than that of the difference, whatever the two share.
+    """
+    size = 6 * len(found)
+    mountings = np.zeros((size, size))
+    for c, estimate in enumerate(found):
+        rows = slice(6 * c, 6 * c + 6)
+        mountings[rows, rows] = 2 * estimate.cov[MOUNTING, MOUNTING]
+    return Cameras(estimates=tuple(found), mountings=mountings, apart=why)
+
+
+def _unsuitable(fits: Sequence[Fit]) -> str:
+    """Return why cameras cannot be solved together; empty if they can."""
+    if any(in_pictures(cause) for fit in fits for cause in fit.problem.explanations):
+        return "something happened to a camera or to the box between stops"
+    if len({fit.problem.target.names for fit in fits}) > 1:
+        return "their box has different unknowns"
+    return ""
+
+
+def _reported(
+    found: Sequence[Estimate], fits: Sequence[Fit], drives: Sequence[Correspondences], fit: RobotFit
+) -> Cameras:
+    robot = fit.robot
+    names = list(robot.problem.names)
+    cov, R = fit.cov.copy(), np.eye(len(names))
+    for part, camera in zip(robot.parts, fit.found.state.cameras, strict=True):
+        at = part.columns[TRANSLATION]
+        R[np.ix_(at, at)] = camera.T_body_cam[:3, :3]
+    cov = R @ cov @ R.T
+    factor, more = np.ones(len(names)), np.zeros_like(cov)
+    for part, own in zip(robot.parts, found, strict=True):
+        at = part.columns[:COUNT]
+        factor[at] = np.maximum(factor[at], own.jackknife.inflation)
+    options = fits[0].options
+    size = measured_scale_sigma(options.target) if options.target is not None and options.measured_sizes else 0.0
+    v = np.zeros(len(names))
+    for part, camera in zip(robot.parts, fit.found.state.cameras, strict=True):
+        v[part.columns[WHEELS]] = fit.found.state.body.wheels * size
+        v[part.columns[TRANSLATION]] = camera.T_body_cam[:3, 3] * size
+    for part, own, alone in zip(robot.parts, found, fits, strict=True):
+        at = part.columns
+        more[np.ix_(at, at)] += _besides(own, alone, len(at), v[at])
+    cov = cov * np.outer(factor, factor) + np.outer(v, v) + more
+    mounted = np.concatenate([part.columns[MOUNTING] for part in robot.parts])
+    estimates = tuple(_estimate(own, fit, c, cov) for c, own in enumerate(found))
+    used = (fit.legs > 0) | ~robot.problem.leg_known
+    legs = flagged_legs(robot.problem, fit.found.at.state, fit.tests, used, list(drives))
+    notes = tuple(f"all cameras together: {leg.text}" for leg in legs)
+    if not fit.converged:
+        notes = (*notes, "all cameras together: the noise levels had not settled; take the sigmas with care")
+    return Cameras(
+        estimates=estimates,
+        mountings=cov[np.ix_(mounted, mounted)],
+        doubt=disagreement(fits, fit),
+        notes=notes,
+    )
+
+
+def _besides(own: Estimate, alone: Fit, count: int, v: Array) -> Array:
+    """Return what a camera's own covariance (count, count) has besides the likelihood's and the ruler's: doubts."""
+    likelihood = reported_cov(alone.cov, alone.state, np.zeros(len(alone.cov), dtype=np.bool_))
+    likelihood[:COUNT, :COUNT] *= np.outer(own.jackknife.inflation, own.jackknife.inflation)
+    rest = own.cov_all[:count, :count] - likelihood[:count, :count] - np.outer(v, v)
+    if not np.all(np.isfinite(rest)):  # what one camera leaves open, all together may determine
+        return np.zeros((count, count))
+    values, vectors = np.linalg.eigh(rest)
+    return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T)
+
+
+def _estimate(own: Estimate, fit: RobotFit, number: int, cov: Array) -> Estimate:
+    """Return one camera's estimate with the values and the covariance of the common solution."""
+    part, state = fit.robot.parts[number], fit.found.state
+    here = state.of(part, number)
+    names = fit.robot.problem.names
+    columns = [int(c) for c in part.columns] + [names.index(n) for n in own.names[len(part.columns) :]]
+    cov_all = cov[np.ix_(columns, columns)]
+    values = own.values.copy()
+    bare = part.problem
+    values[:5], values[5:8], values[bare.extras] = here.lens[:5], here.wheels, here.lens[5:]
+    values[bare.tilts] = here.tilt.ravel() if bare.tilt_count else 0.0
+    values[bare.shapes], values[bare.growth] = here.shape, here.common_growth
+    values[len(part.columns) :] = [
+        state.body.explained[names.index(n) - fit.robot.problem.explained.start] for n in own.names[len(part.columns) :]
+    ]
+    profile = fit.profile
+    return replace(
+        own,
+        camera=own.camera.from_values(bare.lens, here.lens),
+        rR=float(here.wheels[0]),
+        rL=float(here.wheels[1]),
+        b=float(here.wheels[2]),
+        T_body_cam=here.T_body_cam,
+        drives=tuple(_drive(own.drives[d], d, fit, number, cov_all) for d in range(bare.drives)),
+        noise=replace(own.noise, slip=profile.mean, slip_sigma=profile.sigma),
+        cov=cov_all[:COUNT, :COUNT],
+        cov_all=cov_all,
+        values=values,
+        odometry_cov=None if own.odometry_cov is None else own.odometry_cov + cov_all[:COUNT, :COUNT] - own.cov,
+    )
+
+
+def _drive(own: DriveEstimate, d: int, fit: RobotFit, number: int, cov: Array) -> DriveEstimate:
+    """Return one camera's stops of a drive where all cameras put them."""
+    part = fit.robot.parts[number]
+    problem, state = part.problem, fit.found.state.of(part, number)
+    rows = np.flatnonzero(problem.drive == d)
+    motions, T_cam_body = camera_motions(problem, state), inverse(state.T_body_cam)
+    blocks, _ = fit.profile.solution.stop_blocks()
+    pose_cov = np.tensordot(fit.profile.weight, blocks[:, part.places[rows], :3, :3], 1)
+    error = np.linalg.solve(problem.whiten, fit.found.cameras[number].corners.residual[:, :, None])[:, :, 0]
+    stop, P = problem.corner_stop, len(problem.drive)
+    square = np.bincount(stop, weights=np.sum(error**2, axis=1) * part.corners, minlength=P)
+    count = np.maximum(np.bincount(stop, weights=part.corners, minlength=P), 1)
+    tilts = problem.tilts.start + 2 * d + np.arange(2)
+    return replace(
+        own,
+        T_box_body=np.array([rigid(motions.R_box_cam[k], motions.p_box_cam[k]) @ T_cam_body for k in rows]).reshape(
+            -1, 4, 4
+        ),
+        pose_cov=pose_cov,
+        tilt=state.tilt[d],
+        tilt_sigma=np.sqrt(np.diag(cov)[tilts]) if problem.tilt_count else own.tilt_sigma,
+        stop_rms_px=np.sqrt(square / count)[rows],
+    )
