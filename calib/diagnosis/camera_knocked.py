@@ -12,7 +12,7 @@ from boxcal.calib.likelihood.problem import Problem
 from boxcal.calib.likelihood.state import State
 
 _AXES = ("rx", "ry", "rz", "tx", "ty", "tz")
-_ANGLE, _PLACE = radians(0.5), 2e-3
+_ANGLE, _SMALL_ANGLE, _PLACE = radians(0.5), radians(0.1), 2e-3
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,10 +25,14 @@ class CameraKnocked(OfPictures):
         Which stop.
     shifted
         Whether the camera was shifted too, not only rotated: without, a smaller knock can be detected.
+    small
+        Whether angles of a tenth of a degree are expected, not of half a degree: a wide prior asks for more evidence
+        than a small knock gives, a narrow one shrinks a large knock.
     """
 
     stop: int
     shifted: bool = True
+    small: bool = False
 
     @property
     def family(self) -> str:
@@ -38,13 +42,13 @@ class CameraKnocked(OfPictures):
     @property
     def names(self) -> tuple[str, ...]:
         """Rotation about and translation along the camera's axes, rad and m."""
-        kind = "knock" if self.shifted else "turn"
+        kind = "knock" if self.shifted else "nudge" if self.small else "turn"
         return tuple(f"{kind}{self.stop}-{axis}" for axis in _AXES[: len(self.prior)])
 
     @property
     def prior(self) -> tuple[float, ...]:
-        """Half a degree and 2 mm about and along each axis."""
-        return (_ANGLE,) * 3 + (_PLACE,) * 3 * self.shifted
+        """Half a degree, or a tenth, and 2 mm about and along each axis."""
+        return (_SMALL_ANGLE if self.small else _ANGLE,) * 3 + (_PLACE,) * 3 * self.shifted
 
     def columns(self, problem: Problem, state: State) -> Columns:
         """Return the camera's motion at all stops before that one."""

@@ -27,6 +27,7 @@ def candidates(fit: Fit) -> tuple[Cause, ...]:
         FocusVaries(stops=P, at=at),
         *(CameraKnocked(stop=j) for j in range(1, P)),
         *(CameraKnocked(stop=j, shifted=False) for j in range(1, P)),
+        *(CameraKnocked(stop=j, shifted=False, small=True) for j in range(1, P)),
         *(FocusChanged(stop=j, at=at) for j in range(1, P)),
         *(FocusChanged(stop=j, at=at, shifted=False) for j in range(1, P)),
     )

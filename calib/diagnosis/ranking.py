@@ -28,9 +28,9 @@ class Ranked:
     cause
         Which.
     log_bayes
-        Logarithm of its Bayes factor, less that of how many its family tries.
+        Logarithm of the family's Bayes factor: the mean over all that it tries.
     log_family
-        The latter.
+        How much less that is than the best one's own.
     test
         The score test at the solution as it is.
     """
@@ -53,8 +53,8 @@ def rank(fit: Fit, causes: Sequence[Cause]) -> list[Ranked]:
     for family in dict.fromkeys(cause.family for cause in causes):
         members = [member for member in found if member[0].family == family]
         cause, gain, test = max(members, key=lambda member: member[1])
-        many = float(np.log(len(members)))
-        out.append(Ranked(cause=cause, log_bayes=gain - many, log_family=many, test=test))
+        mean = float(logsumexp([member[1] for member in members]) - np.log(len(members)))
+        out.append(Ranked(cause=cause, log_bayes=mean, log_family=gain - mean, test=test))
     return sorted(out, key=lambda r: -r.log_bayes)
 
 

@@ -10,9 +10,11 @@ import pytest
 from boxcal.calib.assessment.findings import finding_reason
 from boxcal.calib.diagnosis import choose
 from boxcal.calib.diagnosis.backlash import Backlash
+from boxcal.calib.diagnosis.camera_knocked import CameraKnocked
 from boxcal.calib.diagnosis.catalogue import candidates
-from boxcal.calib.diagnosis.choose import explain
+from boxcal.calib.diagnosis.choose import NEEDED, explain
 from boxcal.calib.diagnosis.explained_estimate import estimate_explained
+from boxcal.calib.diagnosis.ranking import rank
 from boxcal.calib.diagnosis.scrub import TYPICAL
 from boxcal.calib.geometry.so3_se3 import exp_se3, log_so3, wrap
 from boxcal.calib.likelihood import EstimateOptions
@@ -254,6 +256,31 @@ def test_a_knocked_camera_is_found_where_it_is_after_the_knock() -> None:
     assert abs(finding.size - np.hypot(0.3, 0.2)) < 3.5 * finding.sigma
     after = turtlebot().T_body_cam @ exp_se3(np.array(knock))
     assert np.degrees(np.arccos((np.trace(after[:3, :3].T @ found.T_body_cam[:3, :3]) - 1) / 2)) < 0.06
+
+
+def test_a_knock_by_less_than_a_tenth_of_a_degree_is_found_where_the_drive_shows_it(clean: Fit) -> None:
+    """A prior of half a degree asks for more evidence than this drive has, one of a tenth does not."""
+    knock = (radians(0.064), radians(-0.048), 0.0, 0.0, 0.0, 0.0)
+    ranked = {r.cause.family: r for r in rank(clean, candidates(clean))}
+    assert ranked["camera-knocked"].log_bayes < 0
+    faults = Imperfections(camera=CameraFaults(knocked=(7, knock)))
+    solved = fit([drive(faults)], None, OPTIONS)
+    best = {r.cause.family: r for r in rank(solved, candidates(solved))}["camera-knocked"]
+    explained = explain(solved)
+    (cause, gain), *_ = explained.adopted
+    assert isinstance(cause, CameraKnocked)
+    assert (cause.stop, cause.shifted, cause.small) == (7, False, True)
+    assert gain > NEEDED > best.log_bayes  # variances that had grown to take the knock in fall
+    assert_right(estimate_explained([drive(faults)], None, OPTIONS)[0])
+
+
+def test_a_family_is_ranked_by_the_mean_over_all_that_it_tries(clean: Fit) -> None:
+    causes = [cause for cause in candidates(clean) if cause.family == "scrub"]
+    (ranked,) = rank(clean, causes)
+    alone = np.array([rank(clean, [cause])[0].log_bayes for cause in causes])
+    assert ranked.log_bayes == pytest.approx(np.log(np.mean(np.exp(alone))), abs=1e-9)
+    assert ranked.log_bayes + ranked.log_family == pytest.approx(alone.max(), abs=1e-9)
+    assert ranked.cause == causes[int(alone.argmax())]
 
 
 def test_a_changed_focus_is_found_as_it_is_after_the_change() -> None:
