@@ -32,22 +32,34 @@ def _what(event: Event) -> str:
             f"{_name(main)}: drift of {_said(main)} a year since {event.until} (detected by the drive of {event.found})"
         )
     if event.change.group == EXTRINSICS:
-        what = f"camera turned by {degrees(event.turned):.2f}° ± {degrees(event.turned_sigma):.2f}°"
-        moved = [s for s in event.shifts if CHANNELS[s.channel].unit == "mm" and abs(s.size) > _TOLD * s.sigma]
-        if moved:
-            what += ", moved " + ", ".join(f"{_name(s).removeprefix('camera ')} by {_said(s)}" for s in moved)
+        parts = []
+        if _turned(event):
+            parts.append(f"turned by {degrees(event.turned):.2f}° ± {degrees(event.turned_sigma):.2f}°")
+        if moved := _moved(event):
+            parts.append("moved " + ", ".join(f"{_name(s).removeprefix('camera ')} by {_said(s)}" for s in moved))
+        what = f"camera {', '.join(parts)}" if parts else f"{_name(main)} {_said(main)}"
     else:
         others = [s for s in event.shifts if CHANNELS[s.channel].watched and abs(s.size) > _TOLD * s.sigma]
         what = "; ".join(f"{_name(s)} {_said(s)}" for s in (others or [main]))
     return f"{what}, between {event.since} and {event.until} (detected by the drive of {event.found})"
 
 
+def _turned(event: Event) -> bool:
+    """Tell whether a camera was turned beyond what is not known of it."""
+    return event.turned > _TOLD * event.turned_sigma
+
+
+def _moved(event: Event) -> list[Shift]:
+    return [s for s in event.shifts if CHANNELS[s.channel].unit == "mm" and abs(s.size) > _TOLD * s.sigma]
+
+
 def short_event(event: Event) -> str:
     """Return a change in a few words."""
     if event.change.drift:
-        return f"wear {_said(event.shifts[0])}/yr" if event.shifts else "wear"
+        return f"drift {_said(event.shifts[0])}/yr" if event.shifts else "drift"
     if event.change.group == EXTRINSICS:
-        return f"camera {degrees(event.turned):.2f}° on {event.until}"
+        how = f" {degrees(event.turned):.2f}°" if _turned(event) else " moved" if _moved(event) else ""
+        return f"camera{how} on {event.until}"
     return f"{event.change.group} on {event.until}"
 
 
@@ -56,7 +68,7 @@ def pending_text(group: str) -> str:
     return f"{group}: the last drive differs beyond chance; drive once more to tell a change from a bad drive"
 
 
-def wear_text(trend: Trend) -> str:
+def drift_text(trend: Trend) -> str:
     """Return a drift in percent a year with its sigma; empty if nothing is known of it."""
     if not isfinite(trend.rate) or not isfinite(trend.sigma):
         return ""
@@ -72,7 +84,7 @@ def due_text(robot: RobotHistory) -> str:
 
 def fleet_text(history: FleetHistory) -> str:
     """Return a fleet's history as a table, changes first told in full."""
-    header = ["robot", "drives", "last", "wear L %/yr", "wear R %/yr", "again by", "changes"]
+    header = ["robot", "drives", "last", "drift L %/yr", "drift R %/yr", "again by", "changes"]
     rows, lines = [], []
     for r in history.robots:
         changes = [short_event(e) for e in r.events[-1:]] + (["drive again"] if r.watched.pending else [])
@@ -81,8 +93,8 @@ def fleet_text(history: FleetHistory) -> str:
                 shortened(printable(r.robot)),
                 str(len(r.sessions)),
                 r.sessions[-1].date,
-                wear_text(r.trends["rL"]),
-                wear_text(r.trends["rR"]),
+                drift_text(r.trends["rL"]),
+                drift_text(r.trends["rR"]),
                 due_text(r),
                 "; ".join(changes) or "none",
             ]
@@ -125,8 +137,8 @@ def robot_text(history: FleetHistory, robot: RobotHistory) -> str:
     lines += [pending_text(group) for group in robot.watched.pending]
     lines += [f"{s.key[:8]}: {note}" for s in robot.sessions for note in s.notes]
     for key, side in (("rL", "left"), ("rR", "right")):
-        if wear := wear_text(robot.trends[key]):
-            lines.append(f"{side} radius: {wear} % a year over {robot.trends[key].sessions} drives")
+        if drift := drift_text(robot.trends[key]):
+            lines.append(f"{side} radius: {drift} % a year over {robot.trends[key].sessions} drives")
     scatter = robot.scatter
     if history.judged and isfinite(scatter[KEYS.index("rL")]):
         own = ", ".join(

@@ -1,5 +1,6 @@
 """Opening a store: migrated to this version's tables, every fault in one line, no password in any."""
 
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -12,6 +13,11 @@ PATIENCE_S = 30
 _MIGRATION_LOCK = 6_027_013
 """Number of the lock under which PostgreSQL's tables are made: two runs may be the first."""
 _LOCKED = ("locked", "lock timeout", "deadlock")
+_REFUSED = re.compile(
+    "authentication failed|no password supplied|access denied|not permitted to log in|no pg_hba.conf entry"
+    '|unknown database|(database|role) "[^"]*" does not exist'
+)
+"""What a server says to somebody whom it will not let in later either."""
 _FULL = ("disk is full", "no space left", "disk full")
 
 
@@ -171,6 +177,8 @@ def _told(url: str, error: Any) -> StoreError:
         return _error(url, "no database, or a damaged one", remedy="name another file, or restore it from a copy")
     if "readonly" in low or "read-only" in low or "permission denied" in low:
         return _error(url, f"may not be written ({line})", remedy="check its owner and rights")
+    if _REFUSED.search(low):
+        return _error(url, f"refuses who asks ({line})", remedy="check user, password and database, and their rights")
     down = (
         "connect" in low
         or "refused" in low

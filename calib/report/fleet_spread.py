@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from math import isfinite
 
 import numpy as np
+from scipy import special
 
 from boxcal.calib.report.fleet_tables import PARAMETERS
 from boxcal.calib.uncertainty.random_effects import RandomEffects, random_effects
@@ -12,6 +13,8 @@ from boxcal.target.arrays import Array
 
 MOST_GROUPS = 8
 """Hardware revisions that get a column each; of more those with most robots do."""
+_CHANCE = 0.05
+"""Chance that revisions which do not differ are said to explain some parameter, over all parameters together."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -31,7 +34,8 @@ class SpreadRow:
     share
         Its share of the spread's variance, in percent.
     hardware
-        Share of the real variance that the hardware revisions explain, in percent; empty with fewer than two.
+        Share of the real variance that the hardware revisions explain, in percent, where they differ by more than
+        chance (a dash where they do not); empty with fewer than two.
     """
 
     key: str
@@ -125,4 +129,22 @@ def _explained(column: Array, sigma: Array, groups: Sequence[str], real: RandomE
     if not total:
         return ""
     within = sum(count * between**2 for count, between in known) / total
+    if not _differ(column, sigma, kinds, names, within):
+        return "\N{EN DASH}"
     return f"{100 * max(0.0, 1 - within / real.between**2):.0f}"
+
+
+def _differ(column: Array, sigma: Array, kinds: Array, names: Sequence[str], within: float) -> bool:
+    """Tell whether the means of hardware revisions differ beyond chance (Fisher's F of weighted means)."""
+    known = np.isfinite(column) & np.isfinite(sigma) & np.isin(kinds, names)
+    y, of = column[known], np.array([names.index(kind) for kind in kinds[known]])
+    w = 1 / (np.square(sigma[known]) + within + 1e-300)
+    total = np.bincount(of, w, len(names))
+    means = np.bincount(of, w * y, len(names)) / np.maximum(total, 1e-300)
+    whole = np.sum(total * means) / np.sum(total)
+    between, freedom = np.sum(total * np.square(means - whole)), len(names) - 1
+    inside, rest = np.sum(w * np.square(y - means[of])), len(y) - len(names)
+    if rest < 1:
+        return False
+    ratio = (between / freedom) / max(inside / rest, 1e-300)
+    return bool(special.fdtrc(freedom, rest, ratio) < _CHANCE / len(PARAMETERS))

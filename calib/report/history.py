@@ -10,7 +10,7 @@ from urllib.parse import quote
 
 import numpy as np
 
-from boxcal.calib.console.history import due_text, event_text, pending_text, short_event, wear_text
+from boxcal.calib.console.history import drift_text, due_text, event_text, pending_text, short_event
 from boxcal.calib.history.channels import CHANNELS, KEYS
 from boxcal.calib.history.fleet_history import FleetHistory, RobotHistory
 from boxcal.calib.report.fleet_tables import REPORT
@@ -107,9 +107,9 @@ def _row(r: RobotHistory, linked: set[str]) -> dict[str, Any]:
         "drives": len(r.sessions),
         "last": r.sessions[-1].date,
         "left": rate("rL"),
-        "left_said": wear_text(r.trends["rL"]),
+        "left_said": drift_text(r.trends["rL"]),
         "right": rate("rR"),
-        "right_said": wear_text(r.trends["rR"]),
+        "right_said": drift_text(r.trends["rR"]),
         "scatter": float(f"{scatter:.2g}") if isfinite(scatter) else None,
         "due": due_text(r),
         "due_key": "" if r.due_now else r.due or "9999",
@@ -153,8 +153,8 @@ def _robot_page(history: FleetHistory, r: RobotHistory, report: str) -> bytes:
         events=[event_text(e) for e in r.events],
         pending=[pending_text(group) for group in r.watched.pending],
         notes=[(s.key[:8], note) for s in r.sessions for note in s.notes],
-        left=wear_text(r.trends["rL"]),
-        right=wear_text(r.trends["rR"]),
+        left=drift_text(r.trends["rL"]),
+        right=drift_text(r.trends["rR"]),
         due=due_text(r),
         sessions=[
             (
@@ -200,9 +200,11 @@ def _panels(r: RobotHistory) -> list[dict[str, Any]]:
 
 
 def _lines(r: RobotHistory, j: int, cuts: Sequence[int]) -> list[list[float]]:
-    """Return the level of each stretch between changes, or its trend where it drifts: x0, y0, x1, y1."""
+    """Return the level of each stretch between changes, and the trend where it drifts: x0, y0, x1, y1."""
     c, s, lines = CHANNELS[j], r.series, []
-    for a, b in zip([0, *cuts], [*cuts, len(s.years)], strict=True):
+    start, trend = r.watched.start[j], r.trends.get(c.key)
+    drifts = trend is not None and bool(r.watched.sloped[j]) and isfinite(trend.sigma)
+    for a, b in zip([0, *cuts], [*cuts, start + 1 if drifts else len(s.years)], strict=True):
         w = np.where(
             np.isfinite(s.variances[a:b, j]) & ~r.watched.odd[a:b, j],
             1 / np.maximum(s.variances[a:b, j] + r.scatter[j] ** 2, 1e-300) if isfinite(r.scatter[j]) else 1.0,
@@ -210,11 +212,16 @@ def _lines(r: RobotHistory, j: int, cuts: Sequence[int]) -> list[list[float]]:
         )
         if np.sum(w > 0) < 1:
             continue
-        t, y = s.years[a:b], s.values[a:b, j]
-        middle, level = np.average(t, weights=w), np.average(y, weights=w)
-        lever = float(np.sum(w * (t - middle) ** 2))
-        drifts = c.wears and b == len(s.years) and bool(r.watched.sloped[j])
-        rate = float(np.sum(w * (t - middle) * (y - level))) / lever if drifts and lever > 0 else 0.0
-        ends = [float(t[0]), float(t[-1])]
-        lines.append([*(v for x in ends for v in (x, float(f"{(level + rate * (x - middle)) * c.scale:.5g}")))])
+        level = float(np.average(s.values[a:b, j], weights=w))
+        lines.append(_line(s.years[a], s.years[b - 1], level, level, c.scale))
+    if trend is not None and drifts:
+        known = np.isfinite(s.variances[:, j]) & ~r.watched.odd[:, j]
+        last = float(s.years[known][-1])
+        begun, end = float(s.years[start]), float(s.years[-1])
+        y0, y1 = (trend.level + trend.rate * (x - last) for x in (begun, end))
+        lines.append(_line(begun, end, y0, y1, c.scale))
     return lines
+
+
+def _line(x0: float, x1: float, y0: float, y1: float, scale: float) -> list[float]:
+    return [float(x0), float(f"{y0 * scale:.5g}"), float(x1), float(f"{y1 * scale:.5g}")]

@@ -84,17 +84,9 @@ def _history(args: argparse.Namespace, url: str) -> "FleetHistory":
 
 def _show(args: argparse.Namespace, history: "FleetHistory") -> int:
     from boxcal.calib.console.history import fleet_text, robot_text
-    from boxcal.calib.errors import CalibError
-    from boxcal.detect.log.safe_text import printable, suggestion
 
     known = {r.robot: r for r in history.robots}
-    wanted = args.words
-    for name in wanted:
-        if name not in known:
-            raise CalibError(
-                f"no robot {printable(name)} in the store",
-                remedy=f"robot-history list shows those that are{suggestion(name, known)}",
-            )
+    wanted = _known(args.words, history)
     if args.action == "list":
         print(fleet_text(history))
     else:
@@ -102,12 +94,27 @@ def _show(args: argparse.Namespace, history: "FleetHistory") -> int:
     return 0
 
 
+def _known(wanted: list[str], history: "FleetHistory") -> list[str]:
+    """Return names of robots that are in the store (CalibError for the first that is not)."""
+    from boxcal.calib.errors import CalibError
+    from boxcal.detect.log.safe_text import printable, suggestion
+
+    known = {r.robot for r in history.robots}
+    for name in wanted:
+        if name not in known:
+            raise CalibError(
+                f"no robot {printable(name)} in the store",
+                remedy=f"robot-history list shows those that are{suggestion(name, known)}",
+            )
+    return wanted
+
+
 def _page(args: argparse.Namespace, history: "FleetHistory") -> int:
     from boxcal.calib.report.history import PAGE, history_pages
     from boxcal.target.files.atomic_write import write_atomically
 
     out = Path(args.words[0])
-    wanted = args.words[1:]
+    wanted = _known(args.words[1:], history)
     count = 0
     for relative, content in history_pages(history, wanted, results=args.results, out=out):
         write_atomically(out / relative, content)

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from scipy import integrate, stats
 
-from boxcal.calib.console.history import event_text
+from boxcal.calib.console.history import event_text, short_event
 from boxcal.calib.geometry.parameters import ORDER
 from boxcal.calib.history.channels import CHANNELS, EXTRINSICS, KEYS, WHEELS
 from boxcal.calib.history.drift import own_trend, years_until
-from boxcal.calib.history.evidence import SIZES, log_ratios
+from boxcal.calib.history.evidence import log_ratios
 from boxcal.calib.history.fleet_history import fleet_history
 from boxcal.calib.history.scatter import Stretch, _parts, _pooled_loss, between_sessions
 from boxcal.calib.history.session import Session, drive_key
@@ -45,7 +45,6 @@ def test_likelihood_ratio_is_the_quotient_of_the_integrals() -> None:
     rng = np.random.default_rng(2)
     y, var, d0 = rng.normal(size=4), rng.uniform(0.5, 2, 4), 8.0
     g = np.array([0.0, 0.0, 1.0, 1.0])
-    v = SIZES[0] ** 2 * np.median(var)
 
     def marginal(extra: float) -> float:
         cov = np.diag(var) + extra * np.outer(g, g)
@@ -60,12 +59,10 @@ def test_likelihood_ratio_is_the_quotient_of_the_integrals() -> None:
 
         return float(integrate.quad(given, -6, 8)[0])
 
-    expected = marginal(v) / marginal(0.0)
     got = log_ratios(np.arange(4.0), y[:, None], var[:, None], d0, slope=np.array([False]), looks=slice(3, 4)).step[
         0, 2, 0
     ]
-    parts = [marginal(s**2 * np.median(var)) / marginal(0.0) for s in SIZES]
-    assert parts[0] == pytest.approx(expected)
+    parts = [marginal(s**2 * np.median(var)) / marginal(0.0) for s in (3.0, 10.0, 40.0)]  # sigmas of one session
     assert np.exp(got) == pytest.approx(np.mean(parts), rel=1e-6)
 
 
@@ -141,6 +138,19 @@ def test_a_knocked_camera_and_new_tyres_are_found_by_the_second_session_with_dat
     assert event.change.group == WHEELS
     assert CHANNELS[main.channel].key == "r"
     assert abs(main.size - asked.tyre) < 4 * main.sigma
+
+
+def test_a_camera_that_only_moved_is_not_said_to_be_turned() -> None:
+    sessions = simulated_years(Years(robots=8, sessions=14), np.random.default_rng(21))
+    own = [s for s in sessions if s.robot == "r0002"]
+    moved = []
+    for s in sessions:
+        T = s.T_body_cam.copy()
+        T[0, 3] += 0.02 * (s.robot == "r0002" and s.t_ns >= own[8].t_ns)
+        moved.append(replace(s, T_body_cam=T))
+    (event,) = fleet_history(moved).robots[2].events
+    assert event_text(event).startswith("camera moved forward by +20 ± ")
+    assert short_event(event) == f"camera moved on {own[8].date}"
 
 
 def test_wear_is_a_trend_with_its_sigma_and_calls_for_a_calibration() -> None:

@@ -57,6 +57,7 @@ def test_show_tells_a_robots_drives(store: Path, capsys: pytest.CaptureFixture[s
             ["show", "r00003"],
             "no robot r00003 in the store; robot-history list shows those that are; did you mean r0003?",
         ),
+        (["page", "out", "r0003", "r00007"], "no robot r00007 in the store"),
         (["list", "--store", "nowhere.sqlite"], "nowhere.sqlite: no such file; fleet-calibrate --store makes it"),
         (["list", "--store", "postgresql://u:geheim@h/x"], "--store holds a password"),
         (["import", "empty"], "empty: cannot be read|empty: "),

@@ -19,7 +19,7 @@ from alembic.migration import MigrationContext
 
 from boxcal.calib.errors import CalibError
 from boxcal.calib.history.session import Session
-from boxcal.calib.history_store.connection import StoreError, alembic_config, open_store
+from boxcal.calib.history_store.connection import StoreError, _told, alembic_config, open_store
 from boxcal.calib.history_store.place import store_url
 from boxcal.calib.history_store.record import check_store
 from boxcal.calib.history_store.sessions import count, forget, put, read, set_time
@@ -228,6 +228,31 @@ def test_a_store_that_is_none_is_said_without_its_password(url: str, message: st
     assert "geheim" not in str(caught.value)
     assert "\n" not in str(caught.value)
     assert passing is None or caught.value.passing is passing
+
+
+@pytest.mark.parametrize(
+    ("said", "message", "passing"),
+    [
+        ('FATAL:  password authentication failed for user "fleet"', "refuses who asks", False),
+        ('FATAL:  no pg_hba.conf entry for host "10.0.0.7", user "fleet"', "refuses who asks", False),
+        ("fe_sendauth: no password supplied", "refuses who asks", False),
+        ("FATAL:  sorry, too many clients already", "cannot be reached", True),
+        ("Connection refused. Is the server running on that host?", "cannot be reached", True),
+    ],
+)
+def test_who_is_not_let_in_is_not_told_to_try_again(said: str, message: str, passing: bool) -> None:
+    sa = pytest.importorskip("sqlalchemy")
+    words = f'connection failed: connection to server at "10.0.0.8", port 5432 failed: {said}'
+    error = _told("postgresql+psycopg://fleet@10.0.0.8/x", sa.exc.OperationalError("", {}, OSError(words)))
+    assert message in str(error)
+    assert error.passing is passing
+
+
+def test_a_database_that_is_not_there_is_no_passing_trouble(postgres: str) -> None:
+    nowhere = postgres.removesuffix("postgres") + "nowhere"
+    with pytest.raises(StoreError, match=r'refuses who asks.*database "nowhere" does not exist') as caught:
+        open_store(nowhere).__enter__()
+    assert not caught.value.passing
 
 
 def test_a_file_that_is_no_database_is_left_alone(tmp_path: Path) -> None:

@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 from browser import Browser
 
+from boxcal.calib.history.channels import KEYS
 from boxcal.calib.history.fleet_history import fleet_history
 from boxcal.calib.report.fleet import ROWS, fleet_report
-from boxcal.calib.report.history import history_pages
+from boxcal.calib.report.history import _panels, history_pages
 from boxcal.calib.results.calibration import Calibration
 from boxcal.calib.simulate.years import Years, simulated_years
 
@@ -68,6 +69,18 @@ def test_history_links_sorts_and_filters(browser: Browser, history: Path) -> Non
     shown = browser.evaluate("[...document.querySelectorAll('#history-table tbody th')].map((c) => c.textContent)")
     assert set(shown) >= {"r0003", "<b>r</b>/..", "r0008"}
     assert browser.evaluate("document.querySelector('.history-changes').textContent").count("camera turned by 0.3") == 1
+
+
+def test_the_trend_that_is_drawn_is_the_one_that_is_stated() -> None:
+    asked = Years(robots=6, sessions=30, worn=(3,), wear=-0.01, tyres={3: 8})
+    robot = fleet_history(simulated_years(asked, np.random.default_rng(2))).robots[3]
+    assert any(event.change.drift for event in robot.events)
+    for key, name in (("rL", "Left radius"), ("rR", "Right radius")):
+        (panel,) = [panel for panel in _panels(robot) if panel["name"] == name]
+        x0, y0, x1, y1 = panel["lines"][-1]
+        assert (y1 - y0) / (x1 - x0) == pytest.approx(100 * robot.trends[key].rate, rel=1e-2)
+        assert x0 == robot.series.years[robot.watched.start[KEYS.index(key)]]
+        assert y1 == pytest.approx(100 * robot.trends[key].level, rel=1e-3)
 
 
 @pytest.mark.parametrize("page", ["history.html", "robots/r0003.html"])
