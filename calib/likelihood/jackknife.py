@@ -18,7 +18,7 @@ from boxcal.calib.likelihood.leave_one_out import Jackknife
 from boxcal.calib.likelihood.levenberg_marquardt import equations, leg_information
 from boxcal.calib.likelihood.normal_equations import Solution, solve
 from boxcal.calib.likelihood.outliers import leg_unknowns
-from boxcal.calib.likelihood.residuals import Corners, groups_of
+from boxcal.calib.likelihood.picture_blocks import picture_blocks
 from boxcal.target.arrays import Array, Ids
 
 ENOUGH_STOPS = 8
@@ -53,14 +53,9 @@ def jackknife(fit: Fit) -> Jackknife:
 
 def _without_pictures(fit: Fit, solution: Solution) -> Array:
     """Return the changes of the shared unknowns with each stop's corners left out, (P, n)."""
-    problem, components = fit.problem, fit.components
-    corners = fit.at.corners
-    n, P = len(problem.names), len(problem.drive)
-    H, g = _group_blocks(fit, corners)
-    X = np.concatenate([corners.J_shared, corners.J_pose, corners.J_local * components.local_sigma], axis=2)
-    first = np.searchsorted(corners.group_stop, np.arange(P))
-    N = np.add.reduceat(np.swapaxes(X, 1, 2) @ H @ X, first, axis=0)
-    a = np.add.reduceat(np.einsum("gmi,gm->gi", X, g), first, axis=0)
+    n, P = len(fit.problem.names), len(fit.problem.drive)
+    weight = fit.weights.corners / fit.components.noise_scale**2
+    N, a = picture_blocks(fit.at.corners, weight, fit.components.local_sigma)
     step = np.concatenate([np.tile(solution.d_shared, (P, 1)), solution.d_stops[:, :3], solution.d_local], axis=1)
     a -= (N @ step[:, :, None])[:, :, 0]  # about the solution, not about the state
     # What a picture says of the shared unknowns, its stop's own eliminated: their priors hold the local ones.
@@ -69,19 +64,6 @@ def _without_pictures(fit: Fit, solution: Solution) -> Array:
     information = N[:, :n, :n] - gain @ N[:, n:, :n]
     score = a[:, :n] - (gain @ a[:, n:, None])[:, :, 0]
     return _changes(solution.cov, information, score)
-
-
-def _group_blocks(fit: Fit, corners: Corners) -> tuple[Array, Array]:
-    """Return each group's normal equations in the base columns: (G, m, m) and (G, m), noise scale and weights in."""
-    G, m = len(corners.group_stop), corners.jacobian.shape[2]
-    weight = fit.weights.corners / fit.components.noise_scale**2
-    H, g = np.zeros((G, m, m)), np.zeros((G, m))
-    for k, rows in enumerate(groups_of(corners.group, G)):
-        J = corners.jacobian[rows].reshape(-1, m)
-        w = np.repeat(weight[rows], 2)
-        H[k] = (J * w[:, None]).T @ J
-        g[k] = (J * w[:, None]).T @ corners.residual[rows].ravel()
-    return H, g
 
 
 def _changes(C: Array, information: Array, score: Array) -> Array:

@@ -104,20 +104,23 @@ def leg_information(problem: Problem, legs: LegResiduals, weights: Weights, slip
     return np.asarray(np.linalg.inv(leg_covariance(problem, legs.model, slip)) * weights.legs[:, None, None])
 
 
-def picture_equations(problem: Problem, at: Linearization, components: VarianceComponents) -> tuple[Normal, float]:
+def picture_equations(
+    problem: Problem, at: Linearization, components: VarianceComponents, local_sigma: Array | None = None
+) -> tuple[Normal, float]:
     """Return the normal equations of corners and priors, and their sum of squares.
 
-    The local unknowns stand in units of their standard deviations: where one is zero, nothing is left of it.
+    The local unknowns stand in units of their standard deviations: where one is zero, nothing is left of it. These are
+    the components' at every stop, or ``local_sigma`` (P, 4).
     """
     w = components.noise_scale**-2
-    s = components.local_sigma
     corners, local = at.corner_normal, at.corner_local
     values = np.column_stack([at.state.lean, at.state.growth])
+    s = np.broadcast_to(components.local_sigma if local_sigma is None else local_sigma, values.shape)
     unit = np.divide(values, s, out=np.zeros_like(values), where=s > 0)
     own = Local(
-        D=w * local.D * (s[:, None] * s) + np.eye(len(s)),
-        by_shared=w * local.by_shared * s,
-        by_chain=w * local.by_chain * s,
+        D=w * local.D * (s[:, :, None] * s[:, None, :]) + np.eye(s.shape[1]),
+        by_shared=w * local.by_shared * s[:, None, :],
+        by_chain=w * local.by_chain * s[:, None, :],
         c=w * local.c * s - unit,
     )
     prior, prior_squares = prior_equations(problem, at.state, components.prior_sigma(problem))

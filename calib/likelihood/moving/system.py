@@ -5,12 +5,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from boxcal.calib.likelihood.components import VarianceComponents
-from boxcal.calib.likelihood.levenberg_marquardt import Linearization, Weights
+from boxcal.calib.likelihood.levenberg_marquardt import Linearization, Weights, picture_equations
 from boxcal.calib.likelihood.moving.noise import FrameNoise, local_sigmas
 from boxcal.calib.likelihood.moving.weave import Woven
-from boxcal.calib.likelihood.normal_equations import Local, Normal, Solution, eliminate, solve_chain
+from boxcal.calib.likelihood.normal_equations import Eliminated, Normal, Solution, eliminate, solve_chain
 from boxcal.calib.likelihood.problem import Problem
-from boxcal.calib.likelihood.residuals import leg_covariance, leg_equations, prior_equations
+from boxcal.calib.likelihood.residuals import leg_covariance, leg_equations
 from boxcal.calib.likelihood.state import READINGS
 from boxcal.target.arrays import Array
 
@@ -37,6 +37,59 @@ class Levels:
     local_sigma: Array
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class System:
+    """Equations about one state at K levels of slip and jitter, the local unknowns eliminated.
+
+    Attributes
+    ----------
+    normal, eliminated
+        The equations, and how to find the local unknowns again.
+    leg_information : (K, N, 3, 3)
+        Weight of the legs in them.
+    squares, log_noise : (K,)
+        Weighted sum of squares at the state, and logarithm of the determinant of what legs and readings err by.
+    local_sigma : (P, 4)
+        Standard deviations of the local unknowns.
+    """
+
+    normal: Normal
+    eliminated: Eliminated
+    leg_information: Array
+    squares: Array
+    log_noise: Array
+    local_sigma: Array
+
+
+def system(  # noqa: PLR0917 - a state and what holds there
+    problem: Problem,
+    woven: Woven,
+    at: Linearization,
+    components: VarianceComponents,
+    weights: Weights,
+    noise: FrameNoise,
+    slip: Array,
+    jitter_s: Array,
+) -> System:
+    """Return the equations of stops and frames about a state; see :func:`solved_at`."""
+    sigma = local_sigmas(components, noise, len(woven.frame), woven.moving)
+    pictures, squares = picture_equations(problem, at, components, sigma)
+    reduced, eliminated = eliminate(pictures)
+    C = leg_covariance(problem, at.legs.model, slip)
+    information = np.linalg.inv(C) * weights.legs[:, None, None]
+    legs, leg_squares = leg_equations(problem, at.legs, information)
+    readings, reading_squares, log_readings = _readings(problem, woven, at, jitter_s)
+    total = reduced.plus(legs)
+    return System(
+        normal=replace(total, D=total.D + readings[0], c=total.c + readings[1]),
+        eliminated=eliminated,
+        leg_information=information,
+        squares=squares + leg_squares + reading_squares,
+        log_noise=np.sum(np.linalg.slogdet(C)[1] * (weights.legs > 0), axis=-1) + log_readings,
+        local_sigma=sigma,
+    )
+
+
 def solved_at(  # noqa: PLR0917 - a state and what holds there
     problem: Problem,
     woven: Woven,
@@ -60,51 +113,16 @@ def solved_at(  # noqa: PLR0917 - a state and what holds there
     slip, jitter_s
         The levels.
     """
-    sigma = local_sigmas(components, noise, len(woven.frame), woven.moving)
-    pictures, squares = _pictures(problem, at, components, sigma)
-    reduced, eliminated = eliminate(pictures)
-    C = leg_covariance(problem, at.legs.model, slip)
-    information = np.linalg.inv(C) * weights.legs[:, None, None]
-    legs, leg_squares = leg_equations(problem, at.legs, information)
-    readings, reading_squares, log_readings = _readings(problem, woven, at, jitter_s)
-    total = reduced.plus(legs)
-    total = replace(total, D=total.D + readings[0], c=total.c + readings[1])
-    solution = solve_chain(total, eliminated)
-    log_noise = np.sum(np.linalg.slogdet(C)[1] * (weights.legs > 0), axis=-1) + log_readings
-    left = squares + leg_squares + reading_squares - solution.decrease
+    s = system(problem, woven, at, components, weights, noise, slip, jitter_s)
+    solution = solve_chain(s.normal, s.eliminated)
+    left = s.squares - solution.decrease
     return Levels(
         slip=slip,
         jitter_s=jitter_s,
-        log_likelihood=np.where(left > 0, -0.5 * (log_noise + solution.log_det + left), -np.inf),
+        log_likelihood=np.where(left > 0, -0.5 * (s.log_noise + solution.log_det + left), -np.inf),
         solution=solution,
-        local_sigma=sigma,
+        local_sigma=s.local_sigma,
     )
-
-
-def _pictures(
-    problem: Problem, at: Linearization, components: VarianceComponents, sigma: Array
-) -> tuple[Normal, float]:
-    """Return the equations of corners and priors, local unknowns in units of ``sigma`` (P, 4), and their squares."""
-    w, corners, local = components.noise_scale**-2, at.corner_normal, at.corner_local
-    values = np.column_stack([at.state.lean, at.state.growth])
-    unit = np.divide(values, sigma, out=np.zeros_like(values), where=sigma > 0)
-    across = w * sigma[:, None, :]
-    prior, prior_squares = prior_equations(problem, at.state, components.prior_sigma(problem))
-    both = Normal(
-        A=w * corners.A + prior.A,
-        B=w * corners.B + prior.B,
-        D=w * corners.D + prior.D,
-        E=corners.E,
-        a=w * corners.a + prior.a,
-        c=w * corners.c + prior.c,
-        local=Local(
-            D=across * sigma[:, :, None] * local.D + np.eye(sigma.shape[1]),
-            by_shared=across * local.by_shared,
-            by_chain=across * local.by_chain,
-            c=w * sigma * local.c - unit,
-        ),
-    )
-    return both, float(w * at.corner_squares.sum() + prior_squares + np.sum(unit**2))
 
 
 def _readings(
