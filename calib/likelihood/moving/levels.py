@@ -1,11 +1,13 @@
 """Noise levels of frames on the move, by restricted maximum likelihood."""
 
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from boxcal.calib.likelihood.fit import Fit
 from boxcal.calib.likelihood.levenberg_marquardt import Weights
+from boxcal.calib.likelihood.moving.grid import Axis, over_levels
 from boxcal.calib.likelihood.moving.noise import FrameNoise
 from boxcal.calib.likelihood.moving.solve import Joint, maximised, solved, stepped
 from boxcal.calib.likelihood.moving.system import Levels
@@ -14,20 +16,24 @@ from boxcal.calib.likelihood.slip_profile import LARGEST_SLIP, quiet_slip
 from boxcal.detect.correspondences import Correspondences
 from boxcal.target.arrays import Array
 
-_JITTER_S = np.concatenate([[1e-6], np.geomspace(1e-4, 3e-2, 6)])
-_SLIPS, _FINE_SLIPS, _FINE_JITTERS = 11, 7, 5
+_QUIET_JITTER_S, _MOST_JITTER_S, _JITTERS, _FINE_JITTERS = 1e-4, 3e-2, 7, 5
+"""Errors in time far below the first are alike; the second is the largest that is looked for."""
+_LEAST_JITTER_S = 1e-6
+_SLIPS, _FINE_SLIPS = 11, 7
 _LEAST_OF_QUIET = 0.05
 """Slip is taken as at least this share of what equals the quantisation."""
 _LEAST_OF_STOPS = 0.05
 """And as this share of what stops show: frames are near to each other, and less would hide them in rounding."""
-_AT_REST = 1.0
-"""Promised decrease of the sum of squares from which on the solver did not get there."""
+_AT_REST = 0.1
+"""Squared change of the shared unknowns, in their standard deviations, from which on the solver did not get there."""
+_LIKELY = 0.01
+"""Levels less probable than this share of the most probable are left out of that check."""
 _LEAST_SWAY, _MOST_SWAY = 0.03, 100.0
 _LEAST_SCALE = 1.0
 """A picture of a moving camera is never taken to be sharper than its covariances say."""
-_IMPROBABLE = 1e-4
 _ROUNDS = 2
 _ALIKE = 0.05
+_SWAYS = 6
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -75,19 +81,38 @@ def settled(fit: Fit, drive: Correspondences, joint: Joint, noise: FrameNoise) -
     reached = maximised(fit, drive, joint, noise)
     if reached is None:
         return None
-    joint = reached
+    joint, noise = _steadied(fit, reached, noise)
     noise, levels, weight = _updated(fit, joint, noise, None)
     for _ in range(_ROUNDS):
         before = noise
         joint = stepped(joint, levels, weight, _corner_weights(fit, joint, noise))
+        noise = _steadier(fit, joint, noise)[0]
         noise, levels, weight = _updated(fit, joint, noise, levels)
         if _near(before, noise):
             break
     joint = stepped(joint, levels, weight)
-    left = solved(fit, joint, noise, np.array([noise.slip]), np.array([noise.jitter_s])).solution.decrease
-    if not (joint.at.valid and left[0] < _AT_REST):
+    if not (joint.at.valid and _left(fit, joint, noise, levels, weight) < _AT_REST):
         return None
     return Settled(joint=joint, noise=noise, levels=levels, weight=weight)
+
+
+def _steadied(fit: Fit, joint: Joint, noise: FrameNoise) -> tuple[Joint, FrameNoise]:
+    """Return stops and frames, and their noise, with the sway and the scale that the frames show."""
+    for _ in range(_SWAYS):
+        before = noise
+        noise, at_noise = _steadier(fit, joint, noise)
+        joint = stepped(joint, at_noise, np.ones(1))
+        if abs(np.log(noise.sway / before.sway)) < _ALIKE:
+            break
+    return joint, noise
+
+
+def _steadier(fit: Fit, joint: Joint, noise: FrameNoise) -> tuple[FrameNoise, Levels]:
+    """Return the noise with scale and sway after one step of their fixed points, and the solution at that noise."""
+    noise = replace(noise, scale=_scale(fit, joint))
+    level = np.array([noise.slip]), np.array([noise.jitter_s])
+    noise = replace(noise, sway=_sway(joint, solved(fit, joint, noise, *level), noise))
+    return noise, solved(fit, joint, noise, *level)
 
 
 def _near(before: FrameNoise, after: FrameNoise) -> bool:
@@ -96,44 +121,41 @@ def _near(before: FrameNoise, after: FrameNoise) -> bool:
 
 
 def _updated(fit: Fit, joint: Joint, noise: FrameNoise, near: Levels | None) -> tuple[FrameNoise, Levels, Array]:
-    """Return the noise about a state, the solutions at probable levels of slip and jitter, and their weights.
+    """Return the noise with slip and jitter about a state, the solutions at their probable levels, and the weights.
 
     ``near`` are levels that were probable nearby; without them all are looked at.
     """
-    noise = replace(noise, scale=_scale(fit, joint))
-    at_noise = solved(fit, joint, noise, np.array([noise.slip]), np.array([noise.jitter_s]))
-    noise = replace(noise, sway=_sway(joint, at_noise, noise))
-    quiet = quiet_slip(joint.problem, joint.at)
-    least = max(_LEAST_OF_QUIET * quiet, _LEAST_OF_STOPS * fit.components.slip)
-    if fit.options.slip is not None:
-        u = np.log(np.array([fit.options.slip]) ** 2 + quiet**2)
-    elif near is not None:
-        u = np.log(np.unique(near.slip) ** 2 + quiet**2)
-    else:
-        u = np.linspace(2 * np.log(quiet), np.log(LARGEST_SLIP**2 + quiet**2), _SLIPS)
-    jitter = _JITTER_S if near is None else np.unique(near.jitter_s)
-    for fine in (True, False):
-        slip = np.sqrt(np.maximum(np.exp(u) - quiet**2, least**2))
-        S, J = np.meshgrid(slip, jitter, indexing="ij")
-        levels = solved(fit, joint, noise, S.ravel(), J.ravel())
-        if not np.any(np.isfinite(levels.log_likelihood)):
-            raise np.linalg.LinAlgError("rounding hides the likelihood at all levels of noise")
-        weight = np.exp(levels.log_likelihood - levels.log_likelihood.max())
-        weight /= weight.sum()
-        if near is not None:
-            break
-        if fine:
-            u = _closer(u, weight.reshape(S.shape).sum(axis=1), _FINE_SLIPS)
-            jitter = np.exp(_closer(np.log(jitter), weight.reshape(S.shape).sum(axis=0), _FINE_JITTERS))
+    levels, weight = over_levels(partial(solved, fit, joint, noise), _slips(fit, joint), _jitters(), near)
     slip_2, jitter_2 = weight @ levels.slip**2, weight @ levels.jitter_s**2
     return replace(noise, slip=float(np.sqrt(slip_2)), jitter_s=float(np.sqrt(jitter_2))), levels, weight
 
 
-def _closer(at: Array, weight: Array, count: int) -> Array:
-    """Return equally spaced levels over those that are probable, and their neighbours."""
-    likely = np.flatnonzero(weight > _IMPROBABLE * weight.max())
-    low, high = max(int(likely[0]) - 1, 0), min(int(likely[-1]) + 1, len(at) - 1)
-    return np.linspace(at[low], at[high], count) if high > low else at
+def _slips(fit: Fit, joint: Joint) -> Axis:
+    """Return the levels of slip that are looked at: all, or the one that was given."""
+    quiet = quiet_slip(joint.problem, joint.at)
+    least = max(_LEAST_OF_QUIET * quiet, _LEAST_OF_STOPS * fit.components.slip)
+    if fit.options.slip is not None:
+        coarse = np.array([max(fit.options.slip, least)])
+    else:
+        u = np.linspace(2 * np.log(quiet), np.log(LARGEST_SLIP**2 + quiet**2), _SLIPS)
+        coarse = np.sqrt(np.maximum(np.exp(u) - quiet**2, least**2))
+    return Axis(quiet=quiet, least=least, coarse=coarse, fine=_FINE_SLIPS)
+
+
+def _jitters() -> Axis:
+    quiet = _QUIET_JITTER_S
+    u = np.linspace(2 * np.log(quiet), np.log(_MOST_JITTER_S**2 + quiet**2), _JITTERS)
+    coarse = np.sqrt(np.maximum(np.exp(u) - quiet**2, _LEAST_JITTER_S**2))
+    return Axis(quiet=quiet, least=_LEAST_JITTER_S, coarse=coarse, fine=_FINE_JITTERS)
+
+
+def _left(fit: Fit, joint: Joint, noise: FrameNoise, levels: Levels, weight: Array) -> float:
+    """Return how far the shared unknowns would still go, a squared distance in their standard deviations."""
+    likely = weight > _LIKELY * weight.max()
+    again = solved(fit, joint, noise, levels.slip[likely], levels.jitter_s[likely])
+    step = (weight[likely] / weight[likely].sum()) @ again.solution.d_shared
+    information = again.solution.information[int(np.argmax(weight[likely]))]
+    return float(step @ information @ step)
 
 
 def _scale(fit: Fit, joint: Joint) -> float:

@@ -14,6 +14,7 @@ from boxcal.calib.likelihood.fit import Fit
 from boxcal.calib.likelihood.moving.agreement import agreement
 from boxcal.calib.likelihood.moving.covariance import joint_covariance
 from boxcal.calib.likelihood.moving.faults import FEWEST, sound
+from boxcal.calib.likelihood.moving.leave_out import LeaveOut, leave_out
 from boxcal.calib.likelihood.moving.levels import Settled
 from boxcal.calib.likelihood.moving.noise import FrameNoise
 from boxcal.calib.likelihood.moving.solve import FIRST_JITTER_S
@@ -80,13 +81,25 @@ def _with_frames(found: Estimate, fit: Fit, drives: Sequence[Correspondences], m
     rolls = _rolls(settled, cov)
     if rolls and moving is Moving.AUTO:
         return f"{rolls}, over which the robot's speed is taken as constant (--moving on uses them all the same)"
+    among = leave_out(fit, settled)
+    cov = among.enlarged(cov)
+    if moving is Moving.AUTO and _less_sure(fit, settled, among, cov):
+        return f"they disagree among themselves ({among.said}), which leaves them less sure than the stops"
     compared = agreement((fit.state, fit.cov), (settled.joint.state, cov))
     if not compared.holds:
         return (
             f"they contradict the stops ({compared.parameter} by {compared.sigmas:.1f} of its standard deviations; "
             f"chance of that {compared.p_value:.1g})"
         )
-    return _merged(found, fit, settled, cov, odd)
+    return _merged(found, fit, settled, cov, (odd, among))
+
+
+def _less_sure(fit: Fit, settled: Settled, among: LeaveOut, cov: Array) -> bool:
+    """Return whether disagreement among frames leaves a parameter less sure than the stops alone have it."""
+    nothing = np.zeros(COUNT, dtype=np.bool_)
+    stops = np.diag(reported_cov(fit.cov[:COUNT, :COUNT], fit.state, nothing))
+    both = np.diag(reported_cov(cov[:COUNT, :COUNT], settled.joint.state, nothing))
+    return bool(np.any((among.inflation[:COUNT] > 1) & (both >= stops)))
 
 
 def _unsuitable(found: Estimate, fit: Fit, drives: Sequence[Correspondences]) -> str:
@@ -104,7 +117,7 @@ def _unsuitable(found: Estimate, fit: Fit, drives: Sequence[Correspondences]) ->
     return ""
 
 
-def _merged(found: Estimate, fit: Fit, settled: Settled, cov: Array, odd: int) -> Estimate:
+def _merged(found: Estimate, fit: Fit, settled: Settled, cov: Array, doubts: tuple[int, LeaveOut]) -> Estimate:
     """Return the estimate with values of stops and frames, and with as much less variance as frames take off."""
     joint = settled.joint
     state, problem, n = joint.state, joint.problem, len(found.names)
@@ -132,7 +145,7 @@ def _merged(found: Estimate, fit: Fit, settled: Settled, cov: Array, odd: int) -
         names=problem.names,
         values=values,
         cov_all=cov_all,
-        notes=(*found.notes, _said(settled, odd, values[-2:], np.sqrt(np.diag(fresh)[-2:]))),
+        notes=(*found.notes, _said(settled, doubts, values[-2:], np.sqrt(np.diag(fresh)[-2:]))),
     )
 
 
@@ -146,9 +159,9 @@ def _rolls(settled: Settled, cov: Array) -> str:
     return f"the shutter rolls: a frame takes {1e3 * abs(readout):.1f} +- {1e3 * sigma:.1f} ms"
 
 
-def _said(settled: Settled, odd: int, values: Array, sigma: Array) -> str:
+def _said(settled: Settled, doubts: tuple[int, LeaveOut], values: Array, sigma: Array) -> str:
     """Return what the frames are and tell: clock offset and readout time (2,), s, and their standard deviations."""
-    late, readout = values.tolist()
+    (late, readout), (odd, among) = values.tolist(), doubts
     without = f" ({odd} more, which contradict{'s' if odd == 1 else ''} them, left out)" if odd else ""
     text = (
         f"{len(settled.joint.woven.moving)} frames taken on the move were used{without}: the camera's stamps are "
@@ -159,6 +172,8 @@ def _said(settled: Settled, odd: int, values: Array, sigma: Array) -> str:
         text += f"; they jitter by {1e3 * settled.noise.jitter_s:.1f} ms"
     if abs(readout) > max(SAID_SIGMAS * sigma[1], SAID_READOUT_S):
         text += f"; the shutter rolls: a frame takes {1e3 * abs(readout):.1f} +- {1e3 * sigma[1]:.1f} ms"
+    if np.any(among.inflation > 1):
+        text += f"; they disagree among themselves ({among.said}), which the standard deviations allow for"
     return text
 
 

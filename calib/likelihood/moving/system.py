@@ -45,6 +45,8 @@ class System:
     ----------
     normal, eliminated
         The equations, and how to find the local unknowns again.
+    without_legs
+        What of them is not the legs'.
     leg_information : (K, N, 3, 3)
         Weight of the legs in them.
     squares, log_noise : (K,)
@@ -55,6 +57,7 @@ class System:
 
     normal: Normal
     eliminated: Eliminated
+    without_legs: Normal
     leg_information: Array
     squares: Array
     log_noise: Array
@@ -79,9 +82,10 @@ def system(  # noqa: PLR0917 - a state and what holds there
     information = np.linalg.inv(C) * weights.legs[:, None, None]
     legs, leg_squares = leg_equations(problem, at.legs, information)
     readings, reading_squares, log_readings = _readings(problem, woven, at, jitter_s)
-    total = reduced.plus(legs)
+    without_legs = replace(reduced, D=reduced.D + readings[0], c=reduced.c + readings[1])
     return System(
-        normal=replace(total, D=total.D + readings[0], c=total.c + readings[1]),
+        normal=without_legs.plus(legs),
+        without_legs=without_legs,
         eliminated=eliminated,
         leg_information=information,
         squares=squares + leg_squares + reading_squares,
@@ -116,13 +120,27 @@ def solved_at(  # noqa: PLR0917 - a state and what holds there
     s = system(problem, woven, at, components, weights, noise, slip, jitter_s)
     solution = solve_chain(s.normal, s.eliminated)
     left = s.squares - solution.decrease
+    told = (left > 0) & (_rounding(s, solution) < _MOST_ROUNDING)
     return Levels(
         slip=slip,
         jitter_s=jitter_s,
-        log_likelihood=np.where(left > 0, -0.5 * (s.log_noise + solution.log_det + left), -np.inf),
+        log_likelihood=np.where(told, -0.5 * (s.log_noise + solution.log_det + left), -np.inf),
         solution=solution,
         local_sigma=s.local_sigma,
     )
+
+
+_MOST_ROUNDING = 0.1
+
+
+def _rounding(s: System, solution: Solution) -> Array:
+    """Return by how much rounding may spoil the sums of squares, (K,): their decrease by factors, and by the step.
+
+    Frames near to each other and little slip make pivots that lose many digits.
+    """
+    step = np.einsum("...i,...i->...", s.normal.a, solution.d_shared)
+    step = step + np.einsum("...pi,...pi->...", s.normal.c, solution.d_stops)
+    return np.asarray(np.abs(step + s.eliminated.decrease - solution.decrease))
 
 
 def _readings(

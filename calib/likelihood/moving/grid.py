@@ -1,0 +1,88 @@
+"""Levels of slip and jitter that are probable, found on a grid that closes in on them."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from boxcal.calib.likelihood.moving.system import Levels
+from boxcal.target.arrays import Array
+
+_IMPROBABLE = 1e-4
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Axis:
+    """Levels of one kind of noise, equally spaced in the logarithm of what noise there is with some that is always.
+
+    Attributes
+    ----------
+    quiet
+        Noise that is always there besides: levels far below it are alike.
+    least
+        Smallest level.
+    coarse : (C,)
+        Levels to begin with, ascending.
+    fine
+        How many levels there are nearer by.
+    """
+
+    quiet: float
+    least: float
+    coarse: Array
+    fine: int
+
+    def closer(self, levels: Array, weight: Array) -> Array:
+        """Return levels over those that are probable, by weights (C,) of levels (C,), and their neighbours."""
+        if len(levels) == 1:
+            return levels
+        likely = np.flatnonzero(weight > _IMPROBABLE * weight.max())
+        low, high = max(int(likely[0]) - 1, 0), min(int(likely[-1]) + 1, len(levels) - 1)
+        u = np.log(levels[[low, high]] ** 2 + self.quiet**2)
+        square = np.exp(np.linspace(u[0], u[1], self.fine)) - self.quiet**2
+        return np.sqrt(np.maximum(square, self.least**2))
+
+    def covers(self, levels: Array, weight: Array) -> bool:
+        """Tell whether levels reach to where they are improbable, or as far as levels go."""
+        far = np.array([levels[0] > 1.01 * self.coarse[0], levels[-1] < 0.99 * self.coarse[-1]])
+        return not bool(np.any(far & (weight[[0, -1]] > _EDGE * weight.max())))
+
+
+_EDGE = 0.05
+"""A level at the end of a grid that is so probable, over the most probable one, has others beyond it."""
+
+
+def over_levels(
+    solved: Callable[[Array, Array], Levels], slip: Axis, jitter: Axis, near: Levels | None
+) -> tuple[Levels, Array]:
+    """Return solutions at probable levels of slip and jitter, (K,), and their weights (K,), which sum to 1.
+
+    Parameters
+    ----------
+    solved
+        Returns the solutions at levels of slip and jitter, (K,) each.
+    slip, jitter
+        Which levels there are.
+    near
+        Levels that were probable nearby; they are looked at first, and all if those do not reach far enough.
+    """
+    if near is not None:
+        at = (np.unique(near.slip), np.unique(near.jitter_s))
+        levels, weight = _weighed(solved, *at)
+        table = weight.reshape(len(at[0]), len(at[1]))
+        if slip.covers(at[0], table.sum(axis=1)) and jitter.covers(at[1], table.sum(axis=0)):
+            return levels, weight
+    _, weight = _weighed(solved, slip.coarse, jitter.coarse)
+    table = weight.reshape(len(slip.coarse), len(jitter.coarse))
+    return _weighed(
+        solved, slip.closer(slip.coarse, table.sum(axis=1)), jitter.closer(jitter.coarse, table.sum(axis=0))
+    )
+
+
+def _weighed(solved: Callable[[Array, Array], Levels], slip: Array, jitter_s: Array) -> tuple[Levels, Array]:
+    S, J = np.meshgrid(slip, jitter_s, indexing="ij")
+    levels = solved(S.ravel(), J.ravel())
+    if not np.any(np.isfinite(levels.log_likelihood)):
+        raise np.linalg.LinAlgError("rounding hides the likelihood at all levels of noise")
+    weight = np.exp(levels.log_likelihood - levels.log_likelihood.max())
+    return levels, weight / weight.sum()
