@@ -1,4 +1,4 @@
-"""What each stop's picture alone says, its own unknowns included: blocks of the normal equations."""
+"""Normal equations of each stop's picture by itself, its own unknowns among them."""
 
 import numpy as np
 
