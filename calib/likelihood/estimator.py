@@ -246,7 +246,7 @@ def solve_likelihood(
         converged = same and _settled(before, components, scale_sigma, profile)
         if converged or iterations > _MOST_STEPS:
             break
-    at, cov, squares = _over_slip(problem, at, components, weights, profile, share=options.systematic_share)
+    at, cov, squares = averaged_over_slip(problem, at, components, weights, profile, share=options.systematic_share)
     return Fit(
         problem=problem,
         options=options,
@@ -264,7 +264,7 @@ def solve_likelihood(
     )
 
 
-def _over_slip(
+def averaged_over_slip(
     problem: Problem,
     at: Linearization,
     components: VarianceComponents,

@@ -12,6 +12,7 @@ from boxcal.calib.likelihood.jackknife import jackknife
 from boxcal.calib.likelihood.leave_one_out import Jackknife
 from boxcal.calib.likelihood.leg_outliers import flagged_legs
 from boxcal.calib.likelihood.observability import open_directions
+from boxcal.calib.likelihood.options import EstimateOptions
 from boxcal.calib.likelihood.problem import Problem
 from boxcal.calib.likelihood.residuals import leg_covariance, shared_values
 from boxcal.calib.likelihood.state import State, camera_motions
@@ -36,7 +37,7 @@ def summarise(fit: Fit, drives: Sequence[Correspondences]) -> Estimate:
     left_out = jackknife(fit)
     cov = reported_cov(fit.cov, state, unknown)
     cov[:COUNT, :COUNT] *= np.outer(left_out.inflation, left_out.inflation)
-    cov += _measured_scale_covariance(fit)
+    cov += measured_scale_covariance(problem, state, fit.options)
     used = fit.weights.legs > 0
     legs = flagged_legs(problem, state, fit.tests, used | ~problem.leg_known, list(drives))
     return Estimate(
@@ -71,16 +72,16 @@ def summarise(fit: Fit, drives: Sequence[Correspondences]) -> Estimate:
     )
 
 
-def _measured_scale_covariance(fit: Fit) -> Array:
+def measured_scale_covariance(problem: Problem, state: State, options: EstimateOptions) -> Array:
     """Return what the ruler's own error does to all lengths together, added to the covariance of the shared unknowns.
 
     No image tells the size of the box as a whole, and a box that is regular says nothing of the ruler: wheels and
     camera position grow with the box in one direction, known as well as the box was measured.
     """
-    v = np.zeros(len(fit.problem.names))
-    if fit.options.target is not None and fit.options.measured_sizes:
-        v[WHEELS], v[TRANSLATION] = fit.state.wheels, fit.state.T_body_cam[:3, 3]
-        v *= measured_scale_sigma(fit.options.target)
+    v = np.zeros(len(problem.names))
+    if options.target is not None and options.measured_sizes:
+        v[WHEELS], v[TRANSLATION] = state.wheels, state.T_body_cam[:3, 3]
+        v *= measured_scale_sigma(options.target)
     return np.outer(v, v)
 
 

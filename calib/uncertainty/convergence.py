@@ -1,17 +1,18 @@
 """Convergence over stops: estimates from a drive's first stops only (the paper's figures 8 and 9)."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from boxcal.calib.errors import CalibError
 from boxcal.calib.four_steps.procedure import FourSteps
-from boxcal.calib.geometry.parameters import ORDER
+from boxcal.calib.geometry.parameters import CAMERA, COUNT, ORDER
 from boxcal.calib.geometry.so3_se3 import log_so3
-from boxcal.calib.likelihood import Estimate, EstimateOptions, estimate
-from boxcal.calib.likelihood.estimator import MIN_STOPS, reported
-from boxcal.calib.uncertainty.part_of_drives import fit_part
+from boxcal.calib.likelihood import Estimate, EstimateOptions
+from boxcal.calib.likelihood.estimator import MIN_STOPS
+from boxcal.calib.likelihood.initial_guess import camera_start
+from boxcal.calib.uncertainty.part_of_drives import part_with_noise_known
 from boxcal.detect.correspondences import Correspondences
 from boxcal.target.arrays import Array
 
@@ -43,8 +44,9 @@ def grow(
 ) -> tuple[ConvergencePoint, ...]:
     """Return estimates from the first 3, ... and all stops of a drive, in growing steps.
 
-    From ``FROM_THE_END`` stops on they are found from where all stops lead, in one round; fewer leave more than one
-    answer open, and are solved like any drive. Numbers of stops that do not determine the calibration are left out.
+    Noise levels, and what is left out, are those of all stops. From ``FROM_THE_END`` stops on the search begins where
+    all stops lead; fewer leave more than one answer open, and begin like any drive. Numbers of stops that do not
+    determine the calibration are left out.
 
     Parameters
     ----------
@@ -55,20 +57,21 @@ def grow(
     options
         As it was made with.
     """
-    kept = steps.camera.kept
-    quick = replace(options, find_faults=False)
+    kept, cameras = steps.camera.kept, camera_start([drive], steps)
     out = []
     for count in _counts(len(kept)):
+        first = [kept[:count]]
+        start = cameras.only(first) if count < FROM_THE_END else None
         try:
-            if count < FROM_THE_END:
-                first = replace(drive, stops=tuple(drive.stops[j] for j in kept[:count]))
-                found = estimate([first], _start(steps, count), quick)
-            else:
-                found = reported(fit_part([drive], [kept[:count]], final, options), [drive], quick)
+            state, cov = part_with_noise_known([drive], first, final, options, start)
         except (CalibError, np.linalg.LinAlgError):  # too few stops to say anything: the chart begins later
             continue
-        out.append(_point(count, found, final))
-    return (*out, _point(len(kept), final, final))
+        sigma = np.sqrt(np.diag(cov)[:COUNT])
+        out.append(_point(count, (state.lens[CAMERA], state.wheels, state.T_body_cam), sigma, final))
+    c, wheels = final.camera, np.array([final.rR, final.rL, final.b])
+    told = np.array([final.sigma[name] for name in ORDER])
+    camera = np.array([c.fu, c.fv, c.cu, c.cv, c.kr])
+    return (*out, _point(len(kept), (camera, wheels, final.T_body_cam), told, final))
 
 
 def _counts(stops: int) -> Sequence[int]:
@@ -79,17 +82,9 @@ def _counts(stops: int) -> Sequence[int]:
     return [MIN_STOPS, *(int(c) for c in later if c < stops)]
 
 
-def _start(steps: FourSteps, count: int) -> FourSteps:
-    camera = steps.camera
-    few = replace(
-        camera, kept=tuple(range(count)), T_cam_box=camera.T_cam_box[:count], stop_rms_px=camera.stop_rms_px[:count]
-    )
-    return replace(steps, camera=few)
-
-
-def _point(count: int, found: Estimate, final: Estimate) -> ConvergencePoint:
-    turn = log_so3(final.T_body_cam[:3, :3].T @ found.T_body_cam[:3, :3])
-    c, t = found.camera, found.T_body_cam[:3, 3]
-    values: Array = np.array([c.fu, c.fv, c.cu, c.cv, c.kr, found.rR, found.rL, found.b, *turn, *t])
-    sigma = found.sigma
-    return ConvergencePoint(stops=count, values=tuple(values.tolist()), sigma=tuple(sigma[name] for name in ORDER))
+def _point(count: int, values: tuple[Array, Array, Array], sigma: Array, final: Estimate) -> ConvergencePoint:
+    """Return the point of a camera's first five values, wheels and mounting (4, 4)."""
+    camera, wheels, T_body_cam = values
+    turn = log_so3(final.T_body_cam[:3, :3].T @ T_body_cam[:3, :3])
+    ordered = np.concatenate([camera, wheels, turn, T_body_cam[:3, 3]])
+    return ConvergencePoint(stops=count, values=tuple(ordered.tolist()), sigma=tuple(sigma.tolist()))

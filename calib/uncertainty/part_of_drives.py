@@ -1,4 +1,4 @@
-"""Solution from some of the stops, in one round from the estimate of all of them."""
+"""Solution from some of the stops, in one round from the estimate of all of them, or with its noise levels held."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -8,12 +8,17 @@ import numpy as np
 from boxcal.calib.likelihood.components import VarianceComponents
 from boxcal.calib.likelihood.corner_floor import with_floor
 from boxcal.calib.likelihood.estimate import Estimate
-from boxcal.calib.likelihood.estimator import solve_likelihood, step_of
+from boxcal.calib.likelihood.estimator import averaged_over_slip, negative_wheels, solve_likelihood, step_of
 from boxcal.calib.likelihood.fit import Fit
-from boxcal.calib.likelihood.levenberg_marquardt import Weights
+from boxcal.calib.likelihood.initial_guess import CameraStart, first_states
+from boxcal.calib.likelihood.levenberg_marquardt import Weights, maximise
+from boxcal.calib.likelihood.observability import open_directions
 from boxcal.calib.likelihood.options import EstimateOptions
 from boxcal.calib.likelihood.problem import Problem, build_problem
+from boxcal.calib.likelihood.slip_profile import fixed_profile
+from boxcal.calib.likelihood.state import State
 from boxcal.calib.likelihood.state_of_estimate import state_of
+from boxcal.calib.likelihood.summary import measured_scale_covariance, reported_cov
 from boxcal.detect.correspondences import Correspondences
 from boxcal.target.arrays import Array
 
@@ -49,11 +54,60 @@ def fit_part(
         If these stops do not determine the calibration.
     """
     options = replace(options, find_faults=False)
+    problem, start = _prepared(drives, kept, found, options)
+    return solve_likelihood(problem, state_of(problem, found), options, start, rounds=1)
+
+
+def part_with_noise_known(
+    drives: Sequence[Correspondences],
+    kept: Sequence[tuple[int, ...]],
+    found: Estimate,
+    options: EstimateOptions,
+    cameras: CameraStart | None = None,
+) -> tuple[State, Array]:
+    """Return where some stops lead when noise levels are those of all stops, and the covariance (n, n) there.
+
+    The covariance is that of the shared unknowns, the mounting's translation along the body's axes; what these stops
+    do not determine is infinite.
+
+    Parameters
+    ----------
+    drives, kept, found, options
+        As for :func:`fit_part`.
+    cameras
+        Poses of the camera at these stops: the solution begins with them, not with the estimate from all stops.
+
+    Raises
+    ------
+    CalibError
+        If no wheels explain these stops.
+    LinAlgError
+        If these stops do not determine the calibration.
+    """
+    problem, start = _prepared(drives, kept, found, options)
+    components, weights = start.components, start.weights
+    states = [state_of(problem, found)] if cameras is None else first_states(problem, drives, cameras)
+    solved = [maximise(problem, state, components, weights)[0] for state in states]
+    forward = [at for at in solved if np.all(at.state.wheels > 0)]
+    if not forward:
+        raise negative_wheels(len(problem.drive))
+    profiles = [fixed_profile(problem, at, components, weights) for at in forward]
+    best = int(np.argmax([profile.log_evidence for profile in profiles]))
+    at, cov, _ = averaged_over_slip(
+        problem, forward[best], components, weights, profiles[best], share=options.systematic_share
+    )
+    _, unknown = open_directions(problem, at.state, profiles[best].solution.information[0])
+    return at.state, reported_cov(cov, at.state, unknown) + measured_scale_covariance(problem, at.state, options)
+
+
+def _prepared(
+    drives: Sequence[Correspondences], kept: Sequence[tuple[int, ...]], found: Estimate, options: EstimateOptions
+) -> tuple[Problem, _Start]:
+    """Return the data of some stops, and their weights and components from the estimate of all."""
     problem = build_problem(drives, kept, options, step_of(drives, options))
     problem = with_floor(problem, found.components.corner_floor)
     weights = Weights(corners=_corners(problem, drives, found), legs=_legs(problem, found))
-    start = _Start(weights=weights, components=found.components)
-    return solve_likelihood(problem, state_of(problem, found), options, start, rounds=1)
+    return problem, _Start(weights=weights, components=found.components)
 
 
 def _corners(problem: Problem, drives: Sequence[Correspondences], found: Estimate) -> Array:
