@@ -43,8 +43,9 @@ STOP_PX = 0.03
 BENT_PX = 0.05
 """If the lens that the aligned tags tell moves the middle of an edge by more than this against the corners, tags are
 aligned again under it; else their corners are carried over (:mod:`boxcal.detect.alignment.tag_curvature`)."""
-MOVED = 1.0
-"""Variance inflation beyond which the tags are asked whether the picture moved."""
+MOVED, MOVED_MORE = 1.0, 1.5
+"""Variance inflation beyond which the tags are asked whether the picture moved: as a figure, and as a multiple of the
+largest at which pictures of the same camera at rest were found not to."""
 FINE_SIDE_PX = 22.0
 """Tags twice as large are aligned on every second pixel both ways, and so on."""
 
@@ -85,10 +86,13 @@ class KnownCamera:
         Focal length and distortion.
     imaging
         Response curve and kurtosis of the PSF.
+    round_inflation
+        Largest variance inflation at which the blur of a picture was found to be round; 0 where that was never asked.
     """
 
     prior: CameraPrior
     imaging: ImagingParameters
+    round_inflation: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -210,11 +214,15 @@ def detect_in_grey(
     frame, tags = _finely(frame, patterns, tags, imaging)
     tags, uneven = _believed(frame, target, patterns, tags, fit, settings.limits)
     tags = _on_the_box(target, patterns, tags, fit)
-    left_out = _left_out(frame, patterns, tags, uneven)
-    if left_out.inflation > MOVED and (blur := estimate_blur(frame, patterns, tags)) is not None:
-        frame = replace(frame, blur=blur)
-        tags = _aligned_again(frame, target, patterns, tags, fit)
-        left_out = _left_out(frame, patterns, tags, uneven)
+    left_out, rounded = _left_out(frame, patterns, tags, uneven), 0.0 if camera is None else camera.round_inflation
+    if left_out.inflation > max(MOVED, MOVED_MORE * rounded):
+        blur = estimate_blur(frame, patterns, tags)
+        if blur is None:
+            rounded = left_out.inflation
+        else:
+            frame = replace(frame, blur=blur)
+            tags = _aligned_again(frame, target, patterns, tags, fit)
+            left_out = _left_out(frame, patterns, tags, uneven)
     if len(tags) >= FEW_TAGS:
         fit = fit_box(target, tags.rows, tags.corners_px, image_size=size, sigma_px=LEAST_SIGMA_PX, start=fit)
     if sagitta_difference_px(frame.lens, fit.lens, tags.corners_px) > BENT_PX:
@@ -232,7 +240,7 @@ def detect_in_grey(
     if len(tags) < FEW_TAGS:
         return located
     imaging = replace(imaging, kurtosis=float(np.median(tags.theta[:, KURTOSIS])))
-    return replace(located, camera=KnownCamera(prior=fit.camera(max(size)), imaging=imaging))
+    return replace(located, camera=KnownCamera(prior=fit.camera(max(size)), imaging=imaging, round_inflation=rounded))
 
 
 def _with_lens_and_box(located: DetectorOutput, target: Target, frame: Frame, fit: BoxFit) -> DetectorOutput:

@@ -6,7 +6,7 @@ turned away: how often a turn keeps the box in view is learned from the frames l
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
@@ -171,7 +171,8 @@ class BoxOnTheMove:
     """Looks at single frames of a camera that is known from stops."""
 
     def __init__(self, target: Target, tags: TagSettings, camera: KnownCamera) -> None:
-        self._target, self._tags, self._camera = target, tags, camera
+        self._target, self._tags = target, tags
+        self._camera = replace(camera, round_inflation=0.0)  # a picture on the move is always asked for its blur
 
     def at(self, image: DeepGrey, t_ns: int) -> MovingFrame | None:
         """Return what a frame shows; None if it shows too little of the box."""

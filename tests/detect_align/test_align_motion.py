@@ -13,6 +13,7 @@ from boxcal.detect.alignment.radial_camera import no_distortion
 from boxcal.detect.alignment.registration import image_model as model
 from boxcal.detect.alignment.registration.align import align
 from boxcal.detect.alignment.registration.tag_batch import ROUND, Frame
+from boxcal.detect.image.gray import to_grey
 from boxcal.detect.image.response_curve import response_table
 
 SIZE = (640, 480)
@@ -81,6 +82,24 @@ def test_corners_and_sigmas_hold_in_pictures_that_moved(motion_px):
         error = found.corners_px - uv[[TARGET.row_of(int(i)) for i in found.ids]]
         squares.append(np.sum(np.linalg.solve(found.cov_px2, error[..., None])[..., 0] * error, axis=2).ravel() / 2)
     assert 0.5 < np.mean(np.concatenate(squares)) < 1.6
+
+
+def test_a_camera_at_rest_is_not_asked_again_whether_it_moved_until_it_did(monkeypatch):
+    asked = []
+    monkeypatch.setattr(detector, "estimate_blur", lambda *given: asked.append(estimate_blur(*given)) or asked[-1])
+
+    def seen(sensor, seed, camera):
+        grey = to_grey(view(pose(12.0 + seed, distance=0.55), sensor, seed=seed))
+        return detector.detect_in_grey(*grey, TARGET, detector.DetectorSettings(), camera).camera
+
+    moved = replace(PLAIN, motion_blur_px=6.0, motion_angle=0.6)
+    camera = replace(seen(PLAIN, 0, None), round_inflation=1.2)
+    asked.clear()
+    camera = seen(PLAIN, 1, camera)
+    assert not asked
+    assert camera.round_inflation == 1.2
+    assert seen(moved, 2, camera).round_inflation == 1.2
+    assert [blur is None for blur in asked] == [False]
 
 
 def test_a_tag_that_diverges_under_the_better_blur_is_left_out(monkeypatch):
