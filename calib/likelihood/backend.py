@@ -23,6 +23,8 @@ class Backend:
         Of :mod:`boxcal.calib.likelihood.leg_propagation`.
     corner_rows
         Of :mod:`boxcal.calib.likelihood.corner_rows`.
+    corner_sums
+        Of :mod:`boxcal.calib.likelihood.corner_sums`.
     """
 
     eliminate_stops: Callable[..., Any]
@@ -30,6 +32,7 @@ class Backend:
     chain_covariances: Callable[..., Any]
     propagate: Callable[..., tuple[Any, ...]]
     corner_rows: Callable[..., tuple[Any, Any]]
+    corner_sums: Callable[..., tuple[Any, ...]]
 
 
 def backend() -> Backend:
@@ -43,24 +46,25 @@ _NO_NUMBA = find_spec("numba") is None
 @cache
 def numpy_backend() -> Backend:
     """Return the reference in numpy."""
-    from boxcal.calib.likelihood import chain, corner_rows, leg_propagation  # noqa: PLC0415 - as the other one
+    from boxcal.calib.likelihood import chain, corner_rows, corner_sums, leg_propagation  # noqa: PLC0415 - as the other one
 
-    return _of(chain, leg_propagation, corner_rows)
+    return _of(chain, leg_propagation, corner_rows, corner_sums)
 
 
 @cache
 def numba_backend() -> Backend:
     """Return compiled code; each function is compiled, or read from the cache, when it is first called."""
-    from boxcal.calib.likelihood.compiled import chain, corners, legs  # noqa: PLC0415 - slow to import
+    from boxcal.calib.likelihood.compiled import chain, corner_sums, corners, legs  # noqa: PLC0415 - slow to import
 
-    return _of(chain, legs, corners)
+    return _of(chain, legs, corners, corner_sums)
 
 
-def _of(chain: ModuleType, legs: ModuleType, corners: ModuleType) -> Backend:
+def _of(chain: ModuleType, legs: ModuleType, corners: ModuleType, sums: ModuleType) -> Backend:
     return Backend(
         eliminate_stops=chain.eliminate_stops,
         substitute_back=chain.substitute_back,
         chain_covariances=chain.chain_covariances,
         propagate=legs.propagate,
         corner_rows=corners.corner_rows,
+        corner_sums=sums.corner_sums,
     )

@@ -112,14 +112,6 @@ def _groups(stop: Ids, face: Ids) -> tuple[Ids, Ids, Ids]:
     return group, keys // FACES, keys % FACES
 
 
-def groups_of(group: Ids, count: int) -> list[slice | Ids]:
-    """Return the rows of each group: slices where the rows stand in order of their groups, as they mostly do."""
-    if np.all(group[1:] >= group[:-1]):
-        starts = np.searchsorted(group, np.arange(count + 1))
-        return [slice(int(i), int(j)) for i, j in pairwise(starts)]
-    return [np.flatnonzero(group == k) for k in range(count)]
-
-
 def _maps(
     problem: Problem,
     state: State,
@@ -284,38 +276,16 @@ def corner_equations(problem: Problem, corners: Corners, weight: Array) -> tuple
     weight : (L,)
         Weight of each corner; 0 leaves it out.
     """
-    m = corners.jacobian.shape[2]
-    rows = np.concatenate([corners.jacobian, corners.residual[:, :, None]], axis=2)
-    if not np.all(weight == 1):
-        rows *= np.sqrt(weight)[:, None, None]
-    groups = groups_of(corners.group, len(corners.group_stop))
-    parts = [rows[at].reshape(-1, m + 1) for at in groups]
-    N = np.array([part.T @ part for part in parts])
-    H, g = N[:, :m, :m], N[:, :m, m]
-    shared = corners.J_shared
-    stop_maps = np.concatenate([corners.J_pose, corners.J_local], axis=2)  # (G, m, 3 + q)
-    HS = H @ shared
-    HM = H @ stop_maps
-    n, P = shared.shape[2], len(problem.drive)
-    A = shared.reshape(-1, n).T @ HS.reshape(-1, n)
-    a = np.einsum("gmi,gm->i", shared, g)
-    BG = by_stop(np.swapaxes(HS, 1, 2) @ stop_maps, corners.group_stop, P)  # (P, n, 3 + q)
-    DF = by_stop(np.swapaxes(stop_maps, 1, 2) @ HM, corners.group_stop, P)
-    cf = by_stop(np.einsum("gmi,gm->gi", stop_maps, g), corners.group_stop, P)
+    own = np.concatenate([corners.J_pose, corners.J_local], axis=2)  # (G, m, 3 + q)
+    rows, P = (corners.jacobian, corners.residual, weight), len(problem.drive)
+    A, a, BG, DF, cf, squares = backend().corner_sums(rows, corners.group, corners.group_stop, P, corners.J_shared, own)
+    n = len(a)
     B, D, c = np.zeros((P, n, PER_STOP)), np.zeros((P, PER_STOP, PER_STOP)), np.zeros((P, PER_STOP))
     B[:, :, :3], D[:, :3, :3], c[:, :3] = BG[:, :, :3], DF[:, :3, :3], cf[:, :3]
     by_chain = np.zeros((P, PER_STOP, corners.J_local.shape[2]))
     by_chain[:, :3] = DF[:, :3, 3:]
     local = Local(D=DF[:, 3:, 3:], by_shared=BG[:, :, 3:], by_chain=by_chain, c=cf[:, 3:])
-    return Normal(A=A, B=B, D=D, E=np.zeros_like(D), a=a, c=c), local, by_stop(N[:, m, m], corners.group_stop, P)
-
-
-def by_stop(values: Array, group_stop: Ids, stops: int) -> Array:
-    """Return sums over the groups of each stop, (P, ...), of values (G, ...); zero at stops that have none."""
-    out = np.zeros((stops, *values.shape[1:]))
-    seen, first = np.unique(group_stop, return_index=True)
-    out[seen] = np.add.reduceat(values, first, axis=0)
-    return out
+    return Normal(A=A, B=B, D=D, E=np.zeros_like(D), a=a, c=c), local, squares
 
 
 def leg_equations(problem: Problem, legs: LegResiduals, information: Array) -> tuple[Normal, Array]:

@@ -8,10 +8,10 @@ over the image, each a small share of a corner's noise, and what each would do t
 import numpy as np
 
 from boxcal.calib.likelihood.components import VarianceComponents
+from boxcal.calib.likelihood.corner_sums import by_stop, groups_of
 from boxcal.calib.likelihood.levenberg_marquardt import Linearization, Weights
 from boxcal.calib.likelihood.normal_equations import Solution
 from boxcal.calib.likelihood.problem import Problem
-from boxcal.calib.likelihood.residuals import by_stop, groups_of
 from boxcal.target.arrays import Array
 
 _ALONG_U = ((1, 0), (3, 0), (1, 2))

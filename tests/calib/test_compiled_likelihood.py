@@ -4,7 +4,7 @@ import pytest
 from boxcal.calib.geometry.diff_drive import Legs
 from boxcal.calib.likelihood import EstimateOptions, estimate
 from boxcal.calib.likelihood.backend import backend, numba_backend, numpy_backend
-from boxcal.calib.likelihood.compiled import chain, corners, legs
+from boxcal.calib.likelihood.compiled import chain, corner_sums, corners, legs
 from boxcal.calib.likelihood.compiled.compilation import compile_all
 from boxcal.calib.likelihood.problem import build_problem
 from boxcal.calib.likelihood.wheel_path import wheel_path
@@ -59,6 +59,20 @@ def test_compiled_rows_of_corners_are_the_reference(direct):
         np.testing.assert_allclose(ours, reference, rtol=1e-12, atol=1e-12)
 
 
+@pytest.mark.parametrize("left_out", [False, True])
+def test_compiled_equations_of_corners_are_the_reference(left_out):
+    """Of groups in any order, of columns that mostly change nothing; a stop has none."""
+    rng = np.random.default_rng(2)
+    L, G, m, n, k = 90, 5, 6, 11, 3
+    weight = rng.uniform(0.2, 1, L) * (rng.random(L) > 0.2 * left_out)
+    rows, group = (rng.normal(size=(L, 2, m)), rng.normal(size=(L, 2)), weight), rng.permutation(np.arange(L) % G)
+    shared, own = (rng.normal(size=(G, m, w)) * (rng.random((G, m, w)) < 0.3) for w in (n, k))
+    given = rows, group, np.array([0, 0, 1, 3, 3]), 4, shared, own
+    for ours, reference in zip(COMPILED.corner_sums(*given), REFERENCE.corner_sums(*given), strict=True):
+        assert ours.shape == reference.shape
+        np.testing.assert_allclose(ours, reference, rtol=1e-11, atol=1e-11)
+
+
 @pytest.mark.parametrize("still", [False, True], ids=["both wheels roll", "a wheel stands on two legs"])
 @pytest.mark.parametrize("added", [False, True], ids=["radii only", "explained travel"])
 def test_compiled_legs_are_the_reference(still, added):
@@ -87,6 +101,8 @@ def test_nothing_is_compiled_in_use_beyond_what_is_prepared():
         legs._propagate,
         legs._readings,
         corners.fill_rows,
+        corner_sums.fill_sums,
+        corner_sums.fill_equations,
     )
     drive = simulate_drive(khepera(), make_target(), DriveOptions(stops=6, slip=3e-4), np.random.default_rng(1))
     seen = exact_correspondences(khepera(), make_target(), drive, 0.2, np.random.default_rng(2))
