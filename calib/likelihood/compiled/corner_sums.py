@@ -16,12 +16,12 @@ def corner_sums(  # noqa: PLR0917 - as the reference
 ) -> tuple[Array, Array, Array, Array, Array, Array]:
     """Return what :func:`boxcal.calib.likelihood.corner_sums.corner_sums` does."""
     (G, m, n), k = shared.shape, own.shape[2]
-    rows = tuple(np.ascontiguousarray(part, dtype=np.float64) for part in rows)
+    corners = tuple(np.ascontiguousarray(part, dtype=np.float64) for part in rows)
     maps = np.concatenate([shared, own], axis=2)
     sums = np.zeros((G, m + 1, m + 1))
     A, right, squares = np.zeros((n, n)), np.zeros(n), np.zeros(stops)
     B, D, c = np.zeros((stops, n, k)), np.zeros((stops, k, k)), np.zeros((stops, k))
-    fill_sums(rows, group, sums)
+    fill_sums(corners, group, sums)
     fill_equations(sums, group_stop, maps, (A, right, B, D, c, squares))
     return A, right, B, D, c, squares
 
