@@ -189,7 +189,7 @@ def _notes(fit: Fit, legs: tuple[FlaggedLeg, ...], cov: Array, left_out: Jackkni
         sigma = float(np.sqrt(cov[k, k]))
         if not problem.component[k] and sigma > _PRIOR_ONLY * problem.prior[k]:
             what = _IN_WORDS.get(problem.names[k], problem.names[k])
-            notes.append(f"{what} is hardly told by the drive: what was assumed of it decides")
+            notes.append(f"the drive hardly determines {what}: the value assumed for it decides")
     if left_out.unexplained:
         notes.append(
             f"leaving out single stops and legs moves the answer by {left_out.ratio.max():.1f} times what noise "

@@ -140,7 +140,7 @@ class BoxAtStops:
         if self.unsettled:
             out.append(
                 f"the frames of {self.unsettled} stop{'s' if self.unsettled > 1 else ''} do not show one still "
-                "picture: what they show in the mean counts with the uncertainty by which they lie apart"
+                "picture: their mean is used, with their scatter as its uncertainty"
             )
         if self.odd_sizes:
             out.append(f"{self.odd_sizes} images of another size than {_size(self.image_size)} px were left out")
