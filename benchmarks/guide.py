@@ -67,9 +67,10 @@ def full(recording: Path) -> dict[str, list[float]]:
         for out in (None, Path(folder)):
             settings = Settings(report=out is not None)
             job = Job(robot="r01", logs=(recording,), target=target, settings=settings, out=out, command="guide")
-            solved(job, drive)
+            solved(job, drive, recorded=out is not None)
             for _ in range(5):
-                timed(times, "verdict" if out is None else "results and report", lambda j=job: solved(j, drive))  # type: ignore[misc]
+                name = "verdict" if out is None else "results and report"
+                timed(times, name, lambda j=job, r=out is not None: solved(j, drive, recorded=r))  # type: ignore[misc]
     return times
 
 

@@ -313,18 +313,20 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--robots", type=int, default=50)
     parser.add_argument("--drives", type=int, default=200, help="partial drives")
+    parser.add_argument("--first", type=int, default=0, help="number of the first robot or drive: a study in parts")
     parser.add_argument("--quick", action="store_true")
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--only", choices=("plans", "promises", "next"))
     args = parser.parse_args()
-    robots, drives = (4, 6) if args.quick else (args.robots, args.drives)
+    counts = (4, 6) if args.quick else (args.robots, args.drives)
+    robots, drives = (range(args.first, args.first + count) for count in counts)
     with ProcessPoolExecutor(args.jobs, mp_context=get_context("spawn")) as pool:
         if args.only in {None, "plans"}:
-            show_plans(list(pool.map(planned, range(robots))))
+            show_plans(list(pool.map(planned, robots)))
         if args.only in {None, "promises"}:
-            show_promises(np.array([z for of_plan in pool.map(promise, range(robots)) for z in of_plan]))
+            show_promises(np.array([z for of_plan in pool.map(promise, robots) for z in of_plan]))
         if args.only in {None, "next"}:
-            show_next([n for n in pool.map(next_stop, range(drives)) if n is not None])
+            show_next([n for n in pool.map(next_stop, drives) if n is not None])
 
 
 if __name__ == "__main__":

@@ -52,7 +52,7 @@ class Session:
         self.compiling = "getting ready"
         self.stopped = threading.Event()
         self._requests: deque[tuple[str, str]] = deque(maxlen=8)
-        self._solver = Solver(options.robot, options.target)
+        self._solver = Solver(options.robot, options.target, options.settings)
         self._told: dict[str, str] = {}
         self._descriptions = Descriptions()
         self._begin()
@@ -63,7 +63,8 @@ class Session:
         self.tasks = Tasks(self.progress, self.said)
         self.recorder: Recorder | None = None
         self._idle_picture_ns = 0
-        self._begun = False
+        self._begun, self._unrecorded = False, 0
+        self._camera = self.link.chosen
         self._pending: deque[LiveMessage] = deque()
         self._pending_bytes = 0
 
@@ -77,6 +78,7 @@ class Session:
             self._work(publish)
         finally:
             self.tasks.close()
+            self.progress.full.give_up()
             self._solver.give_up()
             if self.recorder is not None:
                 self.recorder.close()
@@ -97,8 +99,7 @@ class Session:
                 next_tick = now + max(_TICK_S, _TICK_SHARE * spent)
             self.tasks.collect()
             self._answer_requests()
-            log = None if self.recorder is None else self.recorder.path
-            self.tasks.begin_next(log, compiled=not self.compiling)
+            self.tasks.begin_next(self.recorder, compiled=not self.compiling)
             if now >= next_publish:
                 next_publish = now + _PUBLISH_S
                 self._tell_changes()
@@ -110,14 +111,30 @@ class Session:
             self.recorder, self.progress.problems["recording"] = begin_recording(
                 self.options.recordings, self.options.robot
             )
+            if self.recorder is None:
+                self._unrecorded += len(messages)
+            else:
+                self.recorder.lost += self._unrecorded
         again = self._descriptions.again(messages[0].log_ns) if messages and not self._begun else []
         self._begun = self._begun or bool(messages)
         self._descriptions.keep(messages, self.link.topics)
         messages, recorder = [*again, *messages], self.recorder
-        wanted = [m for m in messages if not (m.picture and self._is_idle(m.log_ns))]
+        wanted = [m for m in messages if not m.picture or (self._is_of_this_drive(m) and not self._is_idle(m.log_ns))]
         kept = [m for m in wanted if recorder is None or recorder.keep(m)]
         self._pending.extend(kept)
         self._pending_bytes += sum(m.size for m in kept)
+
+    def _is_of_this_drive(self, message: LiveMessage) -> bool:
+        """Tell whether a picture is of the drive's camera: the one that was named, else the first that was heard."""
+        topic = message.channel.topic
+        self._camera = self._camera or topic
+        if topic != self._camera:
+            if not self.link.chosen:
+                self.progress.problems["messages"] = (
+                    f"pictures of {topic} are left out: this drive is of {self._camera}; choose the camera on the page"
+                )
+            return False
+        return True
 
     def _hear(self) -> None:
         """Take messages that were kept into the drive, of half a second at most, so that no stop passes unnoticed."""
@@ -131,9 +148,12 @@ class Session:
             self.progress.problems["messages"] = str(error)
 
     def _is_idle(self, log_ns: int) -> bool:
-        """Tell whether a picture shows nothing new: the robot has stood for long at a stop that was taken."""
+        """Tell whether a picture shows nothing new: the robot has stood for long at a stop that was taken.
+
+        While messages wait, what is known of the robot is older than the picture.
+        """
         stands = self.progress.drive.stands
-        if stands is None or stands.seconds < _IDLE_S or not self.progress.drive.stands_taken:
+        if self._pending or stands is None or stands.seconds < _IDLE_S or not self.progress.drive.stands_taken:
             return False
         if abs(log_ns - self._idle_picture_ns) < _IDLE_EVERY_NS:
             return True

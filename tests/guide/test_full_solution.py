@@ -25,7 +25,7 @@ class _Scripted(Solver):
         self.answer: Future[dict[str, Any]] = Future()
         self.ended = 0
 
-    def _submit(self, *_: object) -> "Future[dict[str, Any]]":
+    def _submit(self, *_: object, **__: object) -> "Future[dict[str, Any]]":
         self.answer = Future()
         return self.answer
 

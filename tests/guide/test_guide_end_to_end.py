@@ -127,7 +127,8 @@ def _messages_in(recording: Path) -> int:
 
 def _figures(calibration: Path) -> dict[str, Any]:
     found: dict[str, Any] = json.loads(calibration.read_text())
-    return {k: found[k] for k in ("camera", "wheels", "T_body_cam", "sigma", "noise")} | {"stops": len(found["stops"])}
+    kept = {k: found[k] for k in ("camera", "wheels", "T_body_cam", "sigma", "noise")}
+    return kept | {"stops": len(found["stops"]), "verdict": found["verdict"]["level"]}
 
 
 @pytest.mark.slow
@@ -161,7 +162,7 @@ def test_following_the_page_alone_leads_to_a_good_calibration(
     finally:
         command.end()
     (recording,) = (tmp_path / "recordings").glob("r01-*.mcap")
-    words = (str(recording), "--moving", "off", "--out", str(tmp_path / "again"))
+    words = (str(recording), "--out", str(tmp_path / "again"))
     again = _run(tmp_path / "again.log", "boxcal.calib.cli", *words)
     assert again.process.wait(120) == 0, again.log.read_text()
     live, later = (
@@ -169,6 +170,8 @@ def test_following_the_page_alone_leads_to_a_good_calibration(
         _figures(tmp_path / "again" / recording.stem / "calibration.json"),
     )
     assert live["stops"] == later["stops"] >= len(after)
+    assert live["verdict"] == later["verdict"] == "good"
+    assert not list((tmp_path / "recordings").glob(".*")), "the copy that was calibrated is gone"
     for name, value in later["wheels"].items():
         assert live["wheels"][name] == pytest.approx(value, abs=0.2 * later["sigma"].get(name, value * 1e-4))
 

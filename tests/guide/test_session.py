@@ -1,5 +1,6 @@
 """A session says on its page and on the terminal what is wrong, and goes on with what there is."""
 
+import shutil
 import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future
@@ -13,6 +14,7 @@ from drives import TARGET, logged, messages, seen
 from live_messages import CAMERA, T0, WHEELS, Server, advertised, data_message, heard, picture, until, wheels
 from websockets.asyncio.server import ServerConnection
 
+from boxcal.calib.calibrate import calibrate
 from boxcal.calib.guide.estimate.advice import Place
 from boxcal.calib.guide.outlook import GuideOptions
 from boxcal.calib.guide.page.state import state_of
@@ -21,6 +23,7 @@ from boxcal.calib.guide.session import Session
 from boxcal.calib.guide.sources.inbox import Inbox, LiveMessage
 from boxcal.calib.guide.sources.link import Link
 from boxcal.calib.planning.goal import Bar
+from boxcal.calib.results.json_format import load_calibration
 from boxcal.calib.settings import Settings
 from boxcal.detect.correspondences import Correspondences
 from boxcal.detect.log.containers.base import Channel
@@ -110,12 +113,75 @@ def test_a_drive_leads_to_bars_next_stops_a_verdict_and_a_report(log: Path, star
     until(lambda: running.state["finished"], 60)
     assert running.state["banner"]["title"].startswith("Calibrated")
     assert (tmp_path / "out" / "r01" / "report.html").is_file()
+    (recorded,) = (tmp_path / "recordings").iterdir()
+    _is_what_the_recording_gives(tmp_path / "out" / "r01" / "calibration.json", recorded, tmp_path / "again")
     assert any(line.startswith("stop 5 taken") for line in running.said)
     assert any("written" in line for line in running.said)
     running.session.request("again")
     until(lambda: running.state["stops"] == 0, 20)
     assert not running.state["finished"]
     assert len(list((tmp_path / "recordings").iterdir())) == 1, "what was recorded is kept"
+
+
+def _is_what_the_recording_gives(live: Path, recorded: Path, out: Path) -> None:
+    """The recording, still open, calibrated with the defaults gives the same."""
+    out.mkdir()
+    copy = Path(shutil.copy(recorded, out))
+    found, later = load_calibration(live), calibrate(copy, TARGET)
+    np.testing.assert_allclose([found.wheels.b, found.wheels.rL], [later.wheels.b, later.wheels.rL], rtol=1e-9)
+    np.testing.assert_allclose(found.T_body_cam, later.T_body_cam, rtol=0, atol=1e-9)
+    assert found.verdict is not None
+    assert later.verdict is not None
+    assert found.verdict.level == later.verdict.level
+
+
+def test_pictures_of_another_camera_never_enter_a_drive(start: Started, tmp_path: Path) -> None:
+    running = start()
+    rear = Channel(topic="/rear/compressed", type=CAMERA.type, encoding="cdr")
+    running.link.offer([WHEELS, CAMERA, rear])
+    running.link.choose_camera(CAMERA.topic)
+    running.link.offer([WHEELS, CAMERA, rear])
+    running.session.request("again")
+    running.put(_still(0, 10))
+    until(lambda: running.session.progress.drive.wheels.heard)
+    first = running.session.progress
+    running.session.request("camera", rear.topic)
+    until(lambda: running.session.progress is not first, 60)
+    threading.Event().wait(1.1)  # recordings are named by the second
+    late = _picture(T0, 100)
+    running.put([late])  # it waited, or was on its way, when the other camera was named
+    running.link.hand_on(late.channel, late.log_ns, late.data)
+    running.link.offer([WHEELS, CAMERA, rear])
+    running.link.hand_on(late.channel, late.log_ns, late.data)
+    running.put([late._replace(channel=rear), *_still(10, 10)])
+    until(lambda: running.session.progress.drive.pictures == 1, 20)
+    until(lambda: running.state["recording"].get("messages", 0) == 11)
+    assert running.session.progress.drive.newest.channel.topic == rear.topic  # type: ignore[union-attr]
+
+
+def test_a_camera_that_comes_instead_of_the_drives_is_said_and_left_out(start: Started) -> None:
+    running = start()
+    rear = Channel(topic="/rear/compressed", type=CAMERA.type, encoding="cdr")
+    running.put([_picture(T0, 100), _picture(T0 + 10**8, 100)._replace(channel=rear), *_still(0, 10)])
+    until(lambda: any(f"pictures of {rear.topic} are left out" in line for line in running.said))
+    assert running.session.progress.drive.pictures == 1
+
+
+def test_pictures_are_all_kept_while_messages_wait(start: Started) -> None:
+    """A robot that stood for long, as far as was heard, may have driven on since."""
+    running = start()
+    running.session.compiling = "held"
+    drive = running.session.progress.drive
+    running.put(_still(0, 1500))
+    until(lambda: drive.stands is not None and drive.stands.seconds > 25)
+    stop = drive.stands.stops[-1]  # type: ignore[union-attr]
+    drive.taken.stops.append(_taken(stop.t_start_ns, stop.t_end_ns))
+    session, now = running.session, T0 + 1500 * 20_000_000
+    running.end()
+    assert session._is_idle(now) is False
+    assert session._is_idle(now) is True
+    session._pending.append(_still(0, 1)[0])
+    assert session._is_idle(now) is False
 
 
 def test_a_disk_that_fills_is_said_on_page_and_terminal(start: Started, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -6,6 +6,7 @@ import json
 import threading
 from fractions import Fraction
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -27,6 +28,7 @@ from websockets.asyncio.server import ServerConnection
 
 from boxcal.calib.guide.drive.wheels_so_far import WheelsSoFar
 from boxcal.calib.guide.recording.chunked_file import ChunkedFile
+from boxcal.calib.guide.sources import video
 from boxcal.calib.guide.sources.descriptions import Descriptions
 from boxcal.calib.guide.sources.file import follow_file
 from boxcal.calib.guide.sources.inbox import MOST_OTHER_BYTES, MOST_PICTURE_BYTES, Inbox, LiveMessage
@@ -397,6 +399,38 @@ def test_a_cameras_video_is_decoded_and_kept_as_pictures() -> None:
         kind = message.channel.type
         assert image_stamp_ns(message.channel, kind, memoryview(message.data), 0) == T0 + n * 100_000_000
         assert frame_id_of(message.channel, message.data) == "lens"
+
+
+def test_a_video_that_raises_or_floods_ends_nothing_and_has_one_thread(monkeypatch: pytest.MonkeyPatch) -> None:
+    told: list[str] = []
+    decoded: list[bytes] = []
+
+    def decode(_: VideoFeed, packet: Any) -> None:
+        decoded.append(packet.data)
+        if len(decoded) == 1:
+            raise RuntimeError("odd packet")
+
+    monkeypatch.setattr(VideoFeed, "_decode", decode)
+    channels = [Channel(topic=t, type="foxglove.CompressedVideo", encoding="json") for t in ("/a", "/b")]
+    link = Link(address="ws://robot", topics=Topics(), inbox=Inbox(1000.0))
+    link.found()
+    for k in range(6):
+        link.choose_camera(channels[k % 2].topic)
+        link.offer([WHEELS, *channels])
+        for _ in range(2):
+            link.hand_on(channels[k % 2], T0, _video_message(T0, b"\0\0\1\x65"))
+        if not told:
+            until(lambda: len(decoded) == 2, 20)
+            told.append(link.said)
+    assert "a packet cannot be decoded (RuntimeError: odd packet)" in told[0]
+    until(lambda: sum(thread.name == "video" for thread in threading.enumerate()) == 1)
+    link.stopped.set()
+    monkeypatch.setattr(VideoFeed, "_run", lambda _: None)
+    feed = VideoFeed(lambda *_: None, lambda _: None, threading.Event())
+    monkeypatch.setattr(video, "MOST_BYTES", 1000)
+    for _ in range(1000):
+        feed.put(channels[0], 0, b"", 0.0)
+    assert len(feed._waiting) <= 4
 
 
 def test_packets_of_a_video_that_wait_without_end_are_left_out_up_to_the_next_whole_picture(

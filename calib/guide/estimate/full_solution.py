@@ -1,10 +1,11 @@
 """The full calibration under way, its last verdict, and why the last one failed."""
 
+import tempfile
 import time
 from concurrent.futures import CancelledError, Future
 from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -12,6 +13,13 @@ import numpy as np
 from boxcal.calib.guide.estimate.solver import LONGEST_S, Solver
 from boxcal.detect.correspondences import Correspondences
 from boxcal.target.errors import BoxcalError
+
+
+class Copy(NamedTuple):
+    """A finished copy of the recording, in a folder that is removed with it."""
+
+    path: Path
+    folder: "tempfile.TemporaryDirectory[str]"
 
 
 class FullSolution:
@@ -34,6 +42,7 @@ class FullSolution:
         self._solver = solver
         self._future: Future[dict[str, Any]] | None = None
         self._since, self._stops, self._writes = 0.0, 0, False
+        self._copy: Copy | None = None
 
     @property
     def idle(self) -> bool:
@@ -53,17 +62,32 @@ class FullSolution:
         """Begin to solve a drive for its verdict; only while idle."""
         self._begin(self._solver.judge(drive), drive, writes=False)
 
-    def write(self, drive: Correspondences, out: Path, log: Path, command: str) -> None:
-        """Begin to solve a drive and to write its results; one that is under way is given up."""
+    def write(self, drive: Correspondences, out: Path, log: Path, command: str, copy: Copy | None = None) -> None:
+        """Begin to solve a drive and to write its results; one that is under way is given up.
+
+        Parameters
+        ----------
+        drive
+            What was measured on the way.
+        out, command
+            Where results go; the command line for their provenance.
+        log
+            The recording.
+        copy
+            A finished copy of it, which the results are made from if there is one: then they are those of the
+            recording; removed when it has been read.
+        """
         self.give_up()
-        self.written = {}
-        self._begin(self._solver.write(drive, out, log, command), drive, writes=True)
+        self.written, self._copy = {}, copy
+        log, recorded = (log, False) if copy is None else (copy.path, True)
+        self._begin(self._solver.write(drive, out, log, command, recorded=recorded), drive, writes=True)
 
     def give_up(self) -> None:
         """End what is under way."""
         if self._future is not None:
             self._solver.give_up()
         self._future = None
+        self._let_go()
 
     def collect(self) -> bool:
         """Take what is finished; return whether results were written."""
@@ -76,6 +100,7 @@ class FullSolution:
                 self._fail(f"{self._stops} stops were not solved within {LONGEST_S:.0f} s; drive on")
             return False
         self._future = None
+        self._let_go()
         try:
             self.verdict = {**full.result(), "stops": self._stops}
         except (BoxcalError, OSError, cv2.error, np.linalg.LinAlgError) as error:
@@ -89,6 +114,11 @@ class FullSolution:
         if self._writes:
             self.written = self.verdict
         return self._writes
+
+    def _let_go(self) -> None:
+        if self._copy is not None:
+            self._copy.folder.cleanup()
+        self._copy = None
 
     def _fail(self, why: str) -> None:
         self.verdict, self.failed = {}, why

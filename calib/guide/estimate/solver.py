@@ -4,6 +4,7 @@ import importlib
 import multiprocessing
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
+from dataclasses import replace
 from pathlib import Path
 
 from boxcal.calib.settings import Job, Settings
@@ -17,8 +18,8 @@ LONGEST_S = 90.0
 class Solver:
     """Solves drives one at a time, in another process."""
 
-    def __init__(self, robot: str, target: Target) -> None:
-        self._robot, self._target = robot, target
+    def __init__(self, robot: str, target: Target, settings: Settings | None = None) -> None:
+        self._robot, self._target, self._settings = robot, target, settings or Settings()
         self._pool: ProcessPoolExecutor | None = None
         self._others: set[multiprocessing.process.BaseProcess] = set()
 
@@ -26,9 +27,14 @@ class Solver:
         """Begin to solve a drive; the result holds its verdict."""
         return self._submit(self._job(None, Path(drive.source.log or "drive"), ""), drive)
 
-    def write(self, drive: Correspondences, out: Path, log: Path, command: str) -> "Future[dict[str, object]]":
-        """Begin to solve a drive and write its results and report; the result holds its verdict."""
-        return self._submit(self._job(out, log, command), drive)
+    def write(
+        self, drive: Correspondences, out: Path, log: Path, command: str, *, recorded: bool
+    ) -> "Future[dict[str, object]]":
+        """Begin to solve a drive and write its results and report; the result holds its verdict.
+
+        With ``recorded`` the drive is read from its log, as ``fleet-calibrate`` does, with the frames on the move.
+        """
+        return self._submit(self._job(out, log, command), drive, recorded=recorded)
 
     def get_ready(self) -> None:
         """Start the process and let it load what it needs, so that the first drive does not wait for that."""
@@ -46,15 +52,15 @@ class Solver:
         self._pool = None
 
     def _job(self, out: Path | None, log: Path, command: str) -> Job:
-        settings = Settings(report=out is not None)
+        settings = replace(self._settings, report=out is not None)
         return Job(robot=self._robot, logs=(log,), target=self._target, settings=settings, out=out, command=command)
 
-    def _submit(self, job: Job, drive: Correspondences) -> "Future[dict[str, object]]":
+    def _submit(self, job: Job, drive: Correspondences, *, recorded: bool = False) -> "Future[dict[str, object]]":
         try:
-            return self._pool_there().submit(solved, job, drive)
+            return self._pool_there().submit(solved, job, drive, recorded=recorded)
         except BrokenProcessPool:  # it was ended from outside while it waited
             self.give_up()
-            return self._submit(job, drive)
+            return self._submit(job, drive, recorded=recorded)
 
     def _pool_there(self) -> ProcessPoolExecutor:
         if self._pool is None:
@@ -68,21 +74,23 @@ def _load() -> None:
     importlib.import_module("boxcal.calib.report.robot")
 
 
-def solved(job: Job, drive: Correspondences) -> dict[str, object]:
+def solved(job: Job, drive: Correspondences, *, recorded: bool = False) -> dict[str, object]:
     """Return what a page shows of a solved drive: its verdict, and what the quick check finds in wheels and stops.
+
+    With ``recorded`` it is read from the job's log.
 
     Raises
     ------
     BoxcalError
         If the drive does not determine the calibration.
     """
-    from boxcal.calib.calibrate import calibrate_drives  # noqa: PLC0415  heavy, and for this process only
+    from boxcal.calib.calibrate import calibrate_drives, calibrate_robot  # noqa: PLC0415  heavy, and for this process only
     from boxcal.calib.check_log.recorded import wheels_findings  # noqa: PLC0415
     from boxcal.calib.check_log.stops import stop_findings  # noqa: PLC0415
     from boxcal.one_thread import hold_process_to_one_thread  # noqa: PLC0415
 
     hold_process_to_one_thread()
-    found = calibrate_drives(job, [drive])
+    found = calibrate_robot(job) if recorded else calibrate_drives(job, [drive])
     verdict = found.verdict
     if verdict is None:
         raise AssertionError("a calibration is judged before it is returned")

@@ -8,6 +8,7 @@ Format: the MCAP specification, https://mcap.dev/spec.
 """
 
 import os
+import shutil
 import zlib
 from pathlib import Path
 
@@ -125,13 +126,24 @@ class ChunkedFile:
         """Write what is kept, the index and the end, and close the file (OSError if that cannot be written)."""
         try:
             self.flush()
-            end = RecordBuilder()
-            DataEnd(data_section_crc=0).write(end)
-            body = _bytes_of(end)
-            self._append(body + self._summary(self.size + len(body)) + MAGIC)
+            self._append(self._end())
             os.fsync(self._file.fileno())
         finally:
             self._file.close()
+
+    def finished_copy(self, path: Path) -> None:
+        """Write what is kept, and all that was written so far to another file, finished (OSError if it cannot be)."""
+        self.flush()
+        shutil.copyfile(self.path, path)
+        with path.open("ab") as copy:
+            copy.write(self._end())
+
+    def _end(self) -> bytes:
+        """Return what finishes the file: the end of its data, the index and the footer."""
+        end = RecordBuilder()
+        DataEnd(data_section_crc=0).write(end)
+        body = _bytes_of(end)
+        return body + self._summary(self.size + len(body)) + MAGIC
 
     def _content(self, pending: list[Message]) -> tuple[bytes, dict[int, list[tuple[int, int]]]]:
         """Return a chunk's records and where each message stands among them, by channel."""

@@ -4,7 +4,9 @@ import contextlib
 import queue
 import threading
 import time
+from concurrent.futures import Future
 from pathlib import Path
+from typing import NamedTuple
 
 from boxcal.calib.guide.recording.chunked_file import ChunkedFile
 from boxcal.calib.guide.sources.inbox import LiveMessage
@@ -32,6 +34,13 @@ def begin_recording(folder: Path, robot: str) -> "tuple[Recorder | None, str]":
     return None, f"{folder}: nothing can be recorded there ({why}); name another folder with --record"
 
 
+class _Copy(NamedTuple):
+    """A copy that is asked for, and when it is done."""
+
+    path: Path
+    done: "Future[None]"
+
+
 class Recorder:
     """Keeps messages in an MCAP file of its own.
 
@@ -51,7 +60,7 @@ class Recorder:
         self._file = ChunkedFile(path)
         self.path, self.problem = path, ""
         self.lost = self.unkept_pictures = 0
-        self._queue: queue.SimpleQueue[LiveMessage | None] = queue.SimpleQueue()
+        self._queue: queue.SimpleQueue[LiveMessage | _Copy | None] = queue.SimpleQueue()
         self._queued_bytes, self._lock = 0, threading.Lock()
         self._blocked_until = 0.0
         self._thread = threading.Thread(target=self._run, name="recorder", daemon=True)
@@ -80,6 +89,16 @@ class Recorder:
         self._queue.put(message)
         return True
 
+    def copy(self, folder: Path, patience_s: float = 20.0) -> Path | None:
+        """Return a finished copy of all that was kept until now, in a folder; None if some of it could not be kept."""
+        asked = _Copy(folder / self.path.name, Future())
+        self._queue.put(asked)
+        try:
+            asked.done.result(patience_s)
+        except (OSError, TimeoutError):
+            return None
+        return None if self.lost or self.problem else asked.path
+
     def close(self) -> None:
         """Write all that is kept and finish the file."""
         self._queue.put(None)
@@ -96,12 +115,23 @@ class Recorder:
                 message = self._queue.get(timeout=max(next_flush - time.monotonic(), 0.01))
                 if message is None:
                     return
+                if isinstance(message, _Copy):
+                    self._copied(message)
+                    continue
                 with self._lock:
                     self._queued_bytes -= message.size
                 self._take(message)
             if time.monotonic() >= next_flush or self._file.pending_bytes > MOST_PENDING_BYTES:
                 self._flush()
                 next_flush = time.monotonic() + EVERY_S
+
+    def _copied(self, asked: "_Copy") -> None:
+        try:
+            self._file.finished_copy(asked.path)
+        except OSError as error:
+            asked.done.set_exception(error)
+        else:
+            asked.done.set_result(None)
 
     def _take(self, message: LiveMessage) -> None:
         if self.problem and time.monotonic() < self._blocked_until:

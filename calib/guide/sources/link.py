@@ -34,6 +34,8 @@ class Link:
         Sentence about why not, or what is missing.
     selection
         Topics that are listened to.
+    chosen
+        Topic of the camera that was named on the page; empty before.
     choices
         How often another camera was named.
     losses
@@ -48,6 +50,7 @@ class Link:
     connected: bool = False
     said: str = ""
     selection: Selection = field(default_factory=Selection)
+    chosen: str = ""
     choices: int = 0
     losses: int = 0
     stopped: threading.Event = field(default_factory=threading.Event)
@@ -70,8 +73,8 @@ class Link:
         self.connected, self.said = False, why
 
     def choose_camera(self, topic: str) -> None:
-        """Name the camera; whoever listens chooses anew soon."""
-        self.topics = replace(self.topics, camera_topic=topic)
+        """Name the camera; whoever listens chooses anew soon, and meanwhile no other one's pictures are handed on."""
+        self.topics, self.chosen = replace(self.topics, camera_topic=topic), topic
         self.choices += 1
 
     def known(self, channel: Channel) -> Channel:
@@ -92,10 +95,14 @@ class Link:
     def hand_on(self, channel: Channel, log_ns: int, data: bytes, now: float | None = None) -> None:
         """Hand a message to the session; pictures beyond a rate are dropped by this time, s, or by the clock."""
         picture, now = channel.topic == self.selection.camera, time.monotonic() if now is None else now
+        if not picture and channel.topic in self.selection.cameras:
+            return  # of a camera that is not, or no longer, the chosen one
         if not (picture and self.selection.is_video):
             self.inbox.put(LiveMessage(channel, log_ns, data, picture), now)
             return
         if self._video is None or self._video_topic != channel.topic:
+            if self._video is not None:
+                self._video.close()
             self._video, self._video_topic = VideoFeed(self._picture, self._tell, self.stopped), channel.topic
         self._video.put(channel, log_ns, data, now)
 

@@ -20,6 +20,8 @@ from boxcal.detect.log.video import VideoDecoder, is_key
 MOST_BYTES = 32 << 20
 """Packets that wait to be decoded; beyond them those up to the next whole picture are left out."""
 _EVERY_NS = 95_000_000
+_OVERHEAD = 256
+"""Bytes that a packet takes beside its content: empty ones fill the memory, too."""
 _WAIT_S = 0.2
 _NS = 1_000_000_000
 _DEFINITION = b"""std_msgs/Header header
@@ -71,6 +73,7 @@ class VideoFeed:
     ) -> None:
         self.left_out = 0
         self._hand_on, self._tell, self._stopped = hand_on, tell, stopped
+        self._closed = threading.Event()
         self._waiting: deque[_Waiting] = deque()
         self._bytes, self._whole = 0, True
         self._changed = threading.Condition()
@@ -90,27 +93,35 @@ class VideoFeed:
             if not self._whole and not _begins_anew(channel, data):
                 self.left_out += 1
                 return
-            self._whole = self._bytes + len(data) <= MOST_BYTES
+            size = len(data) + _OVERHEAD
+            self._whole = self._bytes + size <= MOST_BYTES
             if not self._whole:
                 self.left_out += 1
                 return
             self._waiting.append(_Waiting(channel, log_ns, data, now))
-            self._bytes += len(data)
+            self._bytes += size
             self._changed.notify()
 
+    def close(self) -> None:
+        """End the thread; what waits is not decoded any more."""
+        self._closed.set()
+
     def _run(self) -> None:
-        while not self._stopped.is_set():
+        while not (self._stopped.is_set() or self._closed.is_set()):
             with self._changed:
                 if not self._waiting:
                     self._changed.wait(_WAIT_S)
                 packet = self._waiting.popleft() if self._waiting else None
-                self._bytes -= len(packet.data) if packet is not None else 0
+                self._bytes -= len(packet.data) + _OVERHEAD if packet is not None else 0
             if packet is None:
                 continue
             try:
                 self._decode(packet)
             except DetectError as error:
                 self._tell(f"{packet.channel.topic}: {error}")
+            except Exception as error:  # of the decoder, on odd packets: the next whole picture begins anew
+                self._decoder = None
+                self._tell(f"{packet.channel.topic}: a packet cannot be decoded ({type(error).__name__}: {error})")
 
     def _decode(self, packet: _Waiting) -> None:
         channel = packet.channel

@@ -1,5 +1,6 @@
 """The work of a drive in progress, one task at a time: stops measured, estimate, next stops, full calibration."""
 
+import tempfile
 import time
 from collections import deque
 from collections.abc import Callable
@@ -12,7 +13,9 @@ import numpy as np
 from boxcal.calib.errors import CalibError
 from boxcal.calib.guide.drive.glance import Glance, glance
 from boxcal.calib.guide.estimate.advice import Place, bars, first_places, next_places
+from boxcal.calib.guide.estimate.full_solution import Copy
 from boxcal.calib.guide.progress import Progress
+from boxcal.calib.guide.recording.recorder import Recorder
 from boxcal.calib.guide.work.worker import Worker
 from boxcal.detect.correspondences import Correspondences
 from boxcal.detect.errors import DetectError
@@ -63,20 +66,20 @@ class Tasks:
         self._worker.close()
         self._eyes.close()
 
-    def begin_next(self, log: Path | None, *, compiled: bool) -> None:
+    def begin_next(self, recorder: Recorder | None, *, compiled: bool) -> None:
         """Begin what is most pressing; pictures are looked at beside that.
 
         Parameters
         ----------
-        log
-            The recording; None if there is none.
+        recorder
+            What records the drive; None if nothing does.
         compiled
             Whether detector and likelihood are compiled.
         """
         self._look()
         if not self._worker.idle:
             return
-        now, name = self.progress, "drive" if log is None else log.name
+        now, name = self.progress, "drive" if recorder is None else recorder.path.name
         due = now.drive.to_measure() if compiled else None
         if due is not None:
             self._measure_due = time.monotonic()
@@ -84,7 +87,7 @@ class Tasks:
         elif now.wants["calibrate"]:
             now.wants["calibrate"] = False
             last = now.drive.to_measure(at_end=True)
-            self._worker.begin("finish", lambda: (log or Path(name), self._all_seen(last, name)))
+            self._worker.begin("finish", lambda: (self._all_seen(last, name), recorder, _copy_of(recorder)))
         elif compiled and (now.wants["advise"] or now.outlook.placed_after != now.drive.stops_taken):
             now.wants["advise"] = False
             count = now.drive.stops_taken
@@ -217,11 +220,27 @@ class Tasks:
             self.said.append(f"stop {count} taken: {corners.tags} tags in {corners.frames} pictures")
         self.progress.wants.update(advise=True, solve=True, judge=count >= _JUDGED_FROM)
 
-    def _finish(self, log: Path, drive: Correspondences | None) -> None:
-        """Begin the calibration that is written."""
+    def _finish(self, drive: Correspondences | None, recorder: Recorder | None, copy: Copy | None) -> None:
+        """Begin the calibration that is written: of the recording, or of what was measured if not all was recorded."""
         now = self.progress
         if drive is None:
             nothing = "nothing to calibrate from yet: let the robot drive, and stand still before the box"
             now.full.failed = now.problems["stop"] or nothing
             return
-        now.full.write(drive, now.options.out, log, now.options.command)
+        log = Path("drive") if recorder is None else recorder.path
+        now.full.write(drive, now.options.out, log, now.options.command, copy)
+
+
+def _copy_of(recorder: Recorder | None) -> Copy | None:
+    """Return a finished copy of the recording so far; None if there is none, or not of all that was heard."""
+    if recorder is None:
+        return None
+    try:
+        folder = tempfile.TemporaryDirectory(dir=recorder.path.parent, prefix=".boxcal-")
+    except OSError:
+        return None
+    path = recorder.copy(Path(folder.name))
+    if path is None:
+        folder.cleanup()
+        return None
+    return Copy(path, folder)
