@@ -29,6 +29,7 @@ from boxcal.calib.fleet.attempt import Attempt, attempt
 from boxcal.calib.fleet.engine.calls import Call
 from boxcal.calib.fleet.engine.processes import LocalProcesses
 from boxcal.calib.likelihood.compiled.compilation import prepare_all
+from boxcal.calib.results.without_drive import without_drive
 from boxcal.calib.settings import Job, Outcome, Settings
 from boxcal.calib.simulate.drive import DriveOptions
 from boxcal.calib.simulate.fleet import Job as Simulation
@@ -97,7 +98,8 @@ def coordinate(inputs: list[Path], count: int, workers: int) -> dict[str, float]
                 moved += len(pickle.dumps(done.result.found))
                 sent += len(pickle.dumps(done.call))
                 own += time.process_time() - aside
-            kept.append(Outcome(job=planned[done.call.key], calibration=done.result.found.calibration))
+            slim = without_drive(done.result.found.calibration)  # what they have in common takes memory once
+            kept.append(Outcome(job=planned[done.call.key], calibration=slim))
             processor, clock = processor + done.result.processor, clock + done.result.clock
         seconds, own = time.perf_counter() - begun, time.process_time() - own
         memory = resident_bytes() - before

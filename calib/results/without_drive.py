@@ -3,9 +3,11 @@
 import sys
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import cache
 
 from boxcal.calib.geometry.parameters import ORDER
 from boxcal.calib.results.calibration import Calibration
+from boxcal.calib.results.verdict import Kind, Level, Reason
 
 _KEPT = ("hardware",)
 """Settings that a fleet is sorted by."""
@@ -14,10 +16,10 @@ _KEPT = ("hardware",)
 def without_drive(calibration: Calibration) -> Calibration:
     """Return a result of some 10 kB, whatever the number of stops, legs and frames.
 
-    Left are parameters and their covariance, goodness of fit, noise, notes, causes, verdict, inputs, and of the stops
-    the first and the last. What only the robot's own file and report tell is gone: the other stops, legs, rejected
-    corners, held-out stops, growth, settings but for those of ``_KEPT`` and the covariance of the camera model's
-    further coefficients.
+    Left are parameters and their covariance, goodness of fit, noise, notes, causes, verdict, inputs, of the stops the
+    first and the last, and of checks that were passed their rules. What only the robot's own file and report tell is
+    gone: the other stops, legs, rejected corners, held-out stops, growth, settings but for those of ``_KEPT`` and the
+    covariance of the camera model's further coefficients.
     """
     detail = calibration.detail
     if detail is not None:
@@ -40,9 +42,22 @@ def without_drive(calibration: Calibration) -> Calibration:
     ends = calibration.stops[:: max(len(calibration.stops) - 1, 1)][:2]
     verdict = calibration.verdict
     if verdict is not None:
-        reasons = [replace(r, rule=sys.intern(r.rule), advice=sys.intern(r.advice)) for r in verdict.reasons]
-        verdict = replace(verdict, headline=sys.intern(verdict.headline), reasons=tuple(reasons))
+        verdict = replace(
+            verdict, headline=sys.intern(verdict.headline), reasons=tuple(_shared(r) for r in verdict.reasons)
+        )
     return replace(calibration, stops=ends, verdict=verdict, detail=detail, provenance=origin)
+
+
+def _shared(reason: Reason) -> Reason:
+    """Return a reason without the sentence of a passed check; what many robots have in common takes memory once."""
+    if reason.level is Level.GOOD and reason.kind is Kind.CHECK:
+        return _passed(reason.rule)
+    return replace(reason, rule=sys.intern(reason.rule), advice=sys.intern(reason.advice))
+
+
+@cache
+def _passed(rule: str) -> Reason:
+    return Reason(rule=rule, level=Level.GOOD, text="")
 
 
 def _interned(values: Mapping[str, float]) -> dict[str, float]:

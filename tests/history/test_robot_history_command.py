@@ -1,5 +1,6 @@
 """The command ``robot-history``, and results that ``fleet-calibrate`` puts into a store."""
 
+import pickle
 import re
 import sqlite3
 from dataclasses import replace
@@ -141,7 +142,14 @@ def test_results_go_into_the_store_once_and_an_import_adds_nothing(
     assert saved.detail is not None
     np.testing.assert_allclose(found[0].covariance, saved.detail.covariance.matrix, rtol=1e-12)
     assert found[0].wheels.tolist() == [saved.wheels.rR, saved.wheels.rL, saved.wheels.b]
-    whole, slim = session_of(saved), session_of(without_drive(saved))
+    kept, other = (without_drive(pickle.loads(pickle.dumps(c))) for c in (saved, saved))
+    assert kept.verdict is not None
+    assert saved.verdict is not None
+    assert kept.verdict.count == saved.verdict.count
+    assert list(kept.verdict.lines()) == list(saved.verdict.lines())
+    assert all(a is b for a, b in zip(kept.verdict.passed, other.verdict.passed, strict=True))  # type: ignore[union-attr]
+    assert len(pickle.dumps(kept)) < 7000
+    whole, slim = session_of(saved), session_of(kept)
     assert (whole.key, whole.t_ns, whole.hardware) == (slim.key, slim.t_ns, slim.hardware)
     assert (found[0].key, found[0].t_ns) == (whole.key, whole.t_ns)
     capsys.readouterr()
