@@ -8,17 +8,9 @@ the choice of a camera model became part of the likelihood.
 """
 
 import argparse
-import json
-import os
-import subprocess
-import sys
-import tarfile
-import tempfile
-from io import BytesIO
-from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[1]
-BEFORE = "c270e30^"
+from older_tree import BEFORE, ROOT, older_tree, printed
+
 GOAL = 1.5
 OLD = """
 import json, sys
@@ -54,13 +46,8 @@ def main() -> int:
     parser.add_argument("--before", default=BEFORE, metavar="COMMIT", help=f"commit to compare with ({BEFORE})")
     parser.add_argument("--rounds", type=int, default=3, help="how often both are timed in turn (3)")
     args = parser.parse_args()
-    with tempfile.TemporaryDirectory() as folder:
-        archive = subprocess.run(["git", "archive", args.before], cwd=ROOT, check=True, capture_output=True).stdout
-        with tarfile.open(fileobj=BytesIO(archive)) as tree:
-            tree.extractall(folder, filter="data")
-        for package in ("target", "detect", "calib"):
-            (Path(folder) / "boxcal" / package).symlink_to(Path(folder) / package)
-        rounds = [(timed(OLD, Path(folder)), timed(NEW, ROOT)) for _ in range(args.rounds)]
+    with older_tree(args.before) as tree:
+        rounds = [(printed(OLD, tree), printed(NEW, ROOT)) for _ in range(args.rounds)]
     before = min(old["likelihood"] for old, _ in rounds)
     print(f"likelihood of {args.before:38} {before * 1e3:7.1f} ms")
     for name in rounds[0][1]:
@@ -68,14 +55,6 @@ def main() -> int:
         print(f"today's: {name:43} {seconds * 1e3:7.1f} ms, {seconds / before:.2f} times as long")
     print(f"goal of the default: {GOAL} times")
     return 0
-
-
-def timed(code: str, tree: Path) -> dict[str, float]:
-    """Return the processor times, s, that code prints when it is run in a tree."""
-    environment = {**os.environ, "PYTHONPATH": str(tree), "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
-    done = subprocess.run([sys.executable, "-c", code], cwd=tree, env=environment, check=True, stdout=subprocess.PIPE)
-    found: dict[str, float] = json.loads(done.stdout.splitlines()[-1])
-    return found
 
 
 if __name__ == "__main__":
