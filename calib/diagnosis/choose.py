@@ -133,7 +133,9 @@ def _next(found: Explained, vanished: Sequence[str], needed: float) -> _Search:
         cause = ranked.cause
         held = replace(start, options=replace(fit.options, find_faults=False))
         trial = _refit(held, [cause])
-        gain = 0.0 if trial is None else log_evidence(trial) - before - ranked.log_family
+        # Legs that count again raise the evidence by themselves: the cause is compared with them and without it, too.
+        without = before if start is fit else max(before, log_evidence(start))
+        gain = 0.0 if trial is None else log_evidence(trial) - without - ranked.log_family
         if trial is None or not _shows(trial, cause, gain):  # what is gained is legs that count again, not the cause
             gain = min(gain, 0.0)
         if start is fit:

@@ -31,6 +31,7 @@ from boxcal.calib.simulate.imperfect_drive import hand_made, imperfect_drive
 from boxcal.calib.simulate.imperfections import BoxFaults, CameraFaults, Imperfections, WheelFaults
 from boxcal.calib.simulate.kinematics import arc_path
 from boxcal.calib.simulate.robot import Robot, khepera, turtlebot
+from boxcal.calib.simulate.violations import VIOLATIONS
 from boxcal.detect.correspondences import Correspondences
 from boxcal.target.arrays import Array
 from boxcal.target.box import make_target
@@ -313,6 +314,18 @@ def test_what_happens_on_one_leg_is_named(faults: Imperfections, cause: str, siz
     if size is not None:
         assert abs(finding.size - size) < 3.5 * finding.sigma
     assert_right(found)
+
+
+def test_a_leg_that_counts_again_is_no_evidence_for_a_cause() -> None:
+    """With all legs in any cause raised the evidence by 10, most of it the leg's own: one that slipped by 3 mm."""
+    rng, robot = np.random.default_rng([0, 6, 2]), turtlebot()
+    usual = hand_made(rng)
+    (slips,) = (violation for violation in VIOLATIONS if violation.name == "one leg slips")
+    faults = slips.draw(usual, 3.0, robot, rng)
+    seed = np.random.default_rng([int(rng.integers(2**62))])
+    seen = imperfect_drive(robot, TARGET, DriveOptions(stops=14, steps_per_sample=4), faults, seed).seen
+    found, _ = estimate_explained([seen], None, OPTIONS)
+    assert [f.cause for f in found.findings if not f.cause.startswith("sheet")] == ["leg-slipped"]
 
 
 def test_the_target_as_built_is_named_where_it_is_off() -> None:
