@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from boxcal.calib.calibrate import calibrate as calibrate
+    from boxcal.calib.calibrate import calibrate_cameras as calibrate_cameras
     from boxcal.calib.joint_box.api import refine_box as refine_box
     from boxcal.calib.results.calibration import Calibration as Calibration
     from boxcal.calib.results.json_format import load_calibration as load_calibration
@@ -46,6 +47,7 @@ __all__ = [
     "Target",
     "__version__",
     "calibrate",
+    "calibrate_cameras",
     "detect_tags",
     "extract",
     "load_calibration",
@@ -65,6 +67,7 @@ _HOME = {
     "Correspondences": "boxcal.detect.correspondences",
     "Target": "boxcal.target.box",
     "calibrate": "boxcal.calib.calibrate",
+    "calibrate_cameras": "boxcal.calib.calibrate",
     "detect_tags": "boxcal.detect.alignment.detector",
     "extract": "boxcal.detect.extract",
     "load_calibration": "boxcal.calib.results.json_format",

@@ -149,7 +149,12 @@ def calibration_schema() -> Schema:
         "items": of_dataclass(Finding, nullable=True),
         "description": said["findings"],
     }
-    sometimes: dict[str, Schema] = {"verdict": of_dataclass(Verdict), "findings": findings, **_of_likelihood()}
+    sometimes: dict[str, Schema] = {
+        "verdict": of_dataclass(Verdict),
+        "findings": findings,
+        **_of_likelihood(),
+        **_of_several_cameras(),
+    }
     return _document(
         "calibration.json",
         "The calibration of one robot; fields from sigma on are there unless method is four-steps. Null stands for "
@@ -267,6 +272,47 @@ def _of_likelihood() -> dict[str, Schema]:
         },
         "held_out": many(HeldOut, said["held_out"]),
         "growth": many(ConvergencePoint, said["growth"]),
+    }
+
+
+def _of_several_cameras() -> dict[str, Schema]:
+    """Return the schemas of the fields that a robot with several cameras adds to a calibration."""
+    from boxcal.calib.geometry.parameters import MOUNTING, ORDER
+    from boxcal.calib.results.diagnostics import CAMERA
+    from boxcal.calib.results.rig import CameraPair, Rig, RigCamera
+    from boxcal.calib.results.rig_json import PAIR_SIDE
+    from boxcal.target.camera.camera_model import CameraModel
+
+    rig, pair, texts = attributes(Rig), attributes(CameraPair), {"type": "array", "items": {"type": "string"}}
+    rows = {"type": "array", "items": {"type": "array", "items": NUMBER_OR_NULL}}
+    parts = {"camera": of_dataclass(CameraModel, only=CAMERA), "T_body_cam": matrix(4, 4, "m")}
+    camera = of_dataclass(RigCamera, parts | {"image_size": _image_size()})
+    camera["properties"]["lens"] = _lens()
+    camera["required"] = sorted(camera["properties"])
+    of_pair = {
+        "a": _text(pair["a"]),
+        "b": _text(pair["b"]),
+        "T_a_b": {**matrix(4, 4, "m"), "description": pair["T_a_b"]},
+        "sigma": _named("Standard deviations of rx, ry, rz (rad), tx, ty, tz (m)."),
+        "covariance": record(
+            {"order": {"const": list(ORDER[MOUNTING])}, "side": {"const": PAIR_SIDE}, "matrix": rows},
+            pair["covariance"],
+        ),
+    }
+    return {
+        "cameras": {"type": "array", "items": camera, "description": rig["cameras"]},
+        "camera_pairs": {
+            "type": "array",
+            "items": record(of_pair, "Transform between two cameras."),
+            "description": "All pairs of cameras, each once.",
+        },
+        "cameras_covariance": record({"order": texts, "matrix": rows}, rig["covariance"]),
+        "cameras_left_out": {
+            "type": "array",
+            "items": record({"topic": _text("Image topic."), "why": _text("Reason.")}, "An image topic left out."),
+            "description": rig["left_out"],
+        },
+        "cameras_apart": _text(rig["apart"]),
     }
 
 

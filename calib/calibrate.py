@@ -5,13 +5,15 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from boxcal.calib.assessment.verdict import judge
 from boxcal.calib.diagnosis.first_look import first_look
 from boxcal.calib.errors import CalibError
 from boxcal.calib.exports.photographs import small_jpeg
 from boxcal.calib.likelihood.compiled.compilation import prepare_all
+from boxcal.calib.one_robot.cameras_read import CameraDrives, ReadCameras, read_cameras
+from boxcal.calib.one_robot.judging import judged
 from boxcal.calib.one_robot.log_identity import file_state, fingerprint_of
 from boxcal.calib.one_robot.reading import at_box, read
+from boxcal.calib.one_robot.several_cameras import calibrate_cameras_of, solved_and_judged
 from boxcal.calib.one_robot.solving import solve
 from boxcal.calib.one_robot.writing import write
 from boxcal.calib.results.calibration import Calibration
@@ -82,12 +84,68 @@ def calibrate(
     return judged(result, look.drives, look.target)
 
 
-def judged(result: Calibration, drives: Sequence[Correspondences], target: Target) -> Calibration:
-    """Return a result with what a user should know of its logs, and with its verdict."""
-    several = len(drives) > 1
-    notes = [f"{d.source.log}: {note}" if several else note for d in drives for note in d.source.notes]
-    result = replace(result, notes=(*notes, *result.notes))
-    return replace(result, verdict=judge(result, drives, target))
+@one_thread()
+def calibrate_cameras(
+    source: str | Path | Mapping[str, Correspondences],
+    target: Target | str | Path | None = None,
+    *,
+    topics: Sequence[str] = (),
+    settings: Settings | None = None,
+    robot: str | None = None,
+) -> dict[str, Calibration]:
+    """Return the calibrations of a robot's cameras, solved together, by the cameras' names; nothing is written.
+
+    Each has its own lens and extrinsics; wheels, stops and box are those of all. Every calibration's ``rig`` has all
+    cameras, and the transform between any two with its covariance. Where one camera only sees the box, the result is
+    as of :func:`calibrate`, without a rig.
+
+    Parameters
+    ----------
+    source
+        The recording; or one drive as each camera saw it, by the cameras' names.
+    target
+        The box, or its ``target.json``; the default box as designed if not given.
+    topics
+        Of the cameras, in a recording; every image topic that shows the box if not given.
+    settings
+        As for :func:`calibrate`.
+    robot
+        Name of the robot; that of the recording, or of the first drive, if not given.
+
+    Raises
+    ------
+    BoxcalError
+        If no camera can be used, or two topics that are named show one camera.
+
+    Examples
+    --------
+    >>> import boxcal
+    >>> found = boxcal.calibrate_cameras("robots/r01.mcap", "box/target.json")  # a robot with one camera
+    >>> sorted(found), found["camera"].rig
+    (['camera'], None)
+    >>> rigged = [calibration.rig for calibration in found.values() if calibration.rig is not None]
+    >>> transforms = [(pair.a, pair.b, pair.T_a_b, pair.covariance) for rig in rigged for pair in rig.pairs]
+    """
+    box = target if isinstance(target, Target) else load_target(target) if target is not None else make_target()
+    chosen = replace(settings or Settings(report=False), cameras=tuple(topics), all_cameras=not topics)
+    if isinstance(source, Mapping):
+        if not source:
+            raise CalibError("no drive was given", remedy="give one of each camera")
+        first = next(iter(source.values()))
+        name, log = robot or first.robot, Path(first.source.log or first.robot)
+        placed = {camera: at_box(drive, box, given=target is not None) for camera, drive in source.items()}
+        given = ReadCameras(
+            cameras=tuple(
+                CameraDrives(name=camera, topic=drive.source.camera_topic or camera, drives=(drive,))
+                for camera, drive in placed.items()
+            )
+        )
+        job = Job(robot=name, logs=(log,), target=box, settings=chosen, out=None)
+    else:
+        path = Path(source)
+        job = Job(robot=robot or robot_name(path), logs=(path,), target=box, settings=chosen, out=None)
+        given = read_cameras(job, lambda _, __: None, lambda _: None)
+    return {camera.read.name: camera.calibration for camera in solved_and_judged(job, given)}
 
 
 def calibrate_robot(job: Job, progress: Progress | None = None) -> Calibration:
@@ -107,6 +165,8 @@ def calibrate_robot(job: Job, progress: Progress | None = None) -> Calibration:
 
     if any(log.suffix != CORRESPONDENCES for log in job.logs):
         prepare_all(lambda text: tell("compile", text, 0.0))
+    if job.settings.several_cameras:
+        return calibrate_cameras_of(job, tell, _READ, _SOLVED)
     drives: list[Correspondences] = []
     photos: list[dict[int, bytes]] = [{} for _ in job.logs]
     shown = job.out is not None and job.settings.report

@@ -58,6 +58,11 @@ class Settings:
     ----------
     topics
         Topics and joints, where their names do not tell.
+    cameras
+        Topics of the cameras that are calibrated together, where the robot has several; the first one's result is the
+        robot's own.
+    all_cameras
+        Every image topic that shows the box is one of them.
     wheel_units
         What the wheel readings mean.
     bits
@@ -109,6 +114,8 @@ class Settings:
     """
 
     topics: Topics = field(default_factory=Topics)
+    cameras: tuple[str, ...] = ()
+    all_cameras: bool = False
     wheel_units: WheelUnits = field(default_factory=WheelUnits)
     bits: int | None = None
     camera_mode: CameraMode = CameraMode.JOINT
@@ -135,6 +142,11 @@ class Settings:
     rerun: Path | None = None
     results_mcap: Path | None = None
     hardware: str = ""
+
+    @property
+    def several_cameras(self) -> bool:
+        """Whether more cameras than one are asked for."""
+        return self.all_cameras or len(self.cameras) > 1
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

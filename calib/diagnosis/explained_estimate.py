@@ -1,7 +1,7 @@
 """The estimate with its explanations: solved, diagnosed, reported."""
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from boxcal.calib.diagnosis.target_causes import target_findings
 from boxcal.calib.four_steps.procedure import FourSteps
 from boxcal.calib.likelihood.estimate import Estimate
 from boxcal.calib.likelihood.estimator import fit, reported
+from boxcal.calib.likelihood.fit import Fit
 from boxcal.calib.likelihood.moving.merge import Moving, with_moving_frames
 from boxcal.calib.likelihood.options import EstimateOptions
 from boxcal.calib.likelihood.summary import reported_cov
@@ -20,6 +21,25 @@ from boxcal.detect.correspondences import Correspondences
 _PROBABLE = 0.2
 """From this probability on what a cause may do unseen is in the standard deviations: of less probable ones it would be
 most of them, and true of few."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ExplainedEstimate:
+    """Estimate from the stops with whatever explains its drives.
+
+    Attributes
+    ----------
+    found
+        The estimate, with its findings.
+    fit
+        The solution that it reports.
+    options
+        As :func:`estimate_explained` returns them.
+    """
+
+    found: Estimate
+    fit: Fit
+    options: EstimateOptions
 
 
 def estimate_explained(
@@ -45,6 +65,17 @@ def estimate_explained(
     CalibError
         If the drives do not determine the calibration: what is missing.
     """
+    explained = explained_estimate(drives, start, options)
+    found = explained.found
+    if moving is not Moving.OFF:
+        found = with_moving_frames(found, explained.fit, drives, moving)
+    return found, explained.options
+
+
+def explained_estimate(
+    drives: Sequence[Correspondences], start: Sequence[FourSteps] | FourSteps | None, options: EstimateOptions
+) -> ExplainedEstimate:
+    """Return the estimate from the stops alone, with its solution; as :func:`estimate_explained`."""
     first = fit(drives, start, options)
     explained = explain(first)
     solved = replace(explained.fit, camera_scores=first.camera_scores)
@@ -52,10 +83,8 @@ def estimate_explained(
     found = _with_unseen(found, replace(explained, fit=solved))
     findings = (*explained.findings, *leg_findings(solved, found, drives), *target_findings(solved))
     of_wheels = tuple(cause for cause, _ in explained.adopted if not cause.in_pictures)
-    if moving is not Moving.OFF:
-        found = with_moving_frames(found, solved, drives, moving)
     options = replace(options, lens=found.camera.kind, explanations=(*options.explanations, *of_wheels))
-    return replace(found, findings=(*findings, *found.findings)), options
+    return ExplainedEstimate(found=replace(found, findings=(*findings, *found.findings)), fit=solved, options=options)
 
 
 def _with_unseen(found: Estimate, explained: Explained) -> Estimate:

@@ -34,6 +34,8 @@ def chosen_settings(args: Namespace, target: Target, *, report: bool) -> Setting
     face = None if args.face_prior_mm is None else args.face_prior_mm * 1e-3
     return Settings(
         topics=chosen_topics(args),
+        cameras=tuple(named) if len(named := _cameras_named(args)) > 1 else (),
+        all_cameras=args.all_cameras,
         wheel_units=chosen_units(args),
         bits=args.bits,
         camera_mode=CameraMode.PER_STOP if args.per_stop else CameraMode.JOINT,
@@ -66,11 +68,17 @@ def chosen_settings(args: Namespace, target: Target, *, report: bool) -> Setting
 def chosen_topics(args: Namespace) -> Topics:
     """Return where images and wheels are, as :func:`boxcal.calib.fleet.options.topic_options` has it."""
     return Topics(
-        camera_topic=args.camera_topic,
+        camera_topic=named[0] if len(named := _cameras_named(args)) == 1 else None,
         joint_topic=args.joint_topic,
         left_joint=args.left_joint,
         right_joint=args.right_joint,
     )
+
+
+def _cameras_named(args: Namespace) -> list[str]:
+    """Return the cameras' topics that were given, each once."""
+    given = args.camera_topic or []
+    return list(dict.fromkeys([given] if isinstance(given, str) else given))
 
 
 def chosen_units(args: Namespace) -> WheelUnits:

@@ -1,8 +1,9 @@
 """A fleet's manifest: a CSV table with a row a robot, that names its logs, its box and its options.
 
-The first row names the columns: ``log`` (several of one robot with ``;`` between), ``robot`` (else called as its log),
-``target``, and any option of ``fleet-calibrate`` that is about one robot, without its dashes (``joint-unit``,
-``nominal`` ...). An empty cell leaves what the command line says. Paths are taken from the manifest's folder.
+The first row names the columns: ``log`` (several of one robot with ``;`` between, as are topics of several cameras),
+``robot`` (else called as its log), ``target``, and any option of ``fleet-calibrate`` that is about one robot, without
+its dashes (``joint-unit``, ``nominal`` ...). An empty cell leaves what the command line says. Paths are taken from the
+manifest's folder.
 """
 
 import argparse
@@ -25,10 +26,10 @@ MAX_BYTES = 16 << 20
 MAX_ROWS = 100_000
 SUFFIX = ".csv"
 OPTIONS = (
-    *("camera-topic", "joint-topic", "left-joint", "right-joint", "joint-unit", "ticks-per-turn", "reverse-left"),
-    *("reverse-right", "base-frame", "camera-frame", "prefix", "controller", "bits", "nominal", "lens", "floor"),
+    *("camera-topic", "all-cameras", "joint-topic", "left-joint", "right-joint", "joint-unit", "ticks-per-turn"),
+    *("reverse-left", "reverse-right", "base-frame", "camera-frame", "prefix", "controller", "bits", "nominal"),
     *("tilt-prior-deg", "ink-prior-mm", "scale-prior-percent", "face-prior-mm", "bow-prior-mm", "size-prior-mm"),
-    *("encoder-step-deg", "slip-mm", "moving", "hardware"),
+    *("encoder-step-deg", "slip-mm", "moving", "hardware", "lens", "floor"),
 )
 """Options of the command that a column may set."""
 _PATHS = {"nominal"}
@@ -219,6 +220,8 @@ def _row(path: Path, line: int, cells: Mapping[str, str], parser: argparse.Argum
         if cells.get(column):
             value = str(_placed(path, cells[column])) if column in _PATHS else cells[column]
             options |= _parsed(path, line, column, value, parser)
+    if "camera_topic" in options:  # of several cameras with ; between, as logs are
+        options["camera_topic"] = [topic.strip() for topic in cells["camera-topic"].split(";") if topic.strip()]
     target = cells.get("target", "")
     return ManifestRow(
         source=path,

@@ -74,10 +74,21 @@ def options() -> argparse.ArgumentParser:
     return parser
 
 
-def topic_options(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
-    """Add the options that say where images and wheels are, and in what unit; return their group."""
+def topic_options(parser: argparse.ArgumentParser, *, several: bool = False) -> argparse._ArgumentGroup:
+    """Add the options that say where images and wheels are, and in what unit; return their group.
+
+    With ``several`` the camera's topic may be given several times.
+    """
     names = parser.add_argument_group("topics, joints and frames, where the log does not tell")
-    names.add_argument("--camera-topic", metavar="TOPIC", help="images")
+    if several:
+        names.add_argument(
+            "--camera-topic", action="append", metavar="TOPIC", help="images; given several times: of several cameras"
+        )
+        names.add_argument(
+            "--all-cameras", action="store_true", help="all cameras that show the box, calibrated together"
+        )
+    else:
+        names.add_argument("--camera-topic", metavar="TOPIC", help="images")
     names.add_argument("--joint-topic", metavar="TOPIC", help="joint states, ticks or odometry")
     names.add_argument("--left-joint", metavar="NAME", help="left wheel: a joint, or /topic.field")
     names.add_argument("--right-joint", metavar="NAME", help="right wheel: a joint, or /topic.field")
@@ -127,7 +138,7 @@ def _work(parser: argparse.ArgumentParser) -> None:
 
 
 def _names(parser: argparse.ArgumentParser) -> None:
-    names = topic_options(parser)
+    names = topic_options(parser, several=True)
     names.add_argument("--base-frame", type=_frame, metavar="NAME", help="on the floor below the axle (base_footprint)")
     names.add_argument("--camera-frame", type=_frame, metavar="NAME", help="camera's optical frame (the images' own)")
     names.add_argument("--prefix", type=_frame, metavar="TEXT", help="before frames: robots in one TF tree")

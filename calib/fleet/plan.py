@@ -45,6 +45,7 @@ def check_options(args: Namespace) -> None:
             f"--joint-box needs several robots that are solved for by maximum likelihood: {found}",
             remedy="leave out --joint-box",
         )
+    _check_cameras(args)
     if args.closed_form and args.validate:
         raise CalibError(
             "--closed-form and --validate exclude each other: the closed form claims no sigmas",
@@ -55,6 +56,25 @@ def check_options(args: Namespace) -> None:
             _check_writable(path.parent, option)
     if not is_url(args.out):
         _check_writable(args.out, "--out")
+
+
+def _check_cameras(args: Namespace) -> None:
+    named = args.camera_topic or []
+    if not (args.all_cameras or len(named) > 1):
+        return
+    if args.all_cameras and named:
+        raise CalibError("--all-cameras and --camera-topic are given", remedy="leave one of them out")
+    for option, given in (
+        ("--closed-form", args.closed_form),
+        ("--joint-box", args.joint_box),
+        ("--moving on", args.moving == "on"),
+        ("--camera-frame", args.camera_frame is not None),
+    ):
+        if given:
+            raise CalibError(
+                f"{option} is for robots with one camera, several are asked for",
+                remedy=f"leave out {option.partition(' ')[0]}, or name one camera",
+            )
 
 
 def _check_writable(folder: Path, option: str) -> None:

@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 
-from boxcal.calib.calibrate import judged
 from boxcal.calib.diagnosis.choose import explain
 from boxcal.calib.diagnosis.first_look import first_look
 from boxcal.calib.diagnosis.frozen import without_frozen
@@ -17,6 +16,7 @@ from boxcal.calib.errors import CalibError
 from boxcal.calib.joint_box.block import Block
 from boxcal.calib.joint_box.own_solution import OwnSolution, own_solution, settled
 from boxcal.calib.likelihood.estimator import fit
+from boxcal.calib.one_robot.judging import judged
 from boxcal.calib.one_robot.reading import placed, read
 from boxcal.calib.one_robot.solving import options_of, solve
 from boxcal.calib.one_robot.writing import write

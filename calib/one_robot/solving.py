@@ -1,12 +1,13 @@
 """The calibration that the drives of one robot give: by the likelihood, or by the closed form alone."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict, replace
 
 import numpy as np
 
 from boxcal.calib.diagnosis.counters import WRAPS, counter_finding
-from boxcal.calib.diagnosis.explained_estimate import estimate_explained
+from boxcal.calib.diagnosis.explained_estimate import ExplainedEstimate, estimate_explained, explained_estimate
 from boxcal.calib.diagnosis.first_look import FirstLook, remedy_of
 from boxcal.calib.diagnosis.last_look import last_look
 from boxcal.calib.errors import CalibError
@@ -14,7 +15,7 @@ from boxcal.calib.four_steps.procedure import FourSteps
 from boxcal.calib.likelihood import Estimate, EstimateOptions
 from boxcal.calib.likelihood.estimator import negative_wheels, unsolvable
 from boxcal.calib.results.build import closed_form, refined
-from boxcal.calib.results.calibration import Calibration
+from boxcal.calib.results.calibration import Calibration, Provenance
 from boxcal.calib.results.provenance import provenance
 from boxcal.calib.settings import Job, listed
 from boxcal.calib.uncertainty.box_size import box_notes
@@ -38,22 +39,46 @@ def solve(job: Job, look: FirstLook) -> Calibration:
     CalibError
         If they do not determine it.
     """
+    check_one_robot(job, look.steps)
+    if job.settings.closed_form:
+        return closed_form(job.robot, look.drives, look.steps, _origin(job, look), findings=look.findings)
+    job = replace(job, target=look.target)
+    with _reasons_said(look):
+        found, options = estimate_explained(look.drives, look.steps, options_of(job), job.settings.moving)
+    return concluded(job, look, found, options)
+
+
+def solve_stops(job: Job, look: FirstLook) -> ExplainedEstimate:
+    """Return the estimate that the stops alone give, with its solution; errors as of :func:`solve`."""
+    check_one_robot(job, look.steps)
+    with _reasons_said(look):
+        return explained_estimate(look.drives, look.steps, options_of(replace(job, target=look.target)))
+
+
+def concluded(job: Job, look: FirstLook, found: Estimate, options: EstimateOptions) -> Calibration:
+    """Return the calibration that an estimate amounts to, looked at once more; errors as of :func:`solve`."""
     settings, drives, steps = job.settings, look.drives, look.steps
-    _check_one_robot(job, steps)
-    origin = provenance(job.command, drives, asdict(settings), job.fingerprint)
-    if settings.closed_form:
-        return closed_form(job.robot, drives, steps, origin, findings=look.findings)
-    try:
-        found, options = _likelihood(replace(job, target=look.target), drives, steps)
-    except np.linalg.LinAlgError as error:
-        raise unsolvable(sum(len(drive.stops) for drive in drives), error) from error
-    except CalibError as error:
-        raise _said_with_jumps(_said_with_start(error, steps), drives) from error
+    found = replace(found, notes=found.notes + box_notes(look.target, drives))
     _check_told(found, steps)
     found = replace(found, findings=(*look.findings, *found.findings, *last_look(look, found)))
     held_out = validate(drives, steps, options, found) if settings.validate else None
     grown = grow(drives[0], steps[0], found, options) if settings.report and len(drives) == 1 else ()
-    return refined(job.robot, drives, steps, found, origin, validation=held_out, growth=grown)
+    return refined(job.robot, drives, steps, found, _origin(job, look), validation=held_out, growth=grown)
+
+
+def _origin(job: Job, look: FirstLook) -> Provenance:
+    return provenance(job.command, look.drives, asdict(job.settings), job.fingerprint)
+
+
+@contextmanager
+def _reasons_said(look: FirstLook) -> Iterator[None]:
+    """Say with why the likelihood fails what else is known of the drives."""
+    try:
+        yield
+    except np.linalg.LinAlgError as error:
+        raise unsolvable(sum(len(drive.stops) for drive in look.drives), error) from error
+    except CalibError as error:
+        raise _said_with_jumps(_said_with_start(error, look.steps), look.drives) from error
 
 
 def _said_with_start(error: CalibError, steps: Sequence[FourSteps]) -> CalibError:
@@ -96,15 +121,6 @@ def _check_told(found: Estimate, steps: Sequence[FourSteps]) -> None:
         )
 
 
-def _likelihood(
-    job: Job, drives: Sequence[Correspondences], steps: Sequence[FourSteps]
-) -> tuple[Estimate, EstimateOptions]:
-    """Return the maximum likelihood estimate, and the options that it was made with."""
-    options = options_of(job)
-    found, options = estimate_explained(drives, steps, options, job.settings.moving)
-    return replace(found, notes=found.notes + box_notes(job.target, drives)), options
-
-
 def options_of(job: Job) -> EstimateOptions:
     """Return the options of the likelihood that a job's settings ask for."""
     settings = job.settings
@@ -123,7 +139,7 @@ def options_of(job: Job) -> EstimateOptions:
     )
 
 
-def _check_one_robot(job: Job, steps: Sequence[FourSteps]) -> None:
+def check_one_robot(job: Job, steps: Sequence[FourSteps]) -> None:
     """Refuse drives of different robots: what the four steps find in each is too far apart for one."""
     for log, step in zip(job.logs[1:], steps[1:], strict=True):
         for what, found, first, limit in (

@@ -24,19 +24,25 @@ from boxcal.target.files.atomic_write import write_atomically, write_together
 
 
 def write(
-    job: Job, result: Calibration, drives: Sequence[Correspondences], photos: Sequence[Mapping[int, bytes]] = ()
+    job: Job,
+    result: Calibration,
+    drives: Sequence[Correspondences],
+    photos: Sequence[Mapping[int, bytes]] = (),
+    *,
+    fleet: str = FLEET_PAGE,
 ) -> None:
     """Write a result and what is made from it; ``calibration.json`` last, so that what it names is there.
 
-    For ``photos`` see :func:`boxcal.calib.calibrate.calibrate_drives`.
+    For ``photos`` see :func:`boxcal.calib.calibrate.calibrate_drives`; ``fleet`` is the fleet's page as the report
+    names it.
     """
     settings = job.settings
     if job.out is not None and is_url(job.out):
         with tempfile.TemporaryDirectory(prefix="boxcal-") as name:
-            _write_folder(Path(name), job, result, drives, photos)
+            _write_folder(Path(name), job, result, drives, photos, fleet)
             put_folder(Path(name), job.out / job.robot, last=CALIBRATION, stale=STALE_FILES)
     elif job.out is not None:
-        _write_folder(job.out / job.robot, job, result, drives, photos)
+        _write_folder(job.out / job.robot, job, result, drives, photos, fleet)
     if settings.rerun is None and settings.results_mcap is None:
         return
     scene = make_scene(result, drives, job.target)
@@ -47,19 +53,20 @@ def write(
         write_atomically(settings.results_mcap, results_mcap(scene, images))
 
 
-def _write_folder(
+def _write_folder(  # noqa: PLR0917 - a result and where it goes
     folder: Path,
     job: Job,
     result: Calibration,
     drives: Sequence[Correspondences],
     photos: Sequence[Mapping[int, bytes]],
+    fleet: str,
 ) -> None:
     """Write a robot's folder of results."""
     settings = job.settings
     files = dict(exports(result, nominal_of(settings, drives[0]), names_for(settings, drives[0].source)))
     if settings.report:
         files["report.html"] = robot_report(
-            result, drives, job.target, photographs=_photographs(job, result, drives, photos), fleet=FLEET_PAGE
+            result, drives, job.target, photographs=_photographs(job, result, drives, photos), fleet=fleet
         )
     if settings.draw:
         pictures = draw_stops(

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from boxcal.calib.geometry.euler import yaw_pitch_roll, yaw_pitch_roll_sigma
 from boxcal.calib.likelihood.finding import Finding
 from boxcal.calib.results.diagnostics import CAMERA, MOUNTING, Detail
+from boxcal.calib.results.rig import Rig
 from boxcal.calib.results.verdict import Verdict
 from boxcal.target.arrays import Array
 from boxcal.target.camera.camera_model import CameraKind, CameraModel, project, unproject
@@ -148,6 +149,9 @@ class Calibration:
         Causes of what noise does not explain: solved for, or only named.
     verdict
         Whether it can be used, and why; None where nobody judged it.
+    rig
+        All cameras of the robot, where several were calibrated together; this calibration is of one of them. None for
+        a robot with one camera.
 
     Examples
     --------
@@ -174,6 +178,7 @@ class Calibration:
     detail: Detail | None = None
     findings: tuple[Finding, ...] = ()
     verdict: Verdict | None = None
+    rig: Rig | None = None
 
     @property
     def camera_matrix(self) -> Array:

@@ -13,6 +13,7 @@ from boxcal.calib.errors import CalibError
 from boxcal.calib.results.calibration import Calibration, Provenance, Quality, StopResult, Wheels
 from boxcal.calib.results.detail_json import detail_document, finite, read_detail, read_finding
 from boxcal.calib.results.diagnostics import CAMERA
+from boxcal.calib.results.rig_json import read_rig, rig_document
 from boxcal.calib.results.verdict import Kind, Level, Reason, Verdict
 from boxcal.target.arrays import Array
 from boxcal.target.camera.camera_model import CameraKind, CameraModel
@@ -61,6 +62,7 @@ def calibration_document(result: Calibration) -> dict[str, Any]:
         "findings": finite([asdict(finding) for finding in result.findings]),
         "lens": {"model": str(result.camera.kind), "coefficients": result.camera.further},
         **(detail_document(result.detail) if result.detail else {}),
+        **(rig_document(result.rig) if result.rig else {}),
     }
 
 
@@ -125,6 +127,7 @@ def load_calibration(path: str | Path) -> Calibration:
             detail=read_detail(document),
             findings=tuple(read_finding(f) for f in document.get("findings", ())),
             verdict=_verdict(document["verdict"]) if "verdict" in document else None,
+            rig=read_rig(document, _camera, _motion),
         )
     except (KeyError, TypeError, ValueError, AttributeError, IndexError, TargetError) as error:
         raise CalibError(f"not a calibration ({error!r})", source=path, remedy="calibrate again") from error

@@ -100,6 +100,8 @@ def _jobs(args: argparse.Namespace) -> "list[Job]":
             image_size=args.image_size,
             kind=CameraKind(args.camera),
             faults=faults,
+            cameras=args.cameras,
+            rig=args.rig,
         )
         for k in range(args.robots)
     ]
@@ -137,6 +139,18 @@ def _parser() -> argparse.ArgumentParser:
     add("--noise", number(0, 100), 1.5, "standard deviation of the pictures' noise, grey levels", "GREY")
     add("--blur", number(0, 50), 0.6, "standard deviation of the lens's blur, px", "PX")
     parser.add_argument("--image", choices=("jpeg", "png", "raw"), default="jpeg", help="pictures (default: jpeg)")
+    add(
+        "--cameras",
+        whole_number(1, 4),
+        1,
+        "cameras of each robot: /front/image_raw, /rear/image_raw ...",
+    )
+    parser.add_argument(
+        "--rig",
+        choices=("rear", "stereo", "wide"),
+        default="rear",
+        help="the second camera: behind, 60 mm beside the first, or a fisheye beside it (default: rear)",
+    )
     _clock(parser)
     add("--quality", whole_number(1, 100), 90, "of JPEG")
     parser.add_argument(

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from multiprocessing import get_context
 from pathlib import Path
 
@@ -12,6 +12,7 @@ import numpy as np
 from boxcal.calib.errors import CalibError
 from boxcal.calib.simulate.asked_faults import AskedFaults
 from boxcal.calib.simulate.drive import DriveOptions, simulate_drive
+from boxcal.calib.simulate.more_cameras import RIGS, further_cameras, stops_for_all, views_of
 from boxcal.calib.simulate.recorder import RecordOptions, write_log
 from boxcal.calib.simulate.robot import VGA, random_robot, with_camera
 from boxcal.calib.simulate.truth import truth_bytes
@@ -19,6 +20,9 @@ from boxcal.target.box import Target
 from boxcal.target.camera.camera_model import CameraKind
 from boxcal.target.errors import TargetError
 from boxcal.target.files.atomic_write import write_atomically
+
+_FIRST = "/front/image_raw"
+"""Topic of the first camera of a robot that has several."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -41,6 +45,8 @@ class Job:
         Of its camera model.
     faults
         What is not exact.
+    cameras, rig
+        How many cameras it has, and of what kind the second is (:data:`boxcal.calib.simulate.more_cameras.RIGS`).
     """
 
     folder: Path
@@ -52,6 +58,8 @@ class Job:
     image_size: tuple[int, int] = VGA
     kind: CameraKind = CameraKind.RADIAL
     faults: AskedFaults = field(default_factory=AskedFaults)
+    cameras: int = 1
+    rig: str = RIGS[0]
 
     @property
     def name(self) -> str:
@@ -91,9 +99,13 @@ def simulate_robot(job: Job) -> Done:
         of_robot, of_drive, of_log, of_faults = np.random.default_rng([job.seed, job.number]).spawn(4)
         robot = with_camera(random_robot(job.name, of_robot, job.image_size), job.kind, of_faults)
         faults = job.faults.draw(robot, job.drive, of_faults)
-        drive = simulate_drive(robot, job.target, job.drive, of_drive, faults=faults)
-        names, frames = write_log(log, robot, job.target, drive, job.record, rng=of_log)
-        truth = truth_bytes(robot, drive, job.drive, job.record, names, note=job.faults.note)
+        others = further_cameras(robot, job.cameras - 1, job.rig, of_robot)
+        stops = stops_for_all((robot, *others.values()), job.target, job.drive, of_drive) if others else None
+        record = replace(job.record, topic=_FIRST, frame="front_optical_frame") if others else job.record
+        drive = simulate_drive(robot, job.target, job.drive, of_drive, stops, faults=faults)
+        views = views_of(drive, robot, others, job.record)
+        names, frames = write_log(log, robot, job.target, drive, record, rng=of_log, others=views)
+        truth = truth_bytes(robot, drive, job.drive, record, names, note=job.faults.note, others=views)
         write_atomically(job.folder / f"{job.name}.truth.json", truth)
     except (CalibError, TargetError) as error:
         return Done(log=log, error=str(error))

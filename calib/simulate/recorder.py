@@ -1,5 +1,6 @@
 """One drive as a log: which pictures are taken when, and all messages in the order in which a recorder gets them."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from math import atan2, hypot
@@ -60,6 +61,8 @@ class RecordOptions:
         Time from the first row to the last of a rolling shutter; the middle row is seen at the picture's time.
     sensor
         Lens and sensor.
+    topic, frame
+        Of raw pictures, and the frame that they name.
     """
 
     frames: int = 3
@@ -72,6 +75,8 @@ class RecordOptions:
     jitter_s: float = 0.0
     readout_s: float = 0.0
     sensor: SensorModel = field(default_factory=lambda: SensorModel(noise=1.5, psf_px=0.6, vignetting=0.2, srgb=True))
+    topic: str = CAMERA_TOPIC
+    frame: str = "camera"
 
     def __post_init__(self) -> None:
         if self.image not in IMAGES:
@@ -80,7 +85,26 @@ class RecordOptions:
     @property
     def camera_topic(self) -> str:
         """The topic of the pictures."""
-        return CAMERA_TOPIC if self.image == "raw" else f"{CAMERA_TOPIC}/compressed"
+        return self.topic if self.image == "raw" else f"{self.topic}/compressed"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class View:
+    """A drive as one camera sees it, and how its pictures are recorded.
+
+    Attributes
+    ----------
+    robot
+        The robot with that camera.
+    drive
+        The drive, with that camera's poses.
+    options
+        Of its pictures.
+    """
+
+    robot: Robot
+    drive: Drive
+    options: RecordOptions
 
 
 def frame_times(drive: Drive, options: RecordOptions, rng: np.random.Generator) -> Ids:
@@ -96,9 +120,18 @@ def frame_times(drive: Drive, options: RecordOptions, rng: np.random.Generator) 
 
 
 def write_log(
-    path: Path, robot: Robot, target: Target, drive: Drive, options: RecordOptions, *, rng: np.random.Generator
+    path: Path,
+    robot: Robot,
+    target: Target,
+    drive: Drive,
+    options: RecordOptions,
+    *,
+    rng: np.random.Generator,
+    others: Sequence[View] = (),
 ) -> tuple[tuple[str, str], int]:
     """Write a drive's log; return the joints' names in the order of the messages, and the number of pictures.
+
+    ``others`` are more cameras of the robot.
 
     Header stamps are the true times, but for a fault of the camera's clock. Log times are later, by some 2 ms for
     joints and 30 ms for pictures.
@@ -120,8 +153,18 @@ def write_log(
         _CAMERA_LATE_NS + rng.exponential(2e6, len(frames)),
     )
     stamps = frames + stamps_late_ns(drive, frames) + _stamp_errors_ns(options, len(frames), rng)
-    joints_log, frames_log = drive.t_ns + late[0].astype(np.int64), frames + late[1].astype(np.int64)
-    order = np.argsort(np.concatenate([joints_log, frames_log]), kind="stable")
+    joints_log = drive.t_ns + late[0].astype(np.int64)
+    first = _Pictures(
+        view=View(robot=robot, drive=drive, options=options),
+        t_ns=frames,
+        stamps=stamps,
+        log_ns=frames + late[1].astype(np.int64),
+        rng=rng,
+    )
+    every = [first, *(_pictures_of(view, rng.spawn(1)[0]) for view in others)]
+    of = np.repeat(np.arange(len(every)), [len(p.t_ns) for p in every])
+    number = np.concatenate([np.arange(len(p.t_ns)) for p in every])
+    order = np.argsort(np.concatenate([joints_log, *(p.log_ns for p in every)]), kind="stable")
     with LogWriter(path, compression=options.compression) as log:
         for row in order.tolist():
             if row < len(joints_log):
@@ -129,9 +172,36 @@ def write_log(
                 log.joint_state(JOINT_TOPIC, stamp, log_ns, names, phi[row], velocity[row])
             else:
                 k = row - len(joints_log)
-                picture = take_rows(robot, target, drive, int(frames[k]), options=options, rng=rng)
-                _write_picture(log, picture, int(stamps[k]), int(frames_log[k]), options)
-    return names, len(frames)
+                every[of[k]].write(log, target, int(number[k]))
+    return names, len(of)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Pictures:
+    """Pictures of one camera: when they are taken, stamped and recorded, ns."""
+
+    view: View
+    t_ns: Ids
+    stamps: Ids
+    log_ns: Ids
+    rng: np.random.Generator
+
+    def write(self, log: LogWriter, target: Target, k: int) -> None:
+        """Take a picture and write it."""
+        view = self.view
+        picture = take_rows(view.robot, target, view.drive, int(self.t_ns[k]), options=view.options, rng=self.rng)
+        _write_picture(log, picture, int(self.stamps[k]), int(self.log_ns[k]), view.options)
+
+
+def _pictures_of(view: View, rng: np.random.Generator) -> _Pictures:
+    frames = frame_times(view.drive, view.options, rng)
+    return _Pictures(
+        view=view,
+        t_ns=frames,
+        stamps=frames + stamps_late_ns(view.drive, frames) + _stamp_errors_ns(view.options, len(frames), rng),
+        log_ns=frames + (_CAMERA_LATE_NS + rng.exponential(2e6, len(frames))).astype(np.int64),
+        rng=rng,
+    )
 
 
 def stamps_late_ns(drive: Drive, t_ns: Ids) -> Ids:
@@ -202,10 +272,11 @@ def _motion_px(camera: CameraModel, T_box_cam: Array) -> Array:
 
 def _write_picture(log: LogWriter, picture: Image, stamp_ns: int, log_ns: int, options: RecordOptions) -> None:
     if options.image == "raw":
-        log.image(options.camera_topic, stamp_ns, log_ns, picture, "mono8")
+        log.image(options.camera_topic, stamp_ns, log_ns, picture, "mono8", frame_id=options.frame)
         return
     if options.image == "jpeg":
         data = encode_jpeg(picture, options.quality)
     else:
         data = cv2.imencode(".png", picture)[1].tobytes()
-    log.compressed_image(options.camera_topic, stamp_ns, log_ns, data, f"mono8; {options.image} compressed mono8")
+    kind = f"mono8; {options.image} compressed mono8"
+    log.compressed_image(options.camera_topic, stamp_ns, log_ns, data, kind, frame_id=options.frame)

@@ -1,13 +1,14 @@
 """The truth beside a simulated log: what a calibration of it should find."""
 
 import json
+from collections.abc import Sequence
 from dataclasses import asdict, fields
 from math import degrees, hypot
 from typing import Any
 
 from boxcal.calib.simulate.drive import Drive, DriveOptions
 from boxcal.calib.simulate.imperfections import BoxFaults, WheelFaults
-from boxcal.calib.simulate.recorder import JOINT_TOPIC, RecordOptions
+from boxcal.calib.simulate.recorder import JOINT_TOPIC, RecordOptions, View
 from boxcal.calib.simulate.robot import Robot
 from boxcal.target.box import FACES
 from boxcal.target.camera.camera_model import CameraKind
@@ -27,9 +28,12 @@ def truth_bytes(
     joint_names: tuple[str, str],
     *,
     note: str = "",
+    others: Sequence[View] = (),
 ) -> bytes:
     """Return the content of ``<robot>.truth.json``; ``note`` says in words what was not exact."""
     document = truth_document(robot, drive, driven, recorded, joint_names, note=note)
+    if others:
+        document["cameras"] = [_camera_document(view) for view in others]
     return (json.dumps(document, indent=1) + "\n").encode()
 
 
@@ -82,6 +86,21 @@ def truth_document(
             for j in range(len(seconds))
         ],
         **faults,
+    }
+
+
+def _camera_document(view: View) -> dict[str, Any]:
+    """Return a further camera: what its images, its lens and its place are."""
+    camera, (width, height) = view.robot.camera, view.robot.image_size
+    return {
+        "topic": view.options.camera_topic,
+        "width": width,
+        "height": height,
+        "model": str(camera.kind),
+        **{name: float(getattr(camera, name)) for name in ("fu", "fv", "cu", "cv", "kr")},
+        "further": camera.further,
+        "T_vehicle_camera": view.robot.T_body_cam.tolist(),
+        "camera_stamp_offset_s": view.options.late_s,
     }
 
 

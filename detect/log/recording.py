@@ -35,7 +35,7 @@ from boxcal.detect.log.wheel_choice import WheelChoice, choose_wheels
 from boxcal.detect.log.wheel_samples import WheelSamples, WheelUnits
 from boxcal.target.arrays import Ids
 
-_DEPTH_ENCODINGS = {"16UC1", "32FC1", "16SC1", "64FC1"}
+DEPTH_ENCODINGS = {"16UC1", "32FC1", "16SC1", "64FC1"}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -357,7 +357,7 @@ def _refuse_nothing_intact(scan: Scan, damage: Damage) -> None:
 
 def _chosen(scan: Scan, types: dict[str, str]) -> tuple[str, WheelChoice]:
     """Return the camera's topic and the wheels; what keeps either from being chosen is said together."""
-    depth = {t for (t, _), s in scan.images.items() if s.encoding in _DEPTH_ENCODINGS and _several(scan)}
+    depth = {t for (t, _), s in scan.images.items() if s.encoding in DEPTH_ENCODINGS and _several(scan)}
     problems: list[DetectError] = []
     camera, choice = "", None
     try:

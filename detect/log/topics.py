@@ -81,7 +81,7 @@ def choose_camera(
         candidates = [topic for topic in counts if same_topic(topic, wanted)]
         if not candidates or not counts[candidates[0]]:
             others = [t for t in counts if same_topic(_TRANSPORT.sub("", t), _TRANSPORT.sub("", wanted)) and counts[t]]
-            candidates = sorted(others, key=_transport_rank)[:1] or candidates
+            candidates = sorted(others, key=transport_rank)[:1] or candidates
         if not candidates:
             kind = next((f" (its type is {printable(k)})" for t, k in all_topics.items() if same_topic(t, wanted)), "")
             raise DetectError(
@@ -118,12 +118,30 @@ def _likely(counts: Mapping[str, int], depth: Collection[str]) -> list[str]:
     for kind in (_INFRARED, _DERIVED):
         found = [t for t in found if not kind.search(t)] or found
     best: dict[str, str] = {}
-    for topic in sorted(found, key=_transport_rank):
+    for topic in sorted(found, key=transport_rank):
         best.setdefault(_TRANSPORT.sub("", topic), topic)
     return list(best.values())
 
 
-def _transport_rank(topic: str) -> int:
+def distances(topic: str) -> bool:
+    """Tell whether a topic holds distances, by its name."""
+    return _DEPTH.search(topic) is not None
+
+
+def without_transport(topic: str) -> str:
+    """Return a topic without the transport at its end: one camera's ``X``, ``X/compressed`` ... are all ``X``."""
+    return _TRANSPORT.sub("", topic)
+
+
+def made_from_another(topic: str, others: Collection[str]) -> bool:
+    """Tell whether a topic's name says that its pictures are made from those of another one beside it."""
+    beside = topic.rpartition("/")[0]
+    plain = (o for o in others if o.rpartition("/")[0] == beside and not _DERIVED.search(o))
+    return _DERIVED.search(topic) is not None and any(True for _ in plain)
+
+
+def transport_rank(topic: str) -> int:
+    """Return how little a topic's transport spoils pictures: 0 for raw images."""
     found = _TRANSPORT.search(topic)
     suffix = found.group(0) if found else ""
     return _ORDER.index(suffix) if suffix in _ORDER else len(_ORDER)

@@ -1,0 +1,202 @@
+"""Calibrations of a robot's cameras: each by itself first, then all together."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from boxcal.calib.diagnosis.cameras import one_place, swapped
+from boxcal.calib.diagnosis.explained_estimate import ExplainedEstimate
+from boxcal.calib.diagnosis.first_look import FirstLook, first_look
+from boxcal.calib.likelihood.cameras.estimates import Cameras, apart, solve_cameras
+from boxcal.calib.likelihood.estimate import Estimate
+from boxcal.calib.likelihood.finding import Finding
+from boxcal.calib.one_robot.cameras_read import CameraDrives, ReadCameras, job_of, one_camera
+from boxcal.calib.one_robot.solving import concluded, solve, solve_stops
+from boxcal.calib.results.calibration import Calibration
+from boxcal.calib.results.rig import Rig, RigCamera
+from boxcal.calib.settings import Job
+from boxcal.detect.log.safe_text import printable
+from boxcal.target.errors import BoxcalError
+from boxcal.target.files.target_json import target_sha256
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SolvedCamera:
+    """One camera of a robot with its result.
+
+    Attributes
+    ----------
+    read
+        What it saw.
+    look
+        Its drives ready for the likelihood.
+    calibration
+        Its calibration, not judged yet.
+    """
+
+    read: CameraDrives
+    look: FirstLook
+    calibration: Calibration
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Alone:
+    read: CameraDrives
+    look: FirstLook
+    explained: ExplainedEstimate
+
+
+def solve_all(job: Job, given: ReadCameras) -> list[SolvedCamera]:
+    """Return the calibrations of a robot's cameras, the first is the robot's own; not judged yet.
+
+    Raises
+    ------
+    CalibError
+        If no camera determines the calibration, or two topics that were named show one camera.
+    """
+    left_out = dict(given.left_out)
+    alone = _each_alone(job, given.cameras, left_out)
+    alone = _without_twins(job, alone, left_out)
+    named = [topic for topic in left_out if topic in job.settings.cameras]
+    missing = tuple(_missing(topic, left_out[topic]) for topic in named)
+    said = tuple(f"image topic {printable(topic)} is not used: {why}" for topic, why in left_out.items())
+    if len(alone) == 1:
+        only = alone[0]
+        found = solve(job_of(job, only.read.topic), only.look)
+        found = replace(found, notes=(*found.notes, *said), findings=(*found.findings, *missing))
+        return [SolvedCamera(read=only.read, look=only.look, calibration=found)]
+    together = _together(alone)
+    doubts = (*missing, *_doubts(alone, together))
+    solved = []
+    for camera, estimate in zip(alone, together.estimates, strict=True):
+        said_too = replace(
+            estimate,
+            notes=(*estimate.notes, *together.notes, *said, *_pairs_said(alone, together)),
+            findings=(*estimate.findings, *doubts),
+        )
+        own = job_of(job, camera.read.topic)
+        result = concluded(own, camera.look, said_too, camera.explained.options)
+        solved.append(SolvedCamera(read=camera.read, look=camera.look, calibration=result))
+    rig = _rig(solved, together, left_out)
+    return [replace(s, calibration=replace(s.calibration, rig=rig)) for s in solved]
+
+
+def _each_alone(job: Job, cameras: Sequence[CameraDrives], left_out: dict[str, str]) -> list[_Alone]:
+    """Return what each camera gives by itself; those that give nothing join what is left out."""
+    found, first = list[_Alone](), None
+    for camera in cameras:
+        try:
+            look = first_look(camera.drives, job.target, job.settings.camera_mode)
+            explained = solve_stops(job_of(job, camera.topic), look)
+        except BoxcalError as error:
+            first = first or error
+            left_out[camera.topic] = str(error)
+            continue
+        found.append(_Alone(read=camera, look=look, explained=explained))
+    if first is not None and not found:
+        raise first
+    return found
+
+
+def _without_twins(job: Job, cameras: Sequence[_Alone], left_out: dict[str, str]) -> list[_Alone]:
+    """Return the cameras, of those that stand in one place at every stop the first only (CalibError if both named)."""
+    kept: list[_Alone] = []
+    for camera in cameras:
+        twin = next((other for other in kept if _one_place(other, camera)), None)
+        if twin is None:
+            kept.append(camera)
+        elif job.settings.all_cameras:
+            left_out[camera.read.topic] = (
+                f"it shows the camera of {printable(twin.read.topic)} once more: from one place at every stop"
+            )
+        else:
+            raise one_camera(twin.read, camera.read)
+    return kept
+
+
+def _one_place(a: _Alone, b: _Alone) -> bool:
+    return one_place(a.explained.fit, b.explained.fit, (a.look.drives, b.look.drives))
+
+
+def _together(cameras: Sequence[_Alone]) -> Cameras:
+    found = [camera.explained.found for camera in cameras]
+    boxes = {target_sha256(camera.look.target) for camera in cameras}
+    if len(boxes) > 1:
+        return apart(found, "they do not agree on how the box's sheets are glued")
+    return solve_cameras(
+        found, [camera.explained.fit for camera in cameras], [camera.look.drives for camera in cameras]
+    )
+
+
+def _doubts(cameras: Sequence[_Alone], together: Cameras) -> list[Finding]:
+    """Return what keeps several cameras' results from being good."""
+    found = []
+    if together.doubt:
+        found.append(
+            Finding(
+                cause="cameras-disagree",
+                text=f"the cameras contradict each other: {_named(together.doubt, cameras)}",
+                advice="Check that all topics are of one robot and one drive, and that every camera is screwed tight.",
+            )
+        )
+    described = [camera.look.drives[0].source.nominal_T_base_cam for camera in cameras]
+    topics = [printable(camera.read.topic) for camera in cameras]
+    exchanged = swapped([estimate.T_body_cam for estimate in together.estimates], described)
+    if exchanged is not None:
+        a, b = exchanged
+        found.append(
+            Finding(
+                cause="cameras-swapped",
+                text=f"{topics[a]} sits where the robot's description has the camera of {topics[b]}, and the other way "
+                "round",
+                advice="Exchange the two cameras' topics or frames, in their drivers or in the description.",
+            )
+        )
+    return found
+
+
+def _named(doubt: str, cameras: Sequence[_Alone]) -> str:
+    for number, camera in enumerate(cameras, 1):
+        doubt = doubt.replace(f"camera {number} ", f"camera {camera.read.name} ")
+    return doubt
+
+
+def _missing(topic: str, why: str) -> Finding:
+    return Finding(
+        cause="camera-missing",
+        text=f"camera {printable(topic)} was asked for and is not calibrated: {why}",
+        advice="Stop where that camera sees the box too, or leave its topic out.",
+    )
+
+
+def _pairs_said(cameras: Sequence[_Alone], together: Cameras) -> tuple[str, ...]:
+    names = ", ".join(camera.read.name for camera in cameras)
+    if together.apart:
+        return (f"{len(cameras)} cameras ({names}), each by itself: {together.apart}; sigmas between them are bounds",)
+    return (f"{len(cameras)} cameras ({names}) were calibrated together; frames on the move are not used for several",)
+
+
+def _rig(solved: Sequence[SolvedCamera], together: Cameras, left_out: Mapping[str, str]) -> Rig:
+    cameras = tuple(_rig_camera(s, e) for s, e in zip(solved, together.estimates, strict=True))
+    return Rig(
+        cameras=cameras,
+        covariance=np.array(together.mountings),
+        left_out=tuple(sorted(left_out.items())),
+        apart=together.apart,
+    )
+
+
+def _rig_camera(solved: SolvedCamera, estimate: Estimate) -> RigCamera:
+    source, found = solved.look.drives[0].source, solved.calibration
+    return RigCamera(
+        name=solved.read.name,
+        topic=source.camera_topic or solved.read.topic,
+        frame=source.camera_frame,
+        image_size=found.image_size,
+        camera=estimate.camera,
+        T_body_cam=estimate.T_body_cam,
+        stops=found.quality.stops,
+        reprojection_rms_px=found.quality.reprojection_rms_px,
+        clock_offset=source.clock_offset,
+    )

@@ -1,0 +1,105 @@
+"""A robot with several cameras: read, solved for together, judged and written."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+
+from boxcal.calib.errors import CalibError
+from boxcal.calib.exports.photographs import small_jpeg
+from boxcal.calib.one_robot.cameras_read import ReadCameras, job_of, read_cameras
+from boxcal.calib.one_robot.cameras_solved import SolvedCamera, solve_all
+from boxcal.calib.one_robot.judging import judged
+from boxcal.calib.one_robot.log_identity import file_state, fingerprint_of
+from boxcal.calib.one_robot.writing import write
+from boxcal.calib.report.robot import FLEET_PAGE
+from boxcal.calib.results.calibration import Calibration
+from boxcal.calib.settings import CORRESPONDENCES, Job, listed
+from boxcal.detect.extract import Pictures
+from boxcal.detect.image.bit_depth import DeepGrey, eight_bits
+
+_MOST_PHOTOGRAPHS = 60
+"""Photographs of each drive kept while a log is read."""
+
+Tell = Callable[[str, str, float], None]
+"""Told a stage, what goes on in it, and what share of all is done."""
+
+
+def calibrate_cameras_of(job: Job, tell: Tell, read_share: float, solved_share: float) -> Calibration:
+    """Return the calibration of a robot with several cameras, judged, and write it where the job says.
+
+    Each camera after the first gets a folder of its own in the robot's.
+
+    Parameters
+    ----------
+    job
+        The robot; its settings say which cameras.
+    tell
+        Told how far the work is.
+    read_share, solved_share
+        Shares of the whole work that are done once all is read, and solved.
+
+    Raises
+    ------
+    BoxcalError, OSError
+        As of :func:`boxcal.calib.calibrate.calibrate_robot`.
+    """
+    if job.settings.closed_form:
+        raise CalibError(
+            "--closed-form solves for one camera",
+            source=listed(job.logs),
+            remedy="name one with --camera-topic, or leave out --closed-form",
+        )
+    before = [file_state(log) for log in job.logs]
+    shown = job.out is not None and job.settings.report
+    given = read_cameras(job, lambda text, share: tell("read", text, read_share * share), partial(_keeping, shown))
+    for log, state in zip(job.logs, before, strict=True):
+        if file_state(log) != state:
+            raise CalibError("changed while it was read", source=log.name, remedy="close its recorder and try again")
+    saved = any(log.suffix == CORRESPONDENCES for log in job.logs)
+    job = job if saved else replace(job, fingerprint=fingerprint_of(job, given.cameras[0].drives))
+    tell("solve", f"solving {len(given.cameras)} cameras", read_share)
+    solved = solved_and_judged(job, given)
+    tell("write", "writing the results", solved_share)
+    write_all(job, solved)
+    return solved[0].calibration
+
+
+def solved_and_judged(job: Job, given: ReadCameras) -> list[SolvedCamera]:
+    """Return the calibrations of all cameras with their verdicts, the first the robot's own.
+
+    Errors as of :func:`boxcal.calib.one_robot.cameras_solved.solve_all`.
+    """
+    try:
+        solved = solve_all(job, given)
+    except CalibError as error:
+        raise error.of(listed(job.logs)) from error
+    several = len(solved) > 1
+    out = []
+    for number, camera in enumerate(solved):
+        name = f"{job.robot}/{camera.read.name}" if several and number else job.robot
+        result = judged(replace(camera.calibration, robot=name), camera.look.drives, camera.look.target)
+        out.append(replace(camera, calibration=result))
+    return out
+
+
+def write_all(job: Job, solved: list[SolvedCamera]) -> None:
+    """Write the results of all cameras, those of the robot itself last."""
+    for number, camera in reversed(list(enumerate(solved))):
+        own = replace(job_of(job, camera.read.topic), target=camera.look.target)
+        photos = camera.read.photographs
+        if not number:
+            write(own, camera.calibration, camera.look.drives, photos)
+        elif job.out is not None:
+            settings = replace(own.settings, rerun=None, results_mcap=None, camera_frame=None)
+            own = replace(own, robot=camera.read.name, out=job.out / job.robot, settings=settings)
+            write(own, camera.calibration, camera.look.drives, photos, fleet=f"../{FLEET_PAGE}")
+
+
+def _keeping(shown: bool, photos: dict[int, bytes]) -> Pictures | None:
+    """Return what keeps small photographs of stops, None if none are shown."""
+
+    def keep(t_ns: int, frame: DeepGrey) -> None:
+        if len(photos) < _MOST_PHOTOGRAPHS:
+            photos[t_ns] = small_jpeg(eight_bits(frame))
+
+    return keep if shown else None
