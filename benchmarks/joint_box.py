@@ -16,7 +16,7 @@ import pickle
 import time
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import partial
 from math import radians
 from multiprocessing import get_context
@@ -143,7 +143,17 @@ def rms(values: Array) -> Array:
     return np.sqrt(np.nanmean(np.square(values), axis=0))
 
 
-def shape_study(count: int, seed: int, pool: ProcessPoolExecutor) -> None:
+@dataclass(frozen=True, kw_only=True)
+class Study:
+    """One fleet: errors and sigmas of cameras and wheels, (R, 8), with the box of the others and with the true one."""
+
+    joint: Array
+    true: Array
+    joint_sigma: Array
+    true_sigma: Array
+
+
+def shape_study(count: int, seed: int, pool: ProcessPoolExecutor) -> Study:
     box = hand_made(seed)
     fleet = list(pool.map(drive, range(count), [box] * count, [seed] * count))
     members, run = [member(s) for s in fleet], Clocked(pool)
@@ -159,7 +169,7 @@ def shape_study(count: int, seed: int, pool: ProcessPoolExecutor) -> None:
     by_itself = list(run(alone, seen, [TARGET] * len(seen)))
     with_true = list(run(alone, seen, [true] * len(seen)))
     print(f"\nroot mean square errors of {len(taking)} robots")
-    print(f"{'':34}" + "".join(f"{n:>10}" for n in ("fu px", "fv px", "cu px", "cv px", "kr", "rR %", "rL %", "b %")))
+    print(f"{'':36}" + "".join(f"{n:>10}" for n in ("fu px", "fv px", "cu px", "cv px", "kr", "rR %", "rL %", "b %")))
     table = {
         "by itself": errors(by_itself, robots),
         "with the box of the others": errors(found, robots),
@@ -168,15 +178,34 @@ def shape_study(count: int, seed: int, pool: ProcessPoolExecutor) -> None:
     }
     for name, (camera, wheels) in table.items():
         figures = [*rms(camera), *(100 * rms(wheels))]
-        print(f"{name:34}" + "".join(f"{x:10.4f}" for x in figures))
+        print(f"{name:36}" + "".join(f"{x:10.4f}" for x in figures))
     for name in ("by itself", "with the box of the others", "  the common size taken out"):
         ratios = [rms(a) / rms(b) for a, b in zip(table[name], table["with the true box"], strict=True)]
-        print(f"{name + ' / true':34}" + "".join(f"{x:10.3f}" for x in np.concatenate(ratios)))
-    s = {name: sigmas(results, robots) for name, results in (("joint", found), ("true", with_true))}
-    print(f"{'sigmas / those with the true box':34}" + "".join(f"{x:10.3f}" for x in rms(s["joint"]) / rms(s["true"])))
-    z = np.concatenate(table["with the box of the others"], axis=1) / s["joint"]
-    print(f"{'errors / sigmas (rms)':34}" + "".join(f"{x:10.2f}" for x in rms(z)))
+        print(f"{name + ' / true':36}" + "".join(f"{x:10.3f}" for x in np.concatenate(ratios)))
+    study = Study(
+        joint=np.concatenate(table["with the box of the others"], axis=1),
+        true=np.concatenate(table["with the true box"], axis=1),
+        joint_sigma=sigmas(found, robots),
+        true_sigma=sigmas(with_true, robots),
+    )
+    print_bound(study)
     another(fleet, joint, seed, pool, count)
+    return study
+
+
+def print_bound(study: Study) -> None:
+    """Print what the box's own uncertainty must cost: variances with it less those without, the Cramer-Rao bound's."""
+    known = ~np.isnan(study.joint) & ~np.isnan(study.true)
+    off = np.where(known, study.true, np.nan)
+    more = np.nanmean(np.where(known, study.joint_sigma**2 - study.true_sigma**2, np.nan), axis=0)
+    rows = {
+        "sigmas / those with the true box": rms(study.joint_sigma) / rms(study.true_sigma),
+        "errors / true, expected at the bound": np.sqrt(1 + np.maximum(more, 0.0) / np.square(rms(off))),
+        "errors / sigmas (rms)": rms(study.joint / study.joint_sigma),
+        "  with the true box": rms(study.true / study.true_sigma),
+    }
+    for name, row in rows.items():
+        print(f"{name:36}" + "".join(f"{x:10.3f}" for x in row))
 
 
 def print_shape(joint: JointBox, true: Target, names: Sequence[str]) -> float:
@@ -261,16 +290,23 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true")
     parser.add_argument("--robots", type=int, default=20)
     parser.add_argument("--fleet", type=int, default=1000, help="robots of the study of speed; 0 leaves it out")
-    parser.add_argument("--seed", type=int, default=2026)
+    parser.add_argument("--seed", type=int, nargs="+", default=[2026], help="a fleet each")
     parser.add_argument("--jobs", type=int, default=min(2, os.cpu_count() or 1))
     args = parser.parse_args()
     count, many = (6, 24) if args.quick else (args.robots, args.fleet)
     prepare_all(print)
     with ProcessPoolExecutor(args.jobs, mp_context=get_context("spawn")) as pool:
-        if count:
-            shape_study(count, args.seed, pool)
+        studies = [shape_study(count, seed, pool) for seed in args.seed] if count else []
+        if len(studies) > 1:
+            whole = Study(**{f.name: np.concatenate([getattr(s, f.name) for s in studies]) for f in fields(Study)})
+            print(f"\nall {len(studies)} fleets")
+            print(
+                f"{'with the box of the others / true':36}"
+                + "".join(f"{x:10.3f}" for x in rms(whole.joint) / rms(whole.true))
+            )
+            print_bound(whole)
         if many:
-            speed_study(many, args.seed, pool, args.jobs)
+            speed_study(many, args.seed[0], pool, args.jobs)
 
 
 if __name__ == "__main__":
