@@ -22,6 +22,7 @@ PARTS = ("target", "detect", "calib")
 CLEAN = {k: v for k, v in os.environ.items() if k not in {"PYTHONPATH", "VIRTUAL_ENV"}}
 _PIP = [sys.executable, "-m", "pip", "--disable-pip-version-check", "--quiet"]
 _OFFLINE = ["--no-index", "--no-deps", "--no-build-isolation"]
+_INSTALL = ["install", "--no-compile"]  # Python compiles what is imported, which is little of it
 
 
 @pytest.fixture(scope="module")
@@ -74,7 +75,7 @@ def _site(python: Path) -> Path:
 
 
 def _install(python: Path, *what: str) -> None:
-    subprocess.run([*_PIP, "--python", str(python), "install", *_OFFLINE, *what], check=True, env=CLEAN)
+    subprocess.run([*_PIP, "--python", str(python), *_INSTALL, *_OFFLINE, *what], check=True, env=CLEAN)
 
 
 def _run(python: Path, code: str) -> str:
@@ -223,7 +224,7 @@ def test_the_wheel_alone_installs_and_every_command_answers(wheel: Path, tmp_pat
     venv.create(tmp_path / "empty", with_pip=True)
     python = tmp_path / "empty" / ("Scripts" if os.name == "nt" else "bin") / "python"
     subprocess.run(
-        [str(python), *_PIP[1:], "install", "--constraint", str(ROOT / "constraints.txt"), str(wheel)],
+        [str(python), *_PIP[1:], *_INSTALL, "--constraint", str(ROOT / "constraints.txt"), str(wheel)],
         check=True,
         env=CLEAN,
     )

@@ -21,8 +21,10 @@ from live_messages import until
 
 from boxcal.detect.log.containers.mcap import McapFile
 
-SPEED = 4.0
+SPEED = 6.0
 """Seconds of the robot's time in a second."""
+PICTURES = 2.0
+"""In a second of the robot's time: enough for a stop, and the machine has time for the rest."""
 _PAGE = """(() => ({
   ...document.body.dataset, ...document.getElementById("place").dataset, state,
   title: document.getElementById("title").textContent, detail: document.getElementById("detail").textContent,
@@ -69,7 +71,7 @@ def robot(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[str, int]]
     command = _run(
         folder / "robot.log",
         "boxcal.calib.simulate.serve.cli",
-        *("--serve", "--port", "0", "--bridge-port", "0", "--speed", f"{SPEED:g}"),
+        *("--serve", "--port", "0", "--bridge-port", "0", "--speed", f"{SPEED:g}", "--rate", f"{PICTURES:g}"),
     )
     yield command.printed("topics at"), int(command.printed("drive it at").strip("/").rpartition(":")[2])
     command.end()
