@@ -1,8 +1,16 @@
-"""What tests share: where real data lies, and small exact drives."""
+"""What tests share: where real data lies, and one thread a process.
 
+Several tests run at once, and threads of BLAS that wait for work take it from the others. The libraries read these
+variables when they are loaded, which is after this file.
+"""
+
+import os
 from pathlib import Path
 
 import pytest
+
+for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OPENCV_FOR_THREADS_NUM"):
+    os.environ.setdefault(_name, "1")
 
 SHARED_DATA = Path(__file__).resolve().parents[1] / "../shared/data"
 
