@@ -109,8 +109,12 @@ def correspondences_schema() -> Schema:
             "units": of_dataclass(WheelUnits),
             "stops": {"type": "array", "items": stop, "description": "In order of time."},
             "moving": {"type": "array", "items": frame, "description": "Frames taken between stops, in order of time."},
+            "on_the_move": {
+                "type": "boolean",
+                "description": "Whether the stops are single frames of a robot that never stood still.",
+            },
         },
-        optional=("encoder_steps", "units", "moving"),
+        optional=("encoder_steps", "units", "moving", "on_the_move"),
     )
     arrays = {name: text for name, text in attributes(WheelSamples).items() if name != "encoder_steps"}
     own = set(stop["properties"])

@@ -177,7 +177,10 @@ class Correspondences:
     units
         What the wheel readings were taken for; the angles here are rad.
     moving
-        Frames taken between stops that show the box, in order of time; empty where none was looked at.
+        Frames taken between stops that show the box, in order of time; empty where none was looked at. Of a robot that
+        never stood still, all frames.
+    on_the_move
+        Whether the stops are single frames of a robot that never stood still.
     """
 
     robot: str
@@ -187,6 +190,7 @@ class Correspondences:
     source: Source = Source()
     units: WheelUnits = field(default_factory=WheelUnits)
     moving: tuple[MovingFrame, ...] = ()
+    on_the_move: bool = False
 
     def __post_init__(self) -> None:
         last = -1
@@ -247,6 +251,7 @@ class Correspondences:
                 for s in self.stops
             ],
             "moving": [{"t_ns": frame.t_ns} for frame in self.moving],
+            "on_the_move": self.on_the_move,
         }
         arrays: dict[str, Any] = {
             "header": np.frombuffer(json.dumps(header).encode(), dtype=np.uint8),
@@ -309,6 +314,7 @@ def load_correspondences(path: str | Path) -> Correspondences:
                     MovingFrame(t_ns=int(frame["t_ns"]), **{k: data[f"moving{j}_{k}"] for k in _STOP_ARRAYS})
                     for j, frame in enumerate(header.get("moving", []))
                 ),
+                on_the_move=bool(header.get("on_the_move", False)),
             )
     except DetectError:
         raise

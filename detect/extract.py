@@ -21,6 +21,7 @@ from boxcal.detect.stops import Stop, StopSettings, find_stops
 from boxcal.detect.tags.averaging import FLOOR_PX, AveragedCorners, covariances
 from boxcal.detect.tags.box_at_stops import MIN_STOPS, BoxAtStops
 from boxcal.detect.tags.detections import TagSettings
+from boxcal.detect.tags.on_the_move import LEAST_WITHOUT_STOPS
 from boxcal.detect.tags.print_size import scaled_prints
 from boxcal.one_thread import one_thread
 from boxcal.target.arrays import Array, Ids
@@ -164,10 +165,13 @@ def extract_recording(
             found, looked_for = again, scaled_prints(target, scale)
     look, seen = found
     if len(seen) < MIN_STOPS:
-        raise DetectError(
-            look.why_not(len(stops), len(seen), settings.stops, settings.min_tags), source=recording.path.name
-        )
-    moving = look.between([stop for stop, _, _ in seen], stops, looked_for) if settings.moving else ()
+        why = look.why_not(len(stops), len(seen), settings.stops, settings.min_tags)
+        seen, moving = [], look.on_the_move() if settings.moving and len(stops) < MIN_STOPS else ()
+        if len(moving) < LEAST_WITHOUT_STOPS:
+            raise DetectError(why, source=recording.path.name)
+        tell(f"the robot never stood still: {len(moving)} frames taken on the move stand for stops", 1.0)
+    else:
+        moving = look.between([stop for stop, _, _ in seen], stops, looked_for) if settings.moving else ()
     covs = covariances([detections for _, detections, _ in seen], settings.floor_px)
     return Correspondences(
         robot=robot_name_of(recording.path),

@@ -12,7 +12,8 @@ from boxcal.target.arrays import Array
 
 def _stops(c: Calibration) -> list[Reason]:
     count = len(c.stops)
-    text = f"{count} stops were used."
+    moved = any(finding.cause == "no-stops" for finding in c.findings)
+    text = f"{count} frames on the move stand for stops." if moved else f"{count} stops were used."
     if count < -LIMITS["stops"].good:
         text = f"Only {count} stops were used: with so few a slipped wheel or a pushed box goes unnoticed."
     return graded("stops", -count, text, "Record a drive with at least 12 stops, spread all round the box.")

@@ -85,7 +85,7 @@ def find_offset(drive: Correspondences, camera: CameraStep) -> ClockOffset | Non
     middle = np.array([(drive.stops[k].t_start_ns + drive.stops[k].t_end_ns) / 2 for k in camera.kept])
 
     def rms(late: float) -> float:
-        return _rms(drive, middle - late * 1e9, turn, (i, j))
+        return turns_misfit(drive, middle - late * 1e9, turn, (i, j))
 
     coarse = np.arange(-LONGEST_S, LONGEST_S + _COARSE_S, _COARSE_S)
     cost = np.array([rms(late) for late in coarse])
@@ -163,7 +163,7 @@ def _misfit(drive: Correspondences, camera: CameraStep, t_ns: Array) -> float:
     return float(steps.mounting.rms / np.sqrt(np.mean(np.sum(u**2, axis=1))))
 
 
-def _rms(drive: Correspondences, t_ns: Array, turn: Array, pairs: tuple[Index, Index]) -> float:
+def turns_misfit(drive: Correspondences, t_ns: Array, turn: Array, pairs: tuple[Index, Index]) -> float:
     """Return what turns seen and rolled differ by if pictures were taken at times (P,), rad; inf if no wheels fit.
 
     Before and after the record the robot is taken to stand.

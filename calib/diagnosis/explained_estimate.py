@@ -14,6 +14,7 @@ from boxcal.calib.likelihood.estimate import Estimate
 from boxcal.calib.likelihood.estimator import fit, reported
 from boxcal.calib.likelihood.fit import Fit
 from boxcal.calib.likelihood.moving.merge import Moving, with_moving_frames
+from boxcal.calib.likelihood.moving.without_stops import from_frames_alone
 from boxcal.calib.likelihood.options import EstimateOptions
 from boxcal.calib.likelihood.summary import reported_cov
 from boxcal.detect.correspondences import Correspondences
@@ -67,7 +68,9 @@ def estimate_explained(
     """
     explained = explained_estimate(drives, start, options)
     found = explained.found
-    if moving is not Moving.OFF:
+    if drives[0].on_the_move:
+        found = from_frames_alone(found, explained.fit, drives[0], moving)
+    elif moving is not Moving.OFF:
         found = with_moving_frames(found, explained.fit, drives, moving)
     return found, explained.options
 

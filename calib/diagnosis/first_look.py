@@ -15,6 +15,7 @@ from boxcal.calib.diagnosis.sheets import Gluing, find_gluing
 from boxcal.calib.diagnosis.sheets_by_wheels import gluing_by_wheels
 from boxcal.calib.diagnosis.standing import Standing, how_it_stands, side_finding
 from boxcal.calib.diagnosis.wheel_signs import LEAST_STOPS, Explained, agree, explain_signs
+from boxcal.calib.diagnosis.without_stops import said_without_stops, with_frames_for_stops
 from boxcal.calib.errors import CalibError
 from boxcal.calib.four_steps.procedure import MIN_STOPS, FourSteps, solve_motion
 from boxcal.calib.four_steps.step1_camera import CameraMode, CameraStep, calibrate_camera
@@ -71,6 +72,15 @@ def first_look(drives: Sequence[Correspondences], target: Target, mode: CameraMo
         If the drives do not determine the calibration: the cause, where one explains that.
     """
     findings = list(loss_findings(drives))
+    drives, without_stops = with_frames_for_stops(drives)
+    try:
+        return _looked(drives, target, mode, [*findings, *without_stops])
+    except CalibError as error:
+        raise said_without_stops(error, drives) from error
+
+
+def _looked(drives: Sequence[Correspondences], target: Target, mode: CameraMode, findings: list[Finding]) -> FirstLook:
+    """Return the look at drives that have stops, after what was found before."""
     thawed = [without_frozen(drive) for drive in drives]
     drives = [drive for drive, _ in thawed]
     findings += [finding for _, finding in thawed if finding is not None]

@@ -10,6 +10,7 @@ from boxcal.calib.diagnosis.counters import WRAPS, counter_finding
 from boxcal.calib.diagnosis.explained_estimate import ExplainedEstimate, estimate_explained, explained_estimate
 from boxcal.calib.diagnosis.first_look import FirstLook, remedy_of
 from boxcal.calib.diagnosis.last_look import last_look
+from boxcal.calib.diagnosis.without_stops import said_without_stops
 from boxcal.calib.errors import CalibError
 from boxcal.calib.four_steps.procedure import FourSteps
 from boxcal.calib.likelihood import Estimate, EstimateOptions
@@ -52,6 +53,8 @@ def solve_stops(job: Job, look: FirstLook) -> ExplainedEstimate:
     """Return the estimate that the stops alone give, with its solution; errors as of :func:`solve`."""
     check_one_robot(job, look.steps)
     with _reasons_said(look):
+        if any(drive.on_the_move for drive in look.drives):
+            raise CalibError("several cameras share stops, and there are none")
         return explained_estimate(look.drives, look.steps, options_of(replace(job, target=look.target)))
 
 
@@ -78,7 +81,8 @@ def _reasons_said(look: FirstLook) -> Iterator[None]:
     except np.linalg.LinAlgError as error:
         raise unsolvable(sum(len(drive.stops) for drive in look.drives), error) from error
     except CalibError as error:
-        raise _said_with_jumps(_said_with_start(error, look.steps), look.drives) from error
+        said = _said_with_jumps(_said_with_start(error, look.steps), look.drives)
+        raise said_without_stops(said, look.drives) from error
 
 
 def _said_with_start(error: CalibError, steps: Sequence[FourSteps]) -> CalibError:

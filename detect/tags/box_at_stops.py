@@ -13,7 +13,17 @@ from boxcal.detect.stops import Stop, StopSettings
 from boxcal.detect.tags.averaging import AveragedCorners
 from boxcal.detect.tags.detections import TagSettings, find_tags, other_family
 from boxcal.detect.tags.moving_frames import MovingFrame
-from boxcal.detect.tags.on_the_move import TRIED, BoxOnTheMove, Choice, budget, candidates, may_be_measured
+from boxcal.detect.tags.on_the_move import (
+    MOST_WITHOUT_STOPS,
+    TRIED,
+    BoxOnTheMove,
+    Choice,
+    budget,
+    candidates,
+    may_be_measured,
+    single_frame,
+    spread_frames,
+)
 from boxcal.detect.tags.print_size import print_scale
 from boxcal.detect.tags.stop_measurement import measure_stop
 from boxcal.target.arrays import Ids
@@ -106,6 +116,21 @@ class BoxAtStops:
             shown = [frame for frame in seen if frame is not None]
             choice.learn(at, shown=bool(shown))
             found += shown
+        return tuple(sorted(found, key=lambda frame: frame.t_ns))
+
+    def on_the_move(self) -> tuple[MovingFrame, ...]:
+        """Return frames of a robot that never stood still which show the box, spread over its drive."""
+        if not may_be_measured(self._tags, self.image_size):
+            return ()
+        recording = self._recording
+        found: list[MovingFrame] = []
+        for row in spread_frames(recording.wheels, recording.frame_t_ns)[: round(TRIED * MOST_WITHOUT_STOPS)].tolist():
+            if len(found) == MOST_WITHOUT_STOPS or self._pixels > MOST_PIXELS:
+                break
+            seen = measure_stop(self._images(np.array([row])), self._target, self._tags, self._camera)
+            self._camera = seen.camera
+            frame = single_frame(int(recording.frame_t_ns[row]), seen.corners, self._target)
+            found += [] if frame is None else [frame]
         return tuple(sorted(found, key=lambda frame: frame.t_ns))
 
     def print_scale(self) -> float:

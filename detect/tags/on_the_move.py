@@ -20,7 +20,7 @@ from boxcal.detect.image.bit_depth import DeepGrey
 from boxcal.detect.image.gray import LEAST_SIDE_PX, to_grey
 from boxcal.detect.log.wheel_samples import WheelSamples
 from boxcal.detect.stops import Stop
-from boxcal.detect.tags.averaging import FLOOR_PX
+from boxcal.detect.tags.averaging import FLOOR_PX, AveragedCorners
 from boxcal.detect.tags.detections import TagSettings, detector_settings
 from boxcal.detect.tags.moving_frames import MovingFrame
 from boxcal.target.arrays import Array, Ids
@@ -28,6 +28,8 @@ from boxcal.target.box import Target
 
 A_LEG, FEWEST, MOST = 0.6, 6, 40
 """Frames that are measured: so many a leg, and at least and at most so many in all."""
+LEAST_WITHOUT_STOPS, MOST_WITHOUT_STOPS = 12, 40
+"""Frames that a robot needs which never stood still, and at most so many are measured."""
 TRIED = 2.5
 """Frames looked at for each that is measured, at most."""
 _MARGIN_NS = 50_000_000
@@ -188,14 +190,50 @@ class BoxOnTheMove:
         if len(found.ids) < FEW_TAGS:
             return None
         ids = (4 * found.ids[:, None] + np.arange(4)).ravel()
-        return MovingFrame(
-            t_ns=t_ns,
-            landmark_ids=ids,
-            p_box=self._target.p_box(ids),
-            faces=self._target.faces(ids),
-            uv_px=found.corners_px.reshape(-1, 2),
-            cov_px2=found.cov_px2.reshape(-1, 2, 2) + FLOOR_PX**2 * np.eye(2),
-        )
+        return _frame(t_ns, ids, found.corners_px.reshape(-1, 2), found.cov_px2.reshape(-1, 2, 2), self._target)
+
+
+def single_frame(t_ns: int, seen: AveragedCorners, target: Target) -> MovingFrame | None:
+    """Return what a single frame showed that was measured as a stop is; None if it showed too little of the box."""
+    if seen.tags < FEW_TAGS or seen.cov_px2 is None:
+        return None
+    return _frame(t_ns, seen.landmark_ids, seen.uv_px, seen.cov_px2, target)
+
+
+def _frame(t_ns: int, ids: Ids, uv_px: Array, cov_px2: Array, target: Target) -> MovingFrame:
+    return MovingFrame(
+        t_ns=t_ns,
+        landmark_ids=ids,
+        p_box=target.p_box(ids),
+        faces=target.faces(ids),
+        uv_px=uv_px,
+        cov_px2=cov_px2 + FLOOR_PX**2 * np.eye(2),
+    )
+
+
+def spread_frames(wheels: WheelSamples, t_ns: Ids) -> Ids:
+    """Return frames of a robot that never stood still, spread over its drive in ever finer steps.
+
+    Frames count whose time the wheels' samples cover, by the travel of the wheels and not by time: a robot that waits
+    shows one thing.
+
+    Parameters
+    ----------
+    wheels
+        All samples.
+    t_ns : (N,), ns
+        Stamps of all frames.
+    """
+    t = wheels.t_ns
+    rolled = np.abs(np.diff(np.stack([wheels.phi_R, wheels.phi_L]), axis=1)).sum(axis=0)
+    way = np.concatenate([[0.0], np.cumsum(rolled)])
+    rows = np.flatnonzero((t_ns > t[0] + _MARGIN_NS) & (t_ns < t[-1] - _MARGIN_NS))
+    if len(rows) == 0 or way[-1] <= 0:
+        return rows[:0]
+    at = np.interp(t_ns[rows] - t[0], t - t[0], way) / way[-1]
+    places = [(2 * k + 1) / 2**level for level in range(1, 9) for k in range(2 ** (level - 1))]
+    nearest = np.array([int(np.argmin(np.abs(at - place))) for place in places])
+    return rows[list(dict.fromkeys(nearest.tolist()))]
 
 
 def may_be_measured(tags: TagSettings, image_size: tuple[int, int]) -> bool:

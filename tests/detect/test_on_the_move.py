@@ -3,15 +3,26 @@
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 import boxcal
 from boxcal.calib.geometry.so3_se3 import inverse
 from boxcal.calib.simulate.drive import DriveOptions
 from boxcal.calib.simulate.recorder import RecordOptions, write_log
+from boxcal.detect.errors import DetectError
 from boxcal.detect.extract import ExtractSettings, extract
 from boxcal.detect.log.wheel_samples import WheelSamples
 from boxcal.detect.stops import Stop
-from boxcal.detect.tags.on_the_move import Candidates, Choice, budget, candidates
+from boxcal.detect.tags.on_the_move import (
+    LEAST_WITHOUT_STOPS,
+    MOST_WITHOUT_STOPS,
+    Candidates,
+    Choice,
+    budget,
+    candidates,
+    spread_frames,
+)
+from boxcal.target.arrays import Array
 from boxcal.target.camera.camera_model import project
 
 
@@ -76,3 +87,36 @@ def test_a_drive_without_frames_between_stops_has_no_candidate() -> None:
         rate=np.zeros(0),
     )
     assert Choice(among=none).next() is None
+
+
+def test_a_robot_that_never_stood_still_gives_frames_spread_over_its_drive(tmp_path: Path) -> None:
+    simulated = boxcal.simulate(options=DriveOptions(stops=5, stand_s=(0.1, 0.15)), seed=3)
+    robot, target, drive = simulated.robot, simulated.target, simulated.drive
+    options = RecordOptions(moving_frames=16, exposure_s=1e-4)
+    write_log(tmp_path / "r.mcap", robot, target, drive, options, rng=np.random.default_rng(1))
+    found = extract(tmp_path / "r.mcap", target)
+    assert found.stops == ()
+    assert LEAST_WITHOUT_STOPS <= len(found.moving) <= MOST_WITHOUT_STOPS
+    for frame in found.moving:
+        at = drive.stop_at(frame.t_ns)
+        T_cam_box = inverse(drive.T_box_cam_at(np.array([frame.t_ns]), at)[0])
+        uv = project(robot.camera, frame.p_box @ T_cam_box[:3, :3].T + T_cam_box[:3, 3])
+        assert np.sqrt(np.mean((frame.uv_px - uv) ** 2)) < 0.5
+    with pytest.raises(DetectError, match="let the robot stand still for two seconds"):
+        extract(tmp_path / "r.mcap", target, settings=ExtractSettings(moving=False))
+
+
+def test_frames_are_spread_by_the_travel_of_the_wheels() -> None:
+    phi = np.concatenate([np.linspace(0, 8, 50), np.full(100, 8.0), np.linspace(8, 16, 50)])
+    wheels = WheelSamples(t_ns=np.arange(200) * 10**8, phi_R=phi, phi_L=phi)
+    frames = np.arange(5, 195) * 10**8
+    rows = spread_frames(wheels, frames)
+    assert len(set(rows.tolist())) == len(rows)
+    first = np.sort(np.interp(frames[rows[:7]], wheels.t_ns, phi))
+    np.testing.assert_allclose(first, np.arange(2, 15, 2), atol=0.2)
+    assert len(spread_frames(replace_angles(wheels, np.zeros(200)), frames)) == 0
+
+
+def replace_angles(wheels: WheelSamples, phi: Array) -> WheelSamples:
+    """Return samples of wheels at other angles."""
+    return WheelSamples(t_ns=wheels.t_ns, phi_R=phi, phi_L=phi)

@@ -129,7 +129,13 @@ def _reported_variances(cov: Array, R: Array) -> Array:
 
 
 def leg_of_places(woven: Woven) -> Ids:
-    """Return the part that each place in the row belongs to, (P,): the legs between stops, or a few of them."""
+    """Return the part that each place in the row belongs to, (P,): the legs between stops, or a few of them.
+
+    Without stops, neighbouring frames.
+    """
+    if len(woven.moving) == len(woven.frame):
+        count = len(woven.frame)
+        return np.arange(count) * min(_MOST_PARTS, count // 2) // count
     leg = np.cumsum(woven.frame < 0) - 1
     return np.asarray(leg // max(-(-int(leg[-1]) // _MOST_PARTS), 1))
 

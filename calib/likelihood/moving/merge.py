@@ -8,8 +8,7 @@ import numpy as np
 
 from boxcal.calib.errors import CalibError
 from boxcal.calib.geometry.parameters import COUNT
-from boxcal.calib.geometry.so3_se3 import inverse, rigid
-from boxcal.calib.likelihood.estimate import DriveEstimate, Estimate
+from boxcal.calib.likelihood.estimate import Estimate
 from boxcal.calib.likelihood.fit import Fit
 from boxcal.calib.likelihood.moving.agreement import agreement
 from boxcal.calib.likelihood.moving.covariance import joint_covariance
@@ -18,8 +17,8 @@ from boxcal.calib.likelihood.moving.leave_out import LeaveOut, leave_out
 from boxcal.calib.likelihood.moving.levels import Settled
 from boxcal.calib.likelihood.moving.noise import FrameNoise
 from boxcal.calib.likelihood.moving.solve import FIRST_JITTER_S
-from boxcal.calib.likelihood.state import camera_motions
-from boxcal.calib.likelihood.summary import reported_cov, values_of
+from boxcal.calib.likelihood.moving.told import merged, rolling
+from boxcal.calib.likelihood.summary import reported_cov
 from boxcal.detect.correspondences import Correspondences
 from boxcal.target.arrays import Array
 
@@ -78,7 +77,7 @@ def _with_frames(found: Estimate, fit: Fit, drives: Sequence[Correspondences], m
     if settled is None:
         return f"{odd} of them contradict the others" if odd else "wheels and pictures do not fit there"
     cov = joint_covariance(fit, settled)
-    rolls = _rolls(settled, cov)
+    rolls = rolling(settled, cov)
     if rolls and moving is Moving.AUTO:
         return f"{rolls}, over which the robot's speed is taken as constant (--moving on uses them all the same)"
     among = leave_out(fit, settled)
@@ -91,7 +90,7 @@ def _with_frames(found: Estimate, fit: Fit, drives: Sequence[Correspondences], m
             f"they contradict the stops ({compared.parameter} by {compared.sigmas:.1f} of its standard deviations; "
             f"chance of that {compared.p_value:.1g})"
         )
-    return _merged(found, fit, settled, cov, (odd, among))
+    return merged(found, fit, settled, cov, (odd, among))
 
 
 def _less_sure(fit: Fit, settled: Settled, among: LeaveOut, cov: Array) -> bool:
@@ -115,89 +114,3 @@ def _unsuitable(found: Estimate, fit: Fit, drives: Sequence[Correspondences]) ->
     if len(drives[0].moving) < FEWEST:
         return f"{len(drives[0].moving)} are too few"
     return ""
-
-
-def _merged(found: Estimate, fit: Fit, settled: Settled, cov: Array, doubts: tuple[int, LeaveOut]) -> Estimate:
-    """Return the estimate with values of stops and frames, and with as much less variance as frames take off."""
-    joint = settled.joint
-    state, problem, n = joint.state, joint.problem, len(found.names)
-    nothing = np.zeros(len(problem.names), dtype=np.bool_)
-    fresh = reported_cov(cov, state, nothing)
-    gain = fresh[:n, :n] - reported_cov(fit.cov, fit.state, nothing[:n])
-    cov_all = fresh.copy()
-    cov_all[:n, :n] = found.cov_all + gain
-    values = values_of(problem, state)
-    values[-2] += joint.late_s
-    less = gain[:COUNT, :COUNT]
-    w, slip = settled.weight, settled.levels.slip
-    mean = float(w @ slip)
-    return replace(
-        found,
-        camera=found.camera.from_values(problem.lens, state.lens),
-        rR=float(state.wheels[0]),
-        rL=float(state.wheels[1]),
-        b=float(state.wheels[2]),
-        T_body_cam=state.T_body_cam,
-        drives=(_drive(found.drives[0], settled, cov_all),),
-        noise=replace(found.noise, slip=mean, slip_sigma=float(np.sqrt(w @ (slip - mean) ** 2))),
-        cov=cov_all[:COUNT, :COUNT],
-        odometry_cov=None if found.odometry_cov is None else found.odometry_cov + less,
-        names=problem.names,
-        values=values,
-        cov_all=cov_all,
-        notes=(*found.notes, _said(settled, doubts, values[-2:], np.sqrt(np.diag(fresh)[-2:]))),
-    )
-
-
-def _rolls(settled: Settled, cov: Array) -> str:
-    """Return how long a rolling shutter takes to read a frame, if so long that the model of it is too rough."""
-    state, problem = settled.joint.state, settled.joint.problem
-    readout = float(state.explained[-1])
-    sigma = float(np.sqrt(reported_cov(cov, state, np.zeros(len(problem.names), dtype=np.bool_))[-1, -1]))
-    if abs(readout) <= max(SAID_SIGMAS * sigma, ROUGH_READOUT_S):
-        return ""
-    return f"the shutter rolls: a frame takes {1e3 * abs(readout):.1f} +- {1e3 * sigma:.1f} ms"
-
-
-def _said(settled: Settled, doubts: tuple[int, LeaveOut], values: Array, sigma: Array) -> str:
-    """Return what the frames are and tell: clock offset and readout time (2,), s, and their standard deviations."""
-    (late, readout), (odd, among) = values.tolist(), doubts
-    without = f" ({odd} more, which contradict{'s' if odd == 1 else ''} them, left out)" if odd else ""
-    text = (
-        f"{len(settled.joint.woven.moving)} frames taken on the move were used{without}: the camera's stamps are "
-        f"{abs(1e3 * late):.1f} +- {1e3 * sigma[0]:.1f} ms {'late' if late > 0 else 'early'} against the wheels', "
-        "which was allowed for"
-    )
-    if settled.noise.jitter_s > SAID_JITTER_S:
-        text += f"; they jitter by {1e3 * settled.noise.jitter_s:.1f} ms"
-    if abs(readout) > max(SAID_SIGMAS * sigma[1], SAID_READOUT_S):
-        text += f"; the shutter rolls: a frame takes {1e3 * abs(readout):.1f} +- {1e3 * sigma[1]:.1f} ms"
-    if np.any(among.inflation > 1):
-        text += f"; they disagree among themselves ({among.said}), which the standard deviations allow for"
-    return text
-
-
-SAID_JITTER_S, SAID_READOUT_S, SAID_SIGMAS = 2e-3, 1e-3, 4.0
-"""From what on jitter and a rolling shutter are said: s, s, and standard deviations."""
-
-
-ROUGH_READOUT_S = 5e-3
-"""A longer readout, s, is not taken for granted: with 20 ms the largest error was 4.5 of its standard deviations where
-the stops alone gave 3.2 (``benchmarks/moving.py``)."""
-
-
-def _drive(found: DriveEstimate, settled: Settled, cov: Array) -> DriveEstimate:
-    """Return the stops of the drive where frames put them."""
-    joint = settled.joint
-    rows = np.flatnonzero(joint.woven.frame < 0)
-    own, _ = settled.levels.solution.stop_blocks()
-    motions = camera_motions(joint.problem, joint.state)
-    T_cam_body = inverse(joint.state.T_body_cam)
-    tilts = joint.problem.tilts
-    return replace(
-        found,
-        T_box_body=np.array([rigid(motions.R_box_cam[k], motions.p_box_cam[k]) @ T_cam_body for k in rows]),
-        pose_cov=np.tensordot(settled.weight, own[:, rows, :3, :3], 1),
-        tilt=joint.state.tilt[0],
-        tilt_sigma=np.sqrt(np.diag(cov)[tilts]) if joint.problem.tilt_count else found.tilt_sigma,
-    )

@@ -1,6 +1,7 @@
 """Solution of stops and frames on the move together, started from that of the stops."""
 
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -110,8 +111,13 @@ def _problem(fit: Fit, woven: Woven) -> Problem:
 
 
 def _first_state(fit: Fit, woven: Woven, problem: Problem) -> State:
-    """Return the state of the stops with the frames where the wheels lead from the stops before them."""
+    """Return the state of the stops with the frames where the wheels lead from the stops before them.
+
+    Without stops the solution is of the frames themselves.
+    """
     count = len(woven.frame)
+    if len(woven.moving) == count:
+        return _taken(fit.state, np.searchsorted(fit.problem.stop, woven.frame), np.append(fit.state.explained, [0, 0]))
     stops = np.flatnonzero(woven.frame < 0)
     model = leg_model(problem.path, fit.state.wheels, np.zeros((count - 1, 2)), np.zeros((count - 1, 2)))
     poses = np.zeros((count, 3))
@@ -139,11 +145,33 @@ def _first_state(fit: Fit, woven: Woven, problem: Problem) -> State:
 
 def _weights(fit: Fit, woven: Woven, problem: Problem, noise: FrameNoise) -> Weights:
     """Return the weights of corners and legs, what was found faulty at stops left out."""
+    if len(woven.moving) == len(woven.frame):
+        return _weights_of_frames(fit, woven, problem, noise)
     corners = np.full(len(problem.uv_px), noise.scale**-2.0)
     corners[~np.isin(problem.corner_stop, woven.moving)] = fit.weights.corners
     stop_of = np.cumsum(woven.frame < 0) - 1
     legs = fit.weights.legs[stop_of[:-1]] * problem.leg_known
     return Weights(corners=corners, legs=legs)
+
+
+def _weights_of_frames(fit: Fit, woven: Woven, problem: Problem, noise: FrameNoise) -> Weights:
+    """Return the weights where the solution is of the frames themselves."""
+    at, starts = np.searchsorted(fit.problem.stop, woven.frame), fit.problem.corner_starts
+    corners = np.concatenate([fit.weights.corners[starts[k] : starts[k + 1]] for k in at])
+    legs = np.array([fit.weights.legs[i:j].min() for i, j in pairwise(at)])
+    return Weights(corners=(corners > 0) * noise.scale**-2.0, legs=legs * problem.leg_known)
+
+
+def _taken(state: State, places: Ids, explained: Array) -> State:
+    """Return a state of some places of its row, (P,), with other unknowns of explanations."""
+    return replace(
+        state,
+        explained=explained,
+        poses=state.poses[places],
+        lean=state.lean[places],
+        growth=state.growth[places],
+        encoder_errors=state.encoder_errors[places],
+    )
 
 
 def _linearized(problem: Problem, state: State, weights: Weights, woven: Woven, height: int) -> Linearization:
@@ -185,17 +213,9 @@ def rewoven(fit: Fit, drive: Correspondences, joint: Joint, noise: FrameNoise) -
     source = np.empty(len(woven.frame), dtype=np.int64)
     source[woven.frame < 0] = np.flatnonzero(old.frame < 0)
     source[woven.moving] = old.moving[np.searchsorted(old.frame[old.moving], woven.frame[woven.moving])]
-    state = joint.state
-    explained = state.explained.copy()
+    explained = joint.state.explained.copy()
     explained[-2] = 0.0
-    state = replace(
-        state,
-        explained=explained,
-        poses=state.poses[source],
-        lean=state.lean[source],
-        growth=state.growth[source],
-        encoder_errors=state.encoder_errors[source],
-    )
+    state = _taken(joint.state, source, explained)
     return _about(fit, drive, (woven, _problem(fit, woven)), state, late_s, noise)
 
 

@@ -54,7 +54,7 @@ def weave(drive: Correspondences, kept: Ids, frames: Ids, late_s: float) -> Wove
     Parameters
     ----------
     drive
-        The drive, with its frames on the move.
+        The drive, with its frames on the move. Without any stop, all of its way counts.
     kept : (K,)
         Numbers of the stops to use, ascending.
     frames : (F,)
@@ -66,12 +66,13 @@ def weave(drive: Correspondences, kept: Ids, frames: Ids, late_s: float) -> Wove
     t0 = int(wheels.t_ns[0])
     t = (wheels.t_ns - t0) / 1e9
     at = np.array([(drive.moving[f].t_ns - t0) / 1e9 - late_s for f in frames])
-    usable = _between_stops(drive, kept, at, t0)
+    kept = kept if drive.stops else kept[:0]
+    usable = _between_stops(drive, kept, at, t0) if len(kept) else (at > t[0]) & (at < t[-1])
     after = np.clip(np.searchsorted(t, at), 1, len(t) - 1)
     phi = np.stack([wheels.phi_R, wheels.phi_L], axis=1)
     low, high = np.maximum(after - _RATE_SAMPLES, 0), np.minimum(after + _RATE_SAMPLES - 1, len(t) - 1)
     rates = (phi[high] - phi[low]) / np.maximum(t[high] - t[low], 1e-9)[:, None]
-    usable &= (np.abs(rates).max(axis=1) > _LEAST_RATE) & wheels.covered[after]
+    usable &= ((np.abs(rates).max(axis=1) > _LEAST_RATE) | (len(kept) == 0)) & wheels.covered[after]
     usable &= np.diff(at, prepend=-np.inf) > _APART_S
     rows = np.flatnonzero(usable)
     at, after, rates = at[rows], after[rows], rates[rows]

@@ -1,0 +1,81 @@
+"""Calibration from frames on the move alone, of a robot that never stood still."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from boxcal.calib.errors import CalibError
+from boxcal.calib.likelihood.estimate import Estimate
+from boxcal.calib.likelihood.fit import Fit
+from boxcal.calib.likelihood.moving.covariance import joint_covariance
+from boxcal.calib.likelihood.moving.faults import sound
+from boxcal.calib.likelihood.moving.leave_out import leave_out
+from boxcal.calib.likelihood.moving.merge import Moving
+from boxcal.calib.likelihood.moving.noise import FrameNoise
+from boxcal.calib.likelihood.moving.solve import FIRST_JITTER_S
+from boxcal.calib.likelihood.moving.told import merged, rolling
+from boxcal.detect.correspondences import Correspondences
+from boxcal.detect.tags.moving_frames import MovingFrame
+
+_STAND = "let the robot stand still for two seconds in three places or more where it sees the box"
+
+
+def from_frames_alone(found: Estimate, fit: Fit, drive: Correspondences, moving: Moving) -> Estimate:
+    """Return the estimate of frames on the move alone: clock offset, jitter and rolling shutter among the unknowns.
+
+    Parameters
+    ----------
+    found, fit
+        The estimate, and its solution, of the frames as if the robot had stood still at each.
+    drive
+        The drive, its frames as its stops.
+    moving
+        Whether frames may be used.
+
+    Raises
+    ------
+    CalibError
+        If they may not, or do not determine the calibration.
+    """
+    if moving is Moving.OFF:
+        raise CalibError("the robot never stood still, and frames on the move are not to be used", remedy=_STAND)
+    why = _unsuitable(found, fit)
+    if why:
+        raise _refused(why)
+    frames = tuple(
+        MovingFrame(
+            t_ns=stop.t_start_ns,
+            landmark_ids=stop.landmark_ids,
+            p_box=stop.p_box,
+            faces=stop.faces,
+            uv_px=stop.uv_px,
+            cov_px2=stop.cov_px2,
+        )
+        for stop in drive.stops
+    )
+    noise = FrameNoise(slip=fit.components.slip, jitter_s=FIRST_JITTER_S, sway=1.0, scale=1.0)
+    try:
+        settled, odd = sound(fit, replace(drive, stops=(), moving=frames), fit.problem.stop, noise)
+    except np.linalg.LinAlgError as error:
+        raise _refused("wheels and pictures do not fit together") from error
+    if settled is None:
+        raise _refused(f"{odd} of them contradict the others" if odd else "wheels and pictures do not fit together")
+    cov = joint_covariance(fit, settled)
+    rolls = rolling(settled, cov)
+    if rolls:
+        raise _refused(f"{rolls}, over which the robot's speed is taken as constant")
+    among = leave_out(fit, settled)
+    return merged(found, fit, settled, among.enlarged(cov), (odd, among), drive.source.clock_offset)
+
+
+def _unsuitable(found: Estimate, fit: Fit) -> str:
+    """Return why frames on the move are not enough; empty if they may be."""
+    if not np.all(np.isfinite(found.cov)):
+        return next((f"{direction.text}" for direction in found.directions), "they do not determine all parameters")
+    if fit.problem.explanations and any(getattr(e, "in_pictures", True) for e in fit.problem.explanations):
+        return "what happened to camera or box is known at stops only"
+    return ""
+
+
+def _refused(why: str) -> CalibError:
+    return CalibError(f"the robot never stood still, and its frames on the move do not do: {why}", remedy=_STAND)
