@@ -146,6 +146,11 @@ def slip_profile(
         The likelihood about a state.
     near
         The profile about a state nearby with the same legs.
+
+    Raises
+    ------
+    LinAlgError
+        If the likelihood is no number at any level: the data are senseless.
     """
     quiet, little = quiet_slip(problem, at), least_slip(problem, at)
     low, high = 2 * np.log(quiet), np.log(LARGEST_SLIP**2 + quiet**2)
@@ -250,6 +255,8 @@ def _profile(system: _System, slip: Array, prior: Array) -> SlipProfile:
     log_noise = np.sum(np.linalg.slogdet(cov)[1] * (system.weight > 0), axis=-1)
     log_weight = np.log(prior) - 0.5 * (log_noise + solution.log_det + leg_squares + system.squares - solution.decrease)
     largest = float(log_weight.max())
+    if not np.isfinite(largest):
+        raise np.linalg.LinAlgError("no slip explains the legs")
     log_evidence = largest + float(np.log(np.sum(np.exp(log_weight - largest))))
     return SlipProfile(
         slip=slip,

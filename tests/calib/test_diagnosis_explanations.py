@@ -25,6 +25,7 @@ from boxcal.calib.likelihood.finding import Finding
 from boxcal.calib.likelihood.fit import Fit
 from boxcal.calib.likelihood.levenberg_marquardt import linearize
 from boxcal.calib.likelihood.score_test import extended
+from boxcal.calib.likelihood.slip_profile import slip_profile
 from boxcal.calib.results.verdict import Kind, Level
 from boxcal.calib.simulate.drive import Drive, DriveOptions, simulate_drive
 from boxcal.calib.simulate.imperfect_drive import hand_made, imperfect_drive
@@ -234,6 +235,8 @@ def test_causes_whose_equations_have_no_solution_are_none(monkeypatch: pytest.Mo
     broken = replace(solved.components, noise_scale=np.nan)
     with pytest.raises(np.linalg.LinAlgError, match="no numbers"):
         largest_change(solved.components, broken)
+    with np.errstate(invalid="ignore"), pytest.raises(np.linalg.LinAlgError, match="no slip explains"):
+        slip_profile(solved.problem, solved.at, broken, solved.weights)
 
     def unsolvable(_: Fit, __: object) -> Fit:
         raise np.linalg.LinAlgError("Singular matrix")
