@@ -128,12 +128,7 @@ def find_gluing(stops: Sequence[StopObservation], image_size: tuple[int, int], t
     count = sum(len(seen) for seen in pairs.values())
     if count < MIN_VIEWS:
         return None
-    costs = {pair: _costs(seen, target) for pair, seen in pairs.items()}
-
-    def cost(face: tuple[int, ...], turned: tuple[int, ...]) -> float:
-        return sum(float(c[face[a], face[b], turned[a], turned[b]]) for (a, b), c in costs.items()) / count
-
-    described = cost(tuple(range(FACES)), (0,) * FACES)
+    described = sum(_cost_as_described(pair, seen, target) for pair, seen in pairs.items()) / count
     if described < MISFITS_DEG:
         return Gluing(
             face=tuple(range(FACES)),
@@ -142,6 +137,11 @@ def find_gluing(stops: Sequence[StopObservation], image_size: tuple[int, int], t
             described_deg=described,
             views=count,
         )
+    costs = {pair: _costs(seen, target) for pair, seen in pairs.items()}
+
+    def cost(face: tuple[int, ...], turned: tuple[int, ...]) -> float:
+        return sum(float(c[face[a], face[b], turned[a], turned[b]]) for (a, b), c in costs.items()) / count
+
     every = product(permutations(range(FACES)), product((0, 1), repeat=FACES))
     found = [(cost(face, turned), face, turned) for face, turned in every]
     least = min(c for c, _, _ in found)
@@ -193,6 +193,13 @@ def _planar_poses(p: Array, uv_px: Array, K: Array) -> list[Array]:
         for r, t in zip(rotations, translations, strict=True)
     ]
     return [T for T in poses if np.all(np.isfinite(T)) and T[2, 3] > 0]
+
+
+def _cost_as_described(pair: tuple[int, int], seen: list[list[Array]], target: Target) -> float:
+    """Return the misfit, deg, summed over views, of a couple of sheets that are where they should be."""
+    first, second = (_pose(target, face, 0) for face in pair)
+    T = inverse(first) @ second
+    return sum(float(np.min(_difference(np.array(views), T))) for views in seen)
 
 
 def _costs(seen: list[list[Array]], target: Target) -> Array:

@@ -205,8 +205,7 @@ def _headings(turn: Array, problem: Problem) -> list[tuple[float, float]]:
     score = np.sum(np.sqrt(np.abs(wrap(turn - found @ phi.T)) / scale), axis=1)
     score *= 1 + np.abs(np.log(-found[:, 0] / found[:, 1]))
     out: list[tuple[float, float]] = []
-    for k in np.argsort(score, kind="stable")[:_TRIED]:
-        a = _settled(found[k], turn, phi, scale)
+    for a in _settled(found[np.argsort(score, kind="stable")[:_TRIED]], turn, phi, scale):
         fresh = all(abs(a[0] / o[0] - 1) + abs(a[1] / o[1] - 1) > 0.02 for o in out)
         if a[0] > 0 > a[1] and fresh and len(out) < _CANDIDATES:
             out.append((float(a[0]), float(a[1])))
@@ -214,13 +213,16 @@ def _headings(turn: Array, problem: Problem) -> list[tuple[float, float]]:
 
 
 def _settled(a: Array, turn: Array, phi: Array, scale: Array) -> Array:
-    """Return (aR, aL) with the least absolute residuals of all legs near a first value, (2,)."""
+    """Return (aR, aL) with the least absolute residuals of all legs near each of some first values, (C, 2)."""
     for _ in range(_ROUNDS):
-        expected = phi @ a
+        expected = a @ phi.T
         r = wrap(turn - expected)
         size = np.abs(r) / scale
-        w = np.sqrt(1 / np.maximum(size, 0.3 * np.median(size) + 1e-12)) / scale
-        a = np.asarray(np.linalg.lstsq(phi * w[:, None], (expected + r) * w, rcond=None)[0], dtype=np.float64)
+        least = 0.3 * np.median(size, axis=1, keepdims=True) + 1e-12
+        w2 = 1 / (np.maximum(size, least) * scale**2)
+        information = np.einsum("cn,ni,nj->cij", w2, phi, phi)
+        information += 1e-14 * np.trace(information, axis1=1, axis2=2)[:, None, None] * np.eye(2)  # one leg may decide
+        a = a + np.linalg.solve(information, ((w2 * r) @ phi)[..., None])[..., 0]
     return a
 
 

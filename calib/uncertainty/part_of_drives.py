@@ -22,6 +22,9 @@ from boxcal.calib.likelihood.summary import measured_scale_covariance, reported_
 from boxcal.detect.correspondences import Correspondences
 from boxcal.target.arrays import Array
 
+_NEAR = 1e-3
+"""Promised decrease of the sum of squares at which the search ends where one more step follows: 3 % of a sigma."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Start:
@@ -87,7 +90,7 @@ def part_with_noise_known(
     problem, start = _prepared(drives, kept, found, options)
     components, weights = start.components, start.weights
     states = [state_of(problem, found)] if cameras is None else first_states(problem, drives, cameras)
-    solved = [maximise(problem, state, components, weights)[0] for state in states]
+    solved = [maximise(problem, state, components, weights, _NEAR)[0] for state in states]
     forward = [at for at in solved if np.all(at.state.wheels > 0)]
     if not forward:
         raise negative_wheels(len(problem.drive))

@@ -133,8 +133,10 @@ def _mean(
         for frame in frames:
             cv2.accumulate(frame, total)
         return np.asarray(total * np.float32(1 / len(frames)))
+    scaled = np.empty_like(total)
     for frame, g in zip(frames, gain, strict=True):
-        total += np.float32(g) * frame
+        np.multiply(frame, np.float32(g), out=scaled, dtype=np.float32, casting="unsafe")
+        total += scaled
     return np.asarray((total - np.float32(gain @ offset)) * np.float32(1 / (gain @ gain)))
 
 
