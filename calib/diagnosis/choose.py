@@ -16,9 +16,9 @@ from boxcal.calib.diagnosis.cause import Cause, Solved, can_be
 from boxcal.calib.diagnosis.doubts import Doubt, doubts
 from boxcal.calib.diagnosis.evidence import log_evidence
 from boxcal.calib.diagnosis.ranking import Ranked, rank
-from boxcal.calib.likelihood.estimator import refit
 from boxcal.calib.likelihood.finding import Finding
 from boxcal.calib.likelihood.fit import Fit
+from boxcal.calib.likelihood.rounds import refit
 from boxcal.calib.likelihood.slip_profile import slip_profile
 from boxcal.target.arrays import Array
 

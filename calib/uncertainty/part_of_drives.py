@@ -8,13 +8,14 @@ import numpy as np
 from boxcal.calib.likelihood.components import VarianceComponents
 from boxcal.calib.likelihood.corner_floor import with_floor
 from boxcal.calib.likelihood.estimate import Estimate
-from boxcal.calib.likelihood.estimator import averaged_over_slip, negative_wheels, solve_likelihood, step_of
+from boxcal.calib.likelihood.estimator import negative_wheels, step_of
 from boxcal.calib.likelihood.fit import Fit
 from boxcal.calib.likelihood.initial_guess import CameraStart, first_states
 from boxcal.calib.likelihood.levenberg_marquardt import Weights, maximise
 from boxcal.calib.likelihood.observability import open_directions
 from boxcal.calib.likelihood.options import EstimateOptions
 from boxcal.calib.likelihood.problem import Problem, build_problem
+from boxcal.calib.likelihood.rounds import averaged_over_slip, solve_likelihood
 from boxcal.calib.likelihood.slip_profile import fixed_profile
 from boxcal.calib.likelihood.state import State
 from boxcal.calib.likelihood.state_of_estimate import state_of

@@ -8,10 +8,11 @@ import pytest
 
 from boxcal.calib.geometry.so3_se3 import exp_so3, rigid
 from boxcal.calib.likelihood import CameraKind, EstimateOptions, estimate
-from boxcal.calib.likelihood.estimator import fit, refit
+from boxcal.calib.likelihood.estimator import fit
 from boxcal.calib.likelihood.explanation import Columns
 from boxcal.calib.likelihood.levenberg_marquardt import Weights, maximise
 from boxcal.calib.likelihood.problem import Problem
+from boxcal.calib.likelihood.rounds import refit
 from boxcal.calib.likelihood.score_test import score_tests
 from boxcal.calib.likelihood.state import State
 from boxcal.calib.simulate.drive import Drive, DriveOptions, exact_correspondences, simulate_drive
