@@ -170,7 +170,7 @@ def real(chosen: dict[str, Detector]) -> None:
 
 def logged(log: Path) -> list[Scene]:
     """Return the first frame of each stop of a path-traced log, with the truth from its file."""
-    from boxcal.detect.log.recording import open_recording  # noqa: PLC0415
+    from boxcal.detect.log.open_recording import open_recording  # noqa: PLC0415
 
     truth = json.loads(log.with_suffix(".truth.json").read_text())
     figures = truth["camera"]

@@ -33,7 +33,8 @@ from boxcal.calib.simulate.drive import DriveOptions, simulate_drive
 from boxcal.calib.simulate.recorder import RecordOptions, write_log
 from boxcal.calib.simulate.robot import khepera
 from boxcal.detect.errors import DetectError
-from boxcal.detect.log.recording import Recording, open_recording
+from boxcal.detect.log.open_recording import open_recording
+from boxcal.detect.log.recording import Recording
 from boxcal.detect.stops import find_stops
 from boxcal.target.box import make_target
 from boxcal.target.errors import BoxcalError

@@ -11,8 +11,9 @@ from boxcal.detect.correspondences import Correspondences, StopObservation, sour
 from boxcal.detect.errors import DetectError
 from boxcal.detect.image.bit_depth import DEPTHS, DeepGrey, bits_of
 from boxcal.detect.image.response_curve import Response
+from boxcal.detect.log.open_recording import open_recording
 from boxcal.detect.log.opener import robot_name_of
-from boxcal.detect.log.recording import Recording, open_recording
+from boxcal.detect.log.recording import Recording
 from boxcal.detect.log.safe_text import printable
 from boxcal.detect.log.standstill_clock import clock_offset_by_pictures
 from boxcal.detect.log.topics import Topics

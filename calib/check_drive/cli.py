@@ -105,7 +105,7 @@ def _by_hand(calibration: "Calibration", args: argparse.Namespace) -> tuple[str,
 
 def _wheels(calibration: "Calibration", log: Path) -> "WheelSamples":
     from boxcal.detect.correspondences import load_correspondences
-    from boxcal.detect.log.recording import read_wheels
+    from boxcal.detect.log.open_recording import read_wheels
 
     if log.suffix == ".npz":
         return load_correspondences(log).wheels

@@ -15,7 +15,8 @@ from boxcal.calib.results.verdict import Level
 from boxcal.detect.correspondences import Correspondences, load_correspondences
 from boxcal.detect.errors import DetectError
 from boxcal.detect.extract import ExtractSettings, extract_recording
-from boxcal.detect.log.recording import Recording, open_recording
+from boxcal.detect.log.open_recording import open_recording
+from boxcal.detect.log.recording import Recording
 from boxcal.detect.log.topics import Topics
 from boxcal.detect.log.wheel_samples import WheelSamples, WheelUnits
 from boxcal.detect.stops import Stop, find_stops

@@ -15,7 +15,8 @@ from boxcal.calib.settings import CORRESPONDENCES
 from boxcal.detect.correspondences import Correspondences, StopObservation
 from boxcal.detect.extract import frames_at
 from boxcal.detect.log.images import Grey
-from boxcal.detect.log.recording import Recording, open_recording
+from boxcal.detect.log.open_recording import open_recording
+from boxcal.detect.log.recording import Recording
 from boxcal.detect.log.topics import Topics
 from boxcal.detect.log.wheel_samples import WheelUnits
 from boxcal.detect.stops import Stop, find_stops

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from boxcal.detect.errors import DetectError
+from boxcal.detect.log.open_recording import DEPTH_ENCODINGS
 from boxcal.detect.log.opener import open_container
-from boxcal.detect.log.recording import DEPTH_ENCODINGS
 from boxcal.detect.log.safe_text import printable
 from boxcal.detect.log.scan import Scan
 from boxcal.detect.log.topics import Topics, distances, made_from_another, transport_rank, without_transport

@@ -16,7 +16,7 @@ from boxcal.calib.simulate.drive import DriveOptions, exact_correspondences, sim
 from boxcal.calib.simulate.recorder import RecordOptions, write_log
 from boxcal.calib.simulate.robot import turtlebot
 from boxcal.detect.correspondences import Correspondences
-from boxcal.detect.log.recording import open_recording
+from boxcal.detect.log.open_recording import open_recording
 from boxcal.target.box import make_target
 
 TARGET = make_target()

@@ -15,7 +15,7 @@ from boxcal.calib.check_log.check import check_log
 from boxcal.calib.results.verdict import Level
 from boxcal.detect.errors import DetectError
 from boxcal.detect.extract import extract
-from boxcal.detect.log.recording import open_recording
+from boxcal.detect.log.open_recording import open_recording
 
 COMPRESSED = "sensor_msgs/msg/CompressedImage"
 

@@ -15,7 +15,7 @@ from boxcal.detect.alignment.compilation import prepare
 from boxcal.detect.correspondences import load_correspondences
 from boxcal.detect.errors import DetectError
 from boxcal.detect.extract import ExtractSettings, extract, frames_at
-from boxcal.detect.log.recording import open_recording
+from boxcal.detect.log.open_recording import open_recording
 from boxcal.detect.log.topics import Topics
 from boxcal.detect.stops import StopSettings, find_stops
 from boxcal.detect.tags.averaging import FLOOR_PX

@@ -19,7 +19,7 @@ from boxcal.detect.errors import DetectError
 from boxcal.detect.extract import ExtractSettings, extract
 from boxcal.detect.image.bayer import MOSAICS
 from boxcal.detect.log.images import RAW_IMAGE
-from boxcal.detect.log.recording import open_recording
+from boxcal.detect.log.open_recording import open_recording
 from boxcal.target.box import FACES
 from boxcal.target.camera.camera_model import project
 from boxcal.target.render.srgb import srgb_from_linear

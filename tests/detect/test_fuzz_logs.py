@@ -22,7 +22,7 @@ from robot_logs import BLANKS, ROBOTS, STORE, Message, images
 from small_logs import drive, write_small
 
 from boxcal.detect.errors import DetectError
-from boxcal.detect.log.recording import open_recording
+from boxcal.detect.log.open_recording import open_recording
 
 SECONDS = float(os.environ.get("BOXCAL_FUZZ_S", "6"))
 FIRST = int(os.environ.get("BOXCAL_FUZZ_SEED", str(1 << 40)))

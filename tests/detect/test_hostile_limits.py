@@ -15,7 +15,7 @@ import zstandard
 
 from boxcal.detect.errors import DetectError
 from boxcal.detect.log.containers.mcap_records import MAGIC
-from boxcal.detect.log.recording import open_recording
+from boxcal.detect.log.open_recording import open_recording
 
 MOST_MB, MOST_SECONDS = 500, 20
 _CHILD = """

@@ -32,7 +32,8 @@ from boxcal.detect.log import scan
 from boxcal.detect.log.containers import base, mcap
 from boxcal.detect.log.containers.mcap_records import MAGIC
 from boxcal.detect.log.losses import LossKind
-from boxcal.detect.log.recording import Recording, open_recording
+from boxcal.detect.log.open_recording import open_recording
+from boxcal.detect.log.recording import Recording
 from boxcal.detect.log.wheel_samples import JointUnit, WheelUnits
 
 

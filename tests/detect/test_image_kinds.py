@@ -13,8 +13,8 @@ from small_logs import T0_NS, write_joints, write_log
 
 from boxcal.calib.simulate.mcap_writer import LogWriter
 from boxcal.detect.errors import DetectError
+from boxcal.detect.log.open_recording import open_recording
 from boxcal.detect.log.pictures import grey_of_picture, grey_of_rows, grey_of_zipped_rows, picture_size
-from boxcal.detect.log.recording import open_recording
 
 SMOOTH = cv2.GaussianBlur(np.random.default_rng(0).integers(0, 256, (48, 64), dtype=np.uint8), (0, 0), 4)
 

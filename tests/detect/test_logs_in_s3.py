@@ -19,7 +19,7 @@ from remote_logs import needed_bytes, with_noise, write_apart
 from boxcal.calib.calibrate import calibrate
 from boxcal.detect.errors import DetectError
 from boxcal.detect.extract import extract
-from boxcal.detect.log.recording import open_recording
+from boxcal.detect.log.open_recording import open_recording
 from boxcal.detect.stops import find_stops
 
 

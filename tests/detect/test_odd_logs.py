@@ -10,7 +10,8 @@ from odd_logs import MOVE, PERIOD, STAND, STOPS, T0_NS, blank, odd_logs, sound, 
 from small_logs import drive
 
 from boxcal.detect.errors import DetectError
-from boxcal.detect.log.recording import Recording, open_recording
+from boxcal.detect.log.open_recording import open_recording
+from boxcal.detect.log.recording import Recording
 from boxcal.detect.stops import find_stops
 
 ODD = odd_logs()

@@ -29,7 +29,8 @@ from small_logs import (
 
 from boxcal.calib.simulate.mcap_writer import LogWriter
 from boxcal.detect.errors import DetectError
-from boxcal.detect.log.recording import Recording, open_recording
+from boxcal.detect.log.open_recording import open_recording
+from boxcal.detect.log.recording import Recording
 from boxcal.detect.log.topics import Topics
 
 

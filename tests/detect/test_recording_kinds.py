@@ -10,8 +10,9 @@ pytest.importorskip("mcap_ros1")
 from recorded_kinds import KINDS, events, ros2_mcap
 
 from boxcal.detect.errors import DetectError
+from boxcal.detect.log.open_recording import open_recording, read_wheels
 from boxcal.detect.log.opener import robot_name_of
-from boxcal.detect.log.recording import Recording, open_recording, read_wheels
+from boxcal.detect.log.recording import Recording
 
 
 def _same(found: Recording, right: Recording) -> None:

@@ -24,8 +24,8 @@ from boxcal.calib.calibrate import calibrate
 from boxcal.calib.results.calibration import Calibration
 from boxcal.detect.errors import DetectError
 from boxcal.detect.extract import extract
+from boxcal.detect.log.open_recording import open_recording
 from boxcal.detect.log.opener import open_container, robot_name_of
-from boxcal.detect.log.recording import open_recording
 from boxcal.detect.log.remote.range_file import RangeFile
 from boxcal.detect.log.remote.store import Store, expanded, store_of
 from boxcal.detect.log.remote.urls import url_of

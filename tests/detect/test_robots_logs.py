@@ -20,7 +20,8 @@ from robot_logs import (
 from small_logs import LEFT, RIGHT, T0_NS, drive
 
 from boxcal.detect.errors import DetectError
-from boxcal.detect.log.recording import Recording, open_recording
+from boxcal.detect.log.open_recording import open_recording
+from boxcal.detect.log.recording import Recording
 from boxcal.detect.log.signals import Quantity
 from boxcal.detect.log.wheel_samples import JointUnit
 
