@@ -14,6 +14,7 @@ from boxcal.calib.exports.ros_robot_localization import robot_localization_yaml
 from boxcal.calib.exports.ros_static_transform import static_transform
 from boxcal.calib.exports.ros_turtlebot3 import turtlebot3_yaml
 from boxcal.calib.exports.ros_urdf import urdf, xacro
+from boxcal.calib.exports.stereo import stereo_files
 from boxcal.calib.results.calibration import Calibration
 from boxcal.calib.settings import Nominal
 
@@ -52,5 +53,6 @@ def exports(
         "opencv_camera.yaml": opencv_yaml(calibration),
         "camchain.yaml": camchain(calibration, names),
         "camchain-missing.txt": camchain_missing(calibration),
+        **stereo_files(calibration),
     }
     return {name: text.encode() for name, text in files.items() if text is not None}

@@ -84,6 +84,16 @@ def names_for(settings: Settings, source: Source) -> Names:
     )
 
 
+def valid_frame(name: str, default: str) -> str:
+    """Return a frame's name, or the default where ROS has no such names."""
+    return _valid(name, _FRAME, default)
+
+
+def valid_topic(name: str, default: str) -> str:
+    """Return a topic's name, or the default where ROS has no such names."""
+    return _valid(name, _TOPIC, default)
+
+
 def _valid(name: str, pattern: re.Pattern[str], default: str) -> str:
     return name if pattern.fullmatch(name) else default
 

@@ -1,8 +1,11 @@
 """``camera_info.yaml``: the camera as ROS' camera_calibration writes it and camera_info_manager reads it."""
 
+from dataclasses import dataclass
+
 from boxcal.calib.exports.lens_models import ros_distortion
 from boxcal.calib.exports.text import comment, heading, numbers, ros_name, sigma_line
 from boxcal.calib.results.calibration import Calibration
+from boxcal.target.arrays import Array
 
 _MODELS = {
     "plumb_bob": "k1, k2, p1, p2, k3 in OpenCV's order, of (x/z, y/z); k1 is kr",
@@ -11,11 +14,35 @@ _MODELS = {
 }
 
 
-def camera_info(calibration: Calibration) -> str:
-    """Return the file; the projection matrix is the camera matrix, for a monocular camera without rectification."""
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Rectified:
+    """Rectification of one camera of a stereo pair.
+
+    Attributes
+    ----------
+    R : (3, 3)
+        Rotates the camera's points to the pair's common axes.
+    P : (3, 4)
+        Projection of these; of the second camera ``P[0, 3]`` (of an upright pair ``P[1, 3]``) is less the baseline
+        times the focal length.
+    """
+
+    R: Array
+    P: Array
+
+
+def camera_info(calibration: Calibration, rectified: Rectified | None = None, name: str = "") -> str:
+    """Return the file.
+
+    Without a rectification the projection matrix is the camera matrix, for a monocular camera; ``name`` is the
+    camera's, else the robot's.
+    """
     c, lens = calibration.camera, ros_distortion(calibration)
     K = [c.fu, 0.0, c.cu, 0.0, c.fv, c.cv, 0.0, 0.0, 1.0]
+    R = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]
     P = [c.fu, 0.0, c.cu, 0.0, 0.0, c.fv, c.cv, 0.0, 0.0, 0.0, 1.0, 0.0]
+    if rectified is not None:
+        R, P = rectified.R.ravel().tolist(), rectified.P.ravel().tolist()
     width, height = calibration.image_size
     lines = [
         *heading(calibration, "camera intrinsics for ROS (camera_calibration_parsers)"),
@@ -27,11 +54,11 @@ def camera_info(calibration: Calibration) -> str:
         comment(lines),
         f"image_width: {width}\n",
         f"image_height: {height}\n",
-        f"camera_name: {ros_name(calibration.robot)}\n",
+        f"camera_name: {name or ros_name(calibration.robot)}\n",
         _matrix("camera_matrix", 3, 3, K),
         f"distortion_model: {lens.model}\n",
         _matrix("distortion_coefficients", 1, len(lens.coefficients), list(lens.coefficients)),
-        _matrix("rectification_matrix", 3, 3, [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]),
+        _matrix("rectification_matrix", 3, 3, R),
         _matrix("projection_matrix", 3, 4, P),
     ]
     return "".join(parts)

@@ -1,6 +1,7 @@
-"""The camera in a robot's description: its mount link and its optical frame, as URDF and as a xacro macro."""
+"""Cameras in a robot's description: mount link and optical frame of each, as URDF and as a xacro macro."""
 
 from boxcal.calib.exports.names import Names
+from boxcal.calib.exports.rig import named_cameras
 from boxcal.calib.exports.text import heading, ros_name, sigma_line, usage, xml_comment
 from boxcal.calib.geometry.euler import OPTICAL_RPY, link_pose, roll_pitch_yaw
 from boxcal.calib.results.calibration import Calibration
@@ -8,11 +9,11 @@ from boxcal.target.arrays import Array
 
 
 def urdf(calibration: Calibration, names: Names | None = None) -> str:
-    """Return a URDF of three links that loads as it is: the base on the floor, the camera's link, its optical frame."""
+    """Return a URDF that loads as it is: the base on the floor, and each camera's link and optical frame."""
     names = names or Names()
     return (
         f'<?xml version="1.0"?>\n{_comment(calibration, names)}<robot name="{ros_name(calibration.robot)}">\n'
-        f'  <link name="{names.base}"/>\n{_links(calibration.T_body_cam, names.base, "", "  ", names)}</robot>\n'
+        f'  <link name="{names.base}"/>\n{_cameras(calibration, names, names.base, "", "  ")}</robot>\n'
     )
 
 
@@ -30,7 +31,7 @@ def xacro(calibration: Calibration, names: Names | None = None) -> str:
     return (
         f'<?xml version="1.0"?>\n{_comment(calibration, names)}{arguments}<robot xmlns:xacro="http://www.ros.org/wiki/xacro">\n'
         f'  <xacro:macro name="calibrated_camera" params="parent:={names.base} prefix:=\'\'">\n'
-        f"{_links(calibration.T_body_cam, '${parent}', '${prefix}', '    ', names)}  </xacro:macro>\n</robot>\n"
+        f"{_cameras(calibration, names, '${parent}', '${prefix}', '    ')}  </xacro:macro>\n</robot>\n"
     )
 
 
@@ -44,6 +45,14 @@ def _comment(calibration: Calibration, names: Names) -> str:
         sigma_line(calibration, ("rx", "ry", "rz", "tx", "ty", "tz")),
     ]
     return xml_comment(lines)
+
+
+def _cameras(calibration: Calibration, names: Names, parent: str, prefix: str, indent: str) -> str:
+    """Return the links and joints of all cameras."""
+    return "".join(
+        _links(camera.calibration.T_body_cam, parent, prefix, indent, camera.names)
+        for camera in named_cameras(calibration, names)
+    )
 
 
 def _links(T_body_cam: Array, parent: str, prefix: str, indent: str, names: Names) -> str:
