@@ -56,16 +56,13 @@ def solve_all(job: Job, given: ReadCameras) -> list[SolvedCamera]:
         If no camera determines the calibration, or two topics that were named show one camera.
     """
     left_out = dict(given.left_out)
-    alone = _each_alone(job, given.cameras, left_out)
-    alone = _without_twins(job, alone, left_out)
-    named = [topic for topic in left_out if topic in job.settings.cameras]
-    missing = tuple(_missing(topic, left_out[topic]) for topic in named)
-    said = tuple(f"image topic {printable(topic)} is not used: {why}" for topic, why in left_out.items())
+    if len(given.cameras) == 1:
+        only = given.cameras[0]
+        return [_only(job, only, first_look(only.drives, job.target, job.settings.camera_mode), left_out)]
+    alone = _without_twins(job, _each_alone(job, given.cameras, left_out), left_out)
     if len(alone) == 1:
-        only = alone[0]
-        found = solve(job_of(job, only.read.topic), only.look)
-        found = replace(found, notes=(*found.notes, *said), findings=(*found.findings, *missing))
-        return [SolvedCamera(read=only.read, look=only.look, calibration=found)]
+        return [_only(job, alone[0].read, alone[0].look, left_out)]
+    missing, said = _said_of(job, left_out)
     together = _together(alone)
     doubts = (*missing, *_doubts(alone, together))
     solved = []
@@ -80,6 +77,20 @@ def solve_all(job: Job, given: ReadCameras) -> list[SolvedCamera]:
         solved.append(SolvedCamera(read=camera.read, look=camera.look, calibration=result))
     rig = _rig(solved, together, left_out)
     return [replace(s, calibration=replace(s.calibration, rig=rig)) for s in solved]
+
+
+def _only(job: Job, camera: CameraDrives, look: FirstLook, left_out: Mapping[str, str]) -> SolvedCamera:
+    """Return the only camera of a robot that can be used, calibrated as a robot with one camera is."""
+    missing, said = _said_of(job, left_out)
+    found = solve(job_of(job, camera.topic), look)
+    found = replace(found, notes=(*found.notes, *said), findings=(*found.findings, *missing))
+    return SolvedCamera(read=camera, look=look, calibration=found)
+
+
+def _said_of(job: Job, left_out: Mapping[str, str]) -> tuple[tuple[Finding, ...], tuple[str, ...]]:
+    """Return findings of cameras that were asked for and are missing, and notes of all topics that are not used."""
+    missing = tuple(_missing(topic, why) for topic, why in left_out.items() if topic in job.settings.cameras)
+    return missing, tuple(f"image topic {printable(topic)} is not used: {why}" for topic, why in left_out.items())
 
 
 def _each_alone(job: Job, cameras: Sequence[CameraDrives], left_out: dict[str, str]) -> list[_Alone]:

@@ -54,7 +54,10 @@ def solve_stops(job: Job, look: FirstLook) -> ExplainedEstimate:
     check_one_robot(job, look.steps)
     with _reasons_said(look):
         if any(drive.on_the_move for drive in look.drives):
-            raise CalibError("several cameras share stops, and there are none")
+            raise CalibError(
+                "the box was seen on the move only, several cameras are calibrated together from stops",
+                remedy="stop where each camera sees the box, or name one camera",
+            )
         return explained_estimate(look.drives, look.steps, options_of(replace(job, target=look.target)))
 
 

@@ -15,7 +15,7 @@ from boxcal.calib.simulate.cli import main as simulate_fleet
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     where = tmp_path_factory.mktemp("cameras")
-    options = ["--robots", "1", "--stops", "6", "--frames", "1", "--moving-frames", "0", "--seed", "3"]
+    options = ["--robots", "1", "--stops", "5", "--frames", "1", "--moving-frames", "0", "--seed", "3"]
     assert simulate_fleet([str(where), *options, "--cameras", "2", "--rig", "stereo", "--jobs", "1"]) == 0
     return where
 
