@@ -180,6 +180,10 @@ class Job:
     fingerprint: str = ""
 
 
+NOTE = "note"
+"""Stage of a sentence that is only said, such as of a worker that is not used."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Stage:
     """Progress of the work on one robot.
@@ -189,7 +193,7 @@ class Stage:
     robot
         Its name.
     name
-        Of the stage: ``read``, ``solve``, ``write``.
+        Of the stage: ``read``, ``solve``, ``write``; ``note`` (:data:`NOTE`) for a sentence that is only said.
     text
         What is going on, for people.
     share

@@ -8,7 +8,7 @@ from io import StringIO
 from types import TracebackType
 from typing import Protocol, Self, TextIO
 
-from boxcal.calib.settings import Outcome, Stage, listed
+from boxcal.calib.settings import NOTE, Outcome, Stage, listed
 
 _EVERY_S = 2.0
 """Seconds between plain lines that tell only how far a robot has come."""
@@ -61,6 +61,9 @@ class _Lines(AbstractContextManager["Progress"]):
         return None
 
     def stage(self, stage: Stage) -> None:
+        if stage.name == NOTE:
+            self._say(f"{stage.robot}: {stage.text}")
+            return
         now, self._shares[stage.robot] = self._clock(), stage.share
         if self._stages.get(stage.robot) == stage.name and now - self._last < _EVERY_S:
             return
@@ -115,6 +118,9 @@ class _Live(AbstractContextManager["Progress"]):
         self._bars.stop()
 
     def stage(self, stage: Stage) -> None:
+        if stage.name == NOTE:
+            self._bars.console.print(f"{stage.robot}: {stage.text}", markup=False, highlight=False)
+            return
         if stage.robot not in self._tasks:
             self._tasks[stage.robot] = self._bars.add_task(stage.robot[:24], total=1.0, text="")
         self._bars.update(self._tasks[stage.robot], completed=stage.share, text=stage.text[:40])

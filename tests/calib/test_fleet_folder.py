@@ -26,7 +26,7 @@ from boxcal.calib.console.tables import columns, shortened, table
 from boxcal.calib.fleet.find_target import find_target
 from boxcal.calib.fleet.interrupts import ended_by_sigterm, interrupts_held, interrupts_remembered
 from boxcal.calib.fleet.store import natural
-from boxcal.calib.settings import Stage
+from boxcal.calib.settings import NOTE, Stage
 from boxcal.calib.simulate.drive import DriveOptions, exact_correspondences, simulate_drive
 from boxcal.calib.simulate.robot import turtlebot
 from boxcal.detect.correspondences import Correspondences, Source
@@ -338,6 +338,21 @@ def test_plain_progress_tells_stages_at_once_and_how_far_they_are_now_and_then()
     with make_progress(2, quiet=True, stream=silent) as progress:
         progress.stage(Stage(robot="r1", name="read", text="reading", share=0.0))
     assert not silent.getvalue()
+
+
+class _Terminal(io.StringIO):
+    def isatty(self) -> bool:
+        return True
+
+
+@pytest.mark.parametrize("stream", [io.StringIO(), _Terminal()])
+def test_what_is_only_said_is_said_whole_and_is_no_robot(stream: io.StringIO) -> None:
+    text = "worker tcp://10.0.0.7:41234 has boxcal's code 000000000000 there, 111111111111 here; left out"
+    with make_progress(1, quiet=False, stream=stream) as progress:
+        progress.stage(Stage(robot="cluster", name=NOTE, text=text, share=0.0))
+    said = "".join(stream.getvalue().split())
+    assert "".join(f"cluster: {text}".split()) in said
+    assert said.count("cluster") == 1
 
 
 def test_names_sort_with_their_numbers_as_numbers() -> None:

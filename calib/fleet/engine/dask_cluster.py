@@ -19,7 +19,7 @@ from boxcal.calib.fleet.engine.compared_workers import ComparedWorkers
 from boxcal.calib.fleet.engine.here import made
 from boxcal.calib.fleet.engine.telling import heard_by
 from boxcal.calib.fleet.interrupts import interrupts_held
-from boxcal.calib.settings import Stage
+from boxcal.calib.settings import NOTE, Stage
 
 _ATTEMPTS = 2
 """Times that a call is made whose worker is lost."""
@@ -77,9 +77,11 @@ class DaskCluster(AbstractContextManager["DaskCluster"]):
         self._warm: set[str] = set()
         self._running: dict[str, _Attempt] = {}
         self._finished: SimpleQueue[str] = SimpleQueue()
-        self._said: SimpleQueue[Stage] = SimpleQueue()
+        self._said: SimpleQueue[tuple[str, Stage]] = SimpleQueue()
         self._topic = f"boxcal {token_hex(8)}"
-        client.subscribe_topic(self._topic, lambda event: self._said.put(Stage(**event[1]["stage"])))
+        client.subscribe_topic(
+            self._topic, lambda event: self._said.put((event[1]["call"], Stage(**event[1]["stage"])))
+        )
         self._look()
 
     @property
@@ -125,7 +127,7 @@ class DaskCluster(AbstractContextManager["DaskCluster"]):
             if address not in self._seen or self._seen[address][0] != heard:
                 self._seen[address] = (heard, now)
         for remark in self._compared.look(found):
-            self._said.put(Stage(robot="cluster", name="workers", text=remark, share=0.0))
+            self._said.put(("", Stage(robot="cluster", name=NOTE, text=remark, share=0.0)))
         used = self._compared.usable - self._too_slow
         self._alive = [a for a in found if a in used and now - self._seen[a][1] < self._silent_s]
         if self._alive:
@@ -157,11 +159,12 @@ class DaskCluster(AbstractContextManager["DaskCluster"]):
         return True
 
     def _pass_on(self, told: Told | None) -> None:
-        """Pass on what calls said of themselves, and what is to be said of workers that joined."""
+        """Pass on what calls that are under way said of themselves, and what is to be said of workers that joined."""
+        under_way = {"", *(attempt.call.key for attempt in self._running.values())}
         while not self._said.empty():
-            message = self._said.get()
-            if told is not None:
-                told(message)
+            key, stage = self._said.get()
+            if told is not None and key in under_way:  # a stage may come later than the result
+                told(stage)
 
     def _happened(self, again: deque[_Attempt]) -> Iterator[Done[Any]]:
         """Wait a moment for a call to be done and yield it; one that is to be made again is put there."""
@@ -237,7 +240,7 @@ def made_by_a_worker(call: Call[Any], topic: str) -> tuple[Any, str, str]:
         nonlocal last
         if isinstance(message, Stage) and time.monotonic() > last + _SAY_S:
             last = time.monotonic()
-            worker.log_event(topic, {"stage": asdict(message)})
+            worker.log_event(topic, {"call": call.key, "stage": asdict(message)})
 
     with heard_by(say):
         done = made(call)
