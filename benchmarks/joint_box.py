@@ -231,6 +231,8 @@ def print_shape(joint: JointBox, true: Target, names: Sequence[str]) -> float:
         f"  error {1e3 * np.sqrt(3 * np.mean(off**2)):.4f} mm; landmarks' errors over sigmas: rms {rms(z):.2f}, "
         f"largest {np.abs(z).max():.2f}; all unknowns together chi-square {d @ np.linalg.solve(cov, d):.1f} of {len(d)}"
     )
+    ratio = np.array([float(name == "scale_y") - float(name == "scale_x") for name in names])
+    print(f"ratio of the print's scales: off by {ratio @ d / np.sqrt(ratio @ cov @ ratio):+.2f} sigma")
     print(f"size of the whole box: off by {growth:+.3%}, sigma {joint.after.scale:.3%}")
     return growth
 
