@@ -344,6 +344,7 @@ def _record(args: argparse.Namespace, calibrations: "list[Calibration]") -> bool
 
 
 def _print_results(place: "ResultsPlace", results: "list[Calibration]", failed: list[str]) -> None:
+    from boxcal.calib.console.cameras import cameras_table
     from boxcal.calib.console.judgement import judgement, own_notes
     from boxcal.calib.console.tables import results_tables, verdict_table
 
@@ -354,6 +355,8 @@ def _print_results(place: "ResultsPlace", results: "list[Calibration]", failed: 
             for note in own_notes(c):
                 print(note)
     print("\n" + results_tables(results))
+    if several := cameras_table(results):
+        print("\n" + several)
     print(f"\nwritten: {place.said}/<robot>/calibration.json and files for ROS and Kalibr")
     if (place.folder / "fleet.html").exists():
         print(f"fleet:   {place.said}/fleet.html, {place.said}/fleet.xlsx, {place.said}/fleet.csv")

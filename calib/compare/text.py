@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from boxcal.calib.compare.cameras import pair_lines
 from boxcal.calib.compare.difference import STRAIGHT, Difference
 from boxcal.calib.compare.ground_truth import Errors
 from boxcal.calib.console.judgement import judgement
@@ -42,6 +43,7 @@ def comparison(a: Calibration, b: Calibration, found: Difference) -> str:
         f"a point {g.distance:g} m from the camera appears {g.projection_mean_px:.2f} px away in the mean over the "
         f"image, {g.projection_worst_px:.2f} px at worst",
     ]
+    lines += pair_lines(a, b)
     for which, c in (("A", a), ("B", b)):
         if c.verdict is not None and (c.verdict.causes or c.findings):
             lines += ["", judgement(which, c.verdict)]

@@ -63,7 +63,7 @@ def solve_all(job: Job, given: ReadCameras) -> list[SolvedCamera]:
     if len(alone) == 1:
         return [_only(job, alone[0].read, alone[0].look, left_out)]
     missing, said = _said_of(job, left_out)
-    together = _together(alone)
+    together = _together(alone, job.settings.slip)
     doubts = (*missing, *_doubts(alone, together))
     solved = []
     for camera, estimate in zip(alone, together.estimates, strict=True):
@@ -130,14 +130,13 @@ def _one_place(a: _Alone, b: _Alone) -> bool:
     return one_place(a.explained.fit, b.explained.fit, (a.look.drives, b.look.drives))
 
 
-def _together(cameras: Sequence[_Alone]) -> Cameras:
+def _together(cameras: Sequence[_Alone], slip: float | None) -> Cameras:
     found = [camera.explained.found for camera in cameras]
     boxes = {target_sha256(camera.look.target) for camera in cameras}
     if len(boxes) > 1:
         return apart(found, "they do not agree on how the box's sheets are glued")
-    return solve_cameras(
-        found, [camera.explained.fit for camera in cameras], [camera.look.drives for camera in cameras]
-    )
+    fits = [camera.explained.fit for camera in cameras]
+    return solve_cameras(found, fits, [camera.look.drives for camera in cameras], slip)
 
 
 def _doubts(cameras: Sequence[_Alone], together: Cameras) -> list[Finding]:

@@ -6,6 +6,7 @@ from functools import partial
 
 from boxcal.calib.errors import CalibError
 from boxcal.calib.exports.photographs import small_jpeg
+from boxcal.calib.likelihood.finding import Finding
 from boxcal.calib.one_robot.cameras_read import ReadCameras, job_of, read_cameras
 from boxcal.calib.one_robot.cameras_solved import SolvedCamera, solve_all
 from boxcal.calib.one_robot.judging import judged
@@ -13,6 +14,7 @@ from boxcal.calib.one_robot.log_identity import file_state, fingerprint_of
 from boxcal.calib.one_robot.writing import write
 from boxcal.calib.report.robot import FLEET_PAGE
 from boxcal.calib.results.calibration import Calibration
+from boxcal.calib.results.verdict import Level
 from boxcal.calib.settings import CORRESPONDENCES, Job, listed
 from boxcal.detect.extract import Pictures
 from boxcal.detect.image.bit_depth import DeepGrey, eight_bits
@@ -73,13 +75,29 @@ def solved_and_judged(job: Job, given: ReadCameras) -> list[SolvedCamera]:
         solved = solve_all(job, given)
     except CalibError as error:
         raise error.of(listed(job.logs)) from error
-    several = len(solved) > 1
-    out = []
-    for number, camera in enumerate(solved):
-        name = f"{job.robot}/{camera.read.name}" if several and number else job.robot
-        result = judged(replace(camera.calibration, robot=name), camera.look.drives, camera.look.target)
-        out.append(replace(camera, calibration=result))
-    return out
+    others = [_judged(camera, f"{job.robot}/{camera.read.name}") for camera in solved[1:]]
+    unusable = tuple(
+        _unusable(o) for o in others if o.calibration.verdict and o.calibration.verdict.level is Level.REDO
+    )
+    first = solved[0]
+    findings = (*first.calibration.findings, *unusable)
+    return [_judged(replace(first, calibration=replace(first.calibration, findings=findings)), job.robot), *others]
+
+
+def _judged(camera: SolvedCamera, robot: str) -> SolvedCamera:
+    result = judged(replace(camera.calibration, robot=robot), camera.look.drives, camera.look.target)
+    return replace(camera, calibration=result)
+
+
+def _unusable(camera: SolvedCamera) -> Finding:
+    """Return that another camera of the robot must not be used: the robot's own result is not good then."""
+    verdict = camera.calibration.verdict
+    why = next((reason.text for reason in verdict.causes), "") if verdict is not None else ""
+    return Finding(
+        cause="camera-unusable",
+        text=f"camera {camera.read.name} must not be used: {why[:1].lower()}{why[1:].rstrip('.')}",
+        advice=f"Look at {camera.read.name}/report.html, and do for that camera what it says.",
+    )
 
 
 def write_all(job: Job, solved: list[SolvedCamera]) -> None:

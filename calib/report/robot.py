@@ -9,6 +9,8 @@ import numpy as np
 from boxcal.calib.assessment.estimate_rules import held_out_ratio
 from boxcal.calib.assessment.gauges import gauges, slip_on_top
 from boxcal.calib.assessment.verdict import Drives, judge
+from boxcal.calib.console.cameras import HEADER, pair_cells
+from boxcal.calib.report.cameras import camera_rows
 from boxcal.calib.report.drawing import legs_data, projection_data, residual_data, scene_data
 from boxcal.calib.report.page import page, readable_time
 from boxcal.calib.report.parameters import parameter_groups
@@ -95,6 +97,9 @@ def robot_report(
         gauges=gauges(detail),
         slip=slip_on_top(calibration),
         groups=parameter_groups(calibration),
+        cameras=camera_rows(calibration),
+        pairs=[] if calibration.rig is None else [pair_cells(pair) for pair in calibration.rig.pairs],
+        pair_header=HEADER,
         stops=[stop_row(s) for s in seen],
         faces=[row for f in range(FACES) if (row := face_row(f, seen)) is not None],
         legs=[leg_row(leg) for leg in legs],

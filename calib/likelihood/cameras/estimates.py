@@ -11,6 +11,7 @@ from boxcal.calib.likelihood.cameras.agreement import disagreement
 from boxcal.calib.likelihood.cameras.solve import RobotFit, solved
 from boxcal.calib.likelihood.cameras.start import beginning, in_pictures
 from boxcal.calib.likelihood.estimate import DriveEstimate, Estimate
+from boxcal.calib.likelihood.estimator import ASSUMED_SLIP, LEGS_FOR_SLIP
 from boxcal.calib.likelihood.fit import Fit
 from boxcal.calib.likelihood.leg_outliers import flagged_legs
 from boxcal.calib.likelihood.state import camera_motions
@@ -47,7 +48,10 @@ class Cameras:
 
 
 def solve_cameras(
-    found: Sequence[Estimate], fits: Sequence[Fit], drives: Sequence[Sequence[Correspondences]]
+    found: Sequence[Estimate],
+    fits: Sequence[Fit],
+    drives: Sequence[Sequence[Correspondences]],
+    slip: float | None = None,
 ) -> Cameras:
     """Return the estimates of a robot's cameras from all of them together.
 
@@ -57,12 +61,16 @@ def solve_cameras(
         Each camera's own estimate, and the solution that it reports.
     drives
         For each camera the same drives, as it saw them.
+    slip : m/sqrt(m)
+        As it was given; estimated from the legs of all if None, also where one camera saw too few for that.
     """
     why = _unsuitable(fits)
     if not why:
         try:
             begin = beginning(fits, drives)
-            fit = solved(begin.robot, begin.state, begin.levels, begin.legs, fits[0].options)
+            few = 0 < len(begin.legs) < LEGS_FOR_SLIP
+            options = replace(fits[0].options, slip=ASSUMED_SLIP if slip is None and few else slip)
+            fit = solved(begin.robot, begin.state, begin.levels, begin.legs, options)
         except np.linalg.LinAlgError:
             why = "their common equations cannot be solved"
     if why:

@@ -53,7 +53,8 @@ def rigged(robots: tuple[Robot, Robot], seed: int = 5) -> Rigged:
 def front_and_rear() -> Rigged:
     robot = turtlebot()
     behind = mount(yaw=radians(176), pitch=radians(8), x=-0.06, y=0.01, z=0.18)
-    return rigged((robot, with_camera_at(robot, behind, replace(robot.camera, fu=480.0, fv=481.0, kr=-0.12))))
+    lens = replace(robot.camera, fu=620.0, fv=621.0, cu=402.0, cv=297.0, kr=-0.12)
+    return rigged((robot, with_camera_at(robot, behind, lens, image_size=(800, 600))))
 
 
 @pytest.fixture(scope="session")

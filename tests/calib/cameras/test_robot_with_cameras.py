@@ -5,10 +5,16 @@ import numpy as np
 import pytest
 
 import boxcal
+from boxcal.calib.compare.difference import difference
+from boxcal.calib.compare.text import comparison
+from boxcal.calib.console.cameras import cameras_table
 from boxcal.calib.diagnosis.cameras import one_place, swapped
 from boxcal.calib.geometry.camera_pair import between
+from boxcal.calib.one_robot import several_cameras
 from boxcal.calib.one_robot.camera_names import camera_names
+from boxcal.calib.report.robot import robot_report
 from boxcal.calib.results.json_format import calibration_document
+from boxcal.calib.results.verdict import Level
 from boxcal.detect.correspondences import Correspondences
 from boxcal.detect.log.several_cameras import chosen
 from boxcal.target.errors import BoxcalError
@@ -112,6 +118,35 @@ def test_cameras_swapped_against_the_description_are_said(front_and_rear: Rigged
     wrong = {"front": described(seen["front"], rear), "rear": described(seen["rear"], front)}
     found = boxcal.calibrate_cameras(wrong)["front"]
     assert "cameras-swapped" in causes(found)
+    assert found.verdict.level != "good"
+
+
+def test_report_and_comparison_know_the_cameras(
+    calibrated: dict[str, boxcal.Calibration], front_and_rear: Rigged
+) -> None:
+    page = robot_report(calibrated["rear"], front_and_rear.views[1], boxcal.make_target()).decode()
+    assert "From camera to camera" in page
+    assert 'href="../report.html"' in page
+    same = comparison(calibrated["front"], calibrated["front"], difference(calibrated["front"], calibrated["front"]))
+    assert "camera rear against front: moved by 0.00 mm, turned by 0.000 deg" in same
+    assert "front" in cameras_table([calibrated["front"]])
+    assert not cameras_table([replace(calibrated["front"], rig=None)])
+
+
+def test_another_camera_that_must_not_be_used_keeps_the_robot_from_good(
+    front_and_rear: Rigged, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    judge = several_cameras.judged
+
+    def strict(result: boxcal.Calibration, *rest: object) -> boxcal.Calibration:
+        found = judge(result, *rest)
+        assert found.verdict is not None
+        return replace(found, verdict=replace(found.verdict, level=Level.REDO)) if "/" in result.robot else found
+
+    monkeypatch.setattr(several_cameras, "judged", strict)
+    found = boxcal.calibrate_cameras(views(front_and_rear, "front", "rear"))["front"]
+    assert "camera-unusable" in causes(found)
+    assert found.verdict is not None
     assert found.verdict.level != "good"
 
 
