@@ -86,7 +86,7 @@ def settled(fit: Fit, drive: Correspondences, joint: Joint, noise: FrameNoise) -
     for _ in range(_ROUNDS):
         before = noise
         joint = stepped(joint, levels, weight, _corner_weights(fit, joint, noise))
-        noise = _steadier(fit, joint, noise)[0]
+        noise = _steadier(fit, joint, replace(noise, scale=_scale(fit, joint)))[0]
         noise, levels, weight = _updated(fit, joint, noise, levels)
         if _near(before, noise):
             break
@@ -98,21 +98,19 @@ def settled(fit: Fit, drive: Correspondences, joint: Joint, noise: FrameNoise) -
 
 def _steadied(fit: Fit, joint: Joint, noise: FrameNoise) -> tuple[Joint, FrameNoise]:
     """Return stops and frames, and their noise, with the sway and the scale that the frames show."""
+    noise = replace(noise, scale=_scale(fit, joint))
     for _ in range(_SWAYS):
-        before = noise
+        before = noise.sway
         noise, at_noise = _steadier(fit, joint, noise)
-        joint = stepped(joint, at_noise, np.ones(1))
-        if abs(np.log(noise.sway / before.sway)) < _ALIKE:
+        if abs(np.log(noise.sway / before)) < _ALIKE:
             break
-    return joint, noise
+    return stepped(joint, at_noise, np.ones(1)), noise
 
 
 def _steadier(fit: Fit, joint: Joint, noise: FrameNoise) -> tuple[FrameNoise, Levels]:
-    """Return the noise with scale and sway after one step of their fixed points, and the solution at that noise."""
-    noise = replace(noise, scale=_scale(fit, joint))
-    level = np.array([noise.slip]), np.array([noise.jitter_s])
-    noise = replace(noise, sway=_sway(joint, solved(fit, joint, noise, *level), noise))
-    return noise, solved(fit, joint, noise, *level)
+    """Return the noise with the sway after one step of its fixed point, and the solution before that step."""
+    at_noise = solved(fit, joint, noise, np.array([noise.slip]), np.array([noise.jitter_s]))
+    return replace(noise, sway=_sway(joint, at_noise, noise)), at_noise
 
 
 def _near(before: FrameNoise, after: FrameNoise) -> bool:

@@ -198,24 +198,28 @@ def stepped(joint: Joint, levels: Levels, weight: Array, weights: Weights | None
     From there on corners and legs may have other ``weights``.
     """
     joint = joint if weights is None else replace(joint, weights=weights)
+    return replace(joint, at=linearized(joint, _after(joint, levels, weight)))
+
+
+def _after(joint: Joint, levels: Levels, weight: Array) -> State:
+    """Return the state after the mean step of solutions at some levels, by their weights (K,)."""
     s = levels.solution
     d_shared, d_stops = weight @ s.d_shared, np.tensordot(weight, s.d_stops, 1)
     d_local = s.local_step(d_shared, d_stops) * levels.local_sigma
-    state = retract(joint.problem, joint.state, d_shared, d_stops, d_local)
-    return replace(joint, at=linearized(joint, state))
+    return retract(joint.problem, joint.state, d_shared, d_stops, d_local)
 
 
-def rewoven(fit: Fit, drive: Correspondences, joint: Joint, noise: FrameNoise) -> Joint:
-    """Return stops and frames with the offset that was found taken into the frames' places on the path."""
-    late_s = joint.late_s + float(joint.state.explained[-2])
+def _rewoven(fit: Fit, drive: Correspondences, joint: Joint, state: State, noise: FrameNoise) -> Joint:
+    """Return stops and frames with the offset of a state taken into the frames' places on the path."""
+    late_s = joint.late_s + float(state.explained[-2])
     old = joint.woven
     woven = weave(drive, fit.problem.stop, old.frame[old.moving], late_s)
     source = np.empty(len(woven.frame), dtype=np.int64)
     source[woven.frame < 0] = np.flatnonzero(old.frame < 0)
     source[woven.moving] = old.moving[np.searchsorted(old.frame[old.moving], woven.frame[woven.moving])]
-    explained = joint.state.explained.copy()
+    explained = state.explained.copy()
     explained[-2] = 0.0
-    state = _taken(joint.state, source, explained)
+    state = _taken(state, source, explained)
     return _about(fit, drive, (woven, _problem(fit, woven)), state, late_s, noise)
 
 
@@ -230,11 +234,13 @@ def maximised(fit: Fit, drive: Correspondences, joint: Joint, noise: FrameNoise)
         promised = float(levels.solution.decrease[0])
         if promised < _CLOSE:
             return joint
-        joint = stepped(joint, levels, np.ones(1))
-        if abs(joint.state.explained[-2]) > LONGEST_S:
+        state = _after(joint, levels, np.ones(1))
+        if abs(state.explained[-2]) > LONGEST_S:
             return None
-        if abs(joint.state.explained[-2]) > _REWOVEN_S:
-            joint = rewoven(fit, drive, joint, noise)
+        if abs(state.explained[-2]) > _REWOVEN_S:
+            joint = _rewoven(fit, drive, joint, state, noise)
+        else:
+            joint = replace(joint, at=linearized(joint, state))
     return None
 
 
