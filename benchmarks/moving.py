@@ -8,21 +8,27 @@ solved from its stops alone and with its frames. Printed:
    those with frames;
 2. with jitter of 5 ms, exposures of 20 ms, a rolling shutter of 20 ms (the same with frames used all the same), stamps
    late by 3 s: how often frames were used and something was said, errors over their sigmas with frames and from stops
-   alone, how many are beyond 3 sigma with frames only, and how much larger they are at most, in sigmas of the stops.
+   alone, how many are beyond 3 sigma with frames only, and how much larger they are at most, in sigmas of the stops;
+3. drives without any stop, from 40 frames, by the whole line: how many are calibrated and how many called good, errors
+   over their sigmas (root mean square of tx, ty, rR, b), and why others are refused.
 
-    python benchmarks/moving.py              40 robots each, some 25 minutes on one core
-    python benchmarks/moving.py --quick      4 robots each
+    python benchmarks/moving.py                    40 robots each, some 12 minutes on one core
+    python benchmarks/moving.py --quick            4 robots each
+    python benchmarks/moving.py --only "2 mm" "no stops, 2 mm"
 """
 
 import argparse
 import time
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
+from functools import partial
 from multiprocessing import get_context
+from typing import Any
 
 import numpy as np
 
+from boxcal.calib.calibrate import calibrate
 from boxcal.calib.errors import CalibError
 from boxcal.calib.likelihood import Estimate, EstimateOptions
 from boxcal.calib.likelihood.estimator import fit, reported
@@ -30,6 +36,7 @@ from boxcal.calib.likelihood.fit import Fit
 from boxcal.calib.likelihood.moving.merge import Moving, with_moving_frames
 from boxcal.calib.likelihood.moving.noise import FrameNoise
 from boxcal.calib.likelihood.moving.solve import joined, solved
+from boxcal.calib.results.verdict import Level
 from boxcal.calib.simulate.drive import DriveOptions, exact_correspondences, simulate_drive
 from boxcal.calib.simulate.moving_frames import ShutterOptions, moving_frames
 from boxcal.calib.simulate.robot import VGA, Robot, random_robot
@@ -39,6 +46,8 @@ from boxcal.target.box import make_target
 from boxcal.target.errors import BoxcalError
 
 STOPS, FRAMES, SIGMA_PX = 20, 55, 0.1
+FRAMES_ALONE = 40
+"""Of a drive whose stops nobody looked at."""
 NAMES = ("tx", "ty", "rR", "b")
 INSIDE = 1.959964
 """Standard deviations within which 95 % of a normal variable lie."""
@@ -51,6 +60,15 @@ WRONG = {
     "late by 3 s": ShutterOptions(late_s=3.0),
 }
 SAID = ("jitter by", "shutter rolls", "disagree among themselves", "left out")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Alone:
+    """One robot without stops: errors of ``NAMES`` over their sigmas, (4,), sigma of tx (m), and verdict."""
+
+    z: Array
+    sigma: float
+    level: Level
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -165,6 +183,75 @@ def wrong_assumptions(outcomes: Iterable[Outcome], title: str) -> None:
     )
 
 
+def without_stops(number: int, seed: int, slip: float, shutter: ShutterOptions) -> Alone | str | None:
+    """Return what a robot's drive gives whose stops nobody looked at, or why it is refused; None if there is none."""
+    of_robot, of_drive, of_frames = np.random.default_rng([seed, number, 1]).spawn(3)
+    target, who = make_target(), random_robot(f"r{number:02d}", of_robot, VGA)
+    try:
+        drive = simulate_drive(who, target, DriveOptions(stops=STOPS, slip=slip), of_drive)
+        seen = exact_correspondences(who, target, drive, SIGMA_PX, of_frames)
+    except BoxcalError:
+        return None
+    frames = moving_frames(who, target, drive, shutter, of_frames)
+    kept = np.unique(np.linspace(0, len(frames) - 1, FRAMES_ALONE).round().astype(int))
+    try:
+        found = calibrate(replace(seen, stops=(), moving=tuple(frames[k] for k in kept)), target)
+    except BoxcalError as error:
+        return str(error)
+    covariance = found.detail.covariance
+    sigma = dict(zip(covariance.names, np.sqrt(np.diag(covariance.matrix)).tolist(), strict=True))
+    off = found.T_body_cam[:3, 3] - who.T_body_cam[:3, 3]
+    error = np.array([off[0], off[1], found.wheels.rR - who.rR, found.wheels.b - who.b])
+    return Alone(z=error / [sigma[name] for name in NAMES], sigma=sigma["tx"], level=found.verdict.level)
+
+
+def told_without_stops(outcomes: Iterable[Alone | str], title: str) -> None:
+    """Print line 3 for robots of one slip and shutter."""
+    done = list(outcomes)
+    found = [o for o in done if not isinstance(o, str)]
+    text = (
+        f"{title:28}{len(found):4} of {len(done)} calibrated, {sum(o.level is Level.GOOD for o in found)} called good"
+    )
+    if found:
+        z = np.array([o.z for o in found])
+        text += f"; error over sigma, rms {' '.join(f'{v:.2f}' for v in _rms(z))}, largest {np.abs(z).max():.1f}"
+        text += f"; 95 % hold {100 * np.mean(np.abs(z) < INSIDE):.1f} %"
+        text += f"; sigma of tx {1e3 * np.median([o.sigma for o in found]):.2f} mm"
+    print(text, flush=True)
+    for why in sorted({str(o).partition("; let ")[0][:150] for o in done if isinstance(o, str)}):
+        print(f"    refused: {why}")
+
+
+Drives = Callable[..., list[Any]]
+
+
+def parts(count: int) -> dict[str, Callable[[Drives], None]]:
+    """Return the parts of the study by their names."""
+    late = [ShutterOptions(late_s=float(s)) for s in np.linspace(-0.08, 0.08, count)]
+
+    def right(slip: float, drives: Drives) -> None:
+        found = drives(robot, slip, late, Moving.AUTO)
+        right_assumptions(found, f"slip {1e3 * slip:g} mm/sqrt(m)")
+        print(f"  left out: {sum(not o.used for o in found)} of {len(found)}", flush=True)
+
+    def wrong(shutter: ShutterOptions, title: str, moving: Moving, drives: Drives) -> None:
+        wrong_assumptions(drives(robot, 3e-4, [shutter] * count, moving), title)
+
+    def alone(slip: float, shutters: list[ShutterOptions], title: str, drives: Drives) -> None:
+        told_without_stops(drives(without_stops, slip, shutters), title)
+
+    out: dict[str, Callable[[Drives], None]] = {"0.3 mm": partial(right, 3e-4), "2 mm": partial(right, 2e-3)}
+    out |= {title: partial(wrong, shutter, title, Moving.AUTO) for title, shutter in WRONG.items()}
+    out[f"{ROLLING}, on"] = partial(wrong, WRONG[ROLLING], f"{ROLLING}, on", Moving.ON)
+    for slip in (3e-4, 2e-3):
+        name = f"no stops, {1e3 * slip:g} mm"
+        out[name] = partial(alone, slip, late, name)
+    for title, shutter in WRONG.items():
+        name = f"no stops, {title}"
+        out[name] = partial(alone, 3e-4, [shutter] * count, name)
+    return out
+
+
 def main() -> None:
     """Print the tables."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -172,26 +259,20 @@ def main() -> None:
     parser.add_argument("--robots", type=int, default=40)
     parser.add_argument("--seed", type=int, default=2026)
     parser.add_argument("--jobs", type=int, default=1)
+    parser.add_argument("--only", nargs="+", metavar="PART", help="of: " + "; ".join(parts(1)))
     args = parser.parse_args()
     count, begun = 4 if args.quick else args.robots, time.perf_counter()
-    numbers = range(1, count + 1)
-    offsets = np.linspace(-0.08, 0.08, count)
     with ProcessPoolExecutor(args.jobs, mp_context=get_context("spawn")) as pool:
 
-        def drives(slip: float, shutters: Iterable[ShutterOptions], moving: Moving = Moving.AUTO) -> list[Outcome]:
-            jobs = [pool.submit(robot, n, args.seed, slip, s, moving) for n, s in zip(numbers, shutters, strict=True)]
+        def drives(study: Callable[..., Any], slip: float, shutters: list[ShutterOptions], *more: Any) -> list[Any]:
+            jobs = [pool.submit(study, n, args.seed, slip, s, *more) for n, s in enumerate(shutters, 1)]
             return [found for job in jobs if (found := job.result()) is not None]
 
-        for slip in (3e-4, 2e-3):
-            found = drives(slip, (ShutterOptions(late_s=float(late)) for late in offsets))
-            right_assumptions(found, f"slip {1e3 * slip:g} mm/sqrt(m)")
-            print(f"  left out: {sum(not o.used for o in found)} of {len(found)}", flush=True)
-        print(
-            "                   used      said  largest z, stops   rms z, stops  beyond 3   worse by (sigmas of stops)"
-        )
-        for title, shutter in WRONG.items():
-            wrong_assumptions(drives(3e-4, [shutter] * count), title)
-        wrong_assumptions(drives(3e-4, [WRONG[ROLLING]] * count, Moving.ON), f"{ROLLING}, on")
+        print("wrong assumptions: used, said; largest and rms error over sigma with frames and of stops alone; errors")
+        print("beyond 3 sigma with frames only; by how many sigmas of the stops an error is larger at most")
+        for name, part in parts(count).items():
+            if args.only is None or name in args.only:
+                part(drives)
     print(f"{time.perf_counter() - begun:.0f} s")
 
 
