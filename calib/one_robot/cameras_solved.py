@@ -1,7 +1,8 @@
 """Calibrations of a robot's cameras: each by itself first, then all together."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from boxcal.calib.likelihood.finding import Finding
 from boxcal.calib.one_robot.cameras_read import CameraDrives, ReadCameras, job_of, one_camera
 from boxcal.calib.one_robot.solving import concluded, solve, solve_stops
 from boxcal.calib.results.calibration import Calibration
+from boxcal.calib.results.provenance import plain_settings
 from boxcal.calib.results.rig import Rig, RigCamera
 from boxcal.calib.settings import Job
 from boxcal.detect.log.safe_text import printable
@@ -55,6 +57,15 @@ def solve_all(job: Job, given: ReadCameras) -> list[SolvedCamera]:
     CalibError
         If no camera determines the calibration, or two topics that were named show one camera.
     """
+    asked = plain_settings(asdict(job.settings))  # not those of one camera: by them a later run knows the result
+    return [replace(s, calibration=_with_settings(s.calibration, asked)) for s in _solved(job, given)]
+
+
+def _with_settings(calibration: Calibration, settings: Mapping[str, Any]) -> Calibration:
+    return replace(calibration, provenance=replace(calibration.provenance, settings=settings))
+
+
+def _solved(job: Job, given: ReadCameras) -> list[SolvedCamera]:
     left_out = dict(given.left_out)
     if len(given.cameras) == 1:
         only = given.cameras[0]

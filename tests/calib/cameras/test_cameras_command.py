@@ -38,6 +38,9 @@ def test_all_cameras_of_a_log_are_calibrated_together_and_written(
     names = {path.relative_to(out / "r01").as_posix() for path in (out / "r01").rglob("*") if path.is_file()}
     assert {"stereo_front_stereo/left.yaml", "opencv_stereo_front_stereo.yaml", "stereo/camera_info.yaml"} <= names
 
+    assert fleet_calibrate([*command, "--all-cameras"]) == 0
+    assert "1 of 1 robots are unchanged and kept" in capsys.readouterr().err
+
     again = [str(out / "r01" / "correspondences.npz"), "--out", str(folder / "again"), "--no-report", "--all-cameras"]
     assert fleet_calibrate(again) == 0
     saved = boxcal.load_calibration(folder / "again" / "r01" / "calibration.json")
