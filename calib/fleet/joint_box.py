@@ -158,7 +158,7 @@ def _made_anew(joint: JointBox, outcomes: Sequence[Outcome], engine: Engine) -> 
             yield k, before, f"  {job.robot}: keeps the calibration that it has by itself ({why})"
 
 
-def made_anew(member: Member, box: Target, known_as: Target) -> Calibration | BoxcalError:
+def made_anew(member: Member, box: Target | BoxcalError, known_as: Target) -> Calibration | BoxcalError:
     """Return a robot's calibration with the box that the others found, written, without its drive; or why not."""
     found = calibrated(member, box, known_as)
     return without_drive(found) if isinstance(found, Calibration) else found

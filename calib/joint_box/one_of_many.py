@@ -121,8 +121,10 @@ def follow(member: Member, part: Part, names: Sequence[str], shape: Array) -> Pa
     return replace(part, own=own, block=block)
 
 
-def calibrated(member: Member, box: Target, known_as: Target) -> Calibration | BoxcalError:
+def calibrated(member: Member, box: Target | BoxcalError, known_as: Target) -> Calibration | BoxcalError:
     """Return a robot's calibration as :func:`calibrate_with` makes and writes it; or why there is none."""
+    if isinstance(box, BoxcalError):
+        return box
     try:
         return calibrate_with(member, box, known_as)
     except BoxcalError as error:

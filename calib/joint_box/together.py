@@ -59,15 +59,18 @@ class JointBox:
         """Number of robots that the shape was found from."""
         return sum(block is not None for block in self.blocks)
 
-    def without(self, k: int) -> Target | None:
+    def without(self, k: int) -> Target | BoxcalError | None:
         """Return the box without what one of its robots told of it: all that its own calibration may take as known.
 
-        None for a robot that was left out.
+        None for a robot that was left out; an error where what the others told makes no box.
         """
         block = self.blocks[k]
         if block is None:
             return None
-        return self.prior.refined(*self.joined.agreement.posterior.without(block), (), self.robots - 1)
+        try:
+            return self.prior.refined(*self.joined.agreement.posterior.without(block), (), self.robots - 1)
+        except BoxcalError as error:
+            return error
 
 
 def solve_box(members: Sequence[Member], run: Run = map) -> JointBox:

@@ -117,6 +117,12 @@ def test_the_librarys_call_goes_on_without_robots_that_fail_or_are_lost(drives: 
     assert found.left_out["again"].startswith("its drive is that of r2")
 
 
+def test_what_the_others_told_may_make_no_box_for_one_robot() -> None:
+    (member,) = _members(["a"])
+    error = CalibError("no box")
+    assert calibrated(member, error, TARGET) is error
+
+
 @pytest.fixture(scope="module")
 def of_an_earlier_run(drives: dict[str, Correspondences], tmp_path_factory: pytest.TempPathFactory) -> list[Outcome]:
     """Return the outcomes of three robots of a run with ``--joint-box``, as the next run finds them."""
