@@ -55,8 +55,17 @@ def estimate(
 
 
 def reported(found: Fit, drives: Sequence[Correspondences], options: EstimateOptions | None) -> Estimate:
-    """Return the estimate that a solution amounts to, with notes on what was assumed and chosen for it."""
-    result = summarise(found, drives)
+    """Return the estimate that a solution amounts to, with notes on what was assumed and chosen for it.
+
+    Raises
+    ------
+    CalibError
+        If the equations without some stop or leg have no solution.
+    """
+    try:
+        result = summarise(found, drives)
+    except np.linalg.LinAlgError as error:
+        raise unsolvable(len(found.problem.drive), error) from error
     if found.options.slip is not None and (options is None or options.slip is None):
         legs = len(found.problem.leg_stop)
         note = (

@@ -16,8 +16,9 @@ from boxcal.calib.diagnosis.choose import NEEDED, explain
 from boxcal.calib.diagnosis.explained_estimate import estimate_explained
 from boxcal.calib.diagnosis.ranking import rank
 from boxcal.calib.diagnosis.scrub import TYPICAL
+from boxcal.calib.errors import CalibError
 from boxcal.calib.geometry.so3_se3 import exp_se3, log_so3, wrap
-from boxcal.calib.likelihood import EstimateOptions
+from boxcal.calib.likelihood import EstimateOptions, estimate, summary
 from boxcal.calib.likelihood.components import largest_change
 from boxcal.calib.likelihood.estimate import Estimate
 from boxcal.calib.likelihood.estimator import fit
@@ -246,6 +247,17 @@ def test_causes_whose_equations_have_no_solution_are_none(monkeypatch: pytest.Mo
     explained = explain(solved)
     assert not explained.adopted
     assert explained.fit is solved
+
+
+def test_a_solution_whose_leave_one_out_has_none_is_refused_in_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of a drive around a box on its side, taken as it is, the likelihood had a solution and its jackknife none."""
+
+    def singular(*_: object) -> None:
+        raise np.linalg.LinAlgError("Singular matrix")
+
+    monkeypatch.setattr(summary, "jackknife", singular)
+    with pytest.raises(CalibError, match="the equations of 14 stops cannot be solved"):
+        estimate([drive(Imperfections())])
 
 
 def test_a_clean_drive_leaves_its_sigmas_as_they_are(clean: Fit) -> None:
