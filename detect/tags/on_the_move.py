@@ -26,7 +26,7 @@ from boxcal.detect.tags.moving_frames import MovingFrame
 from boxcal.target.arrays import Array, Ids
 from boxcal.target.box import Target
 
-A_LEG, FEWEST, MOST = 0.5, 6, 40
+A_LEG, FEWEST, MOST = 0.6, 6, 40
 """Frames that are measured: so many a leg, and at least and at most so many in all."""
 LEAST_WITHOUT_STOPS, MOST_WITHOUT_STOPS = 12, 40
 """Frames that a robot needs which never stood still, and at most so many are measured."""

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import chdtri
 
-from boxcal.calib.geometry.parameters import TRANSLATION
+from boxcal.calib.geometry.parameters import COUNT, TRANSLATION
 from boxcal.calib.likelihood.fit import Fit
 from boxcal.calib.likelihood.moving.levels import Settled
 from boxcal.calib.likelihood.moving.system import System, system
@@ -64,9 +64,10 @@ class LeaveOut:
 
     @property
     def said(self) -> str:
-        """The parameter whose standard deviation is enlarged most, and how many times."""
-        k = int(np.argmax(self.inflation))
-        return f"{self.names[k]} by {self.inflation[k]:.1f} times what noise explains"
+        """The parameter, a reported one if any, whose standard deviation is enlarged most, and how many times."""
+        inflation = self.inflation
+        k = int(np.argmax(inflation[:COUNT] if np.any(inflation[:COUNT] > 1) else inflation))
+        return f"{self.names[k]} by {inflation[k]:.1f} times what noise explains"
 
     def enlarged(self, cov: Array) -> Array:
         """Return a covariance (n, n) of the shared unknowns with its standard deviations enlarged."""
