@@ -198,7 +198,7 @@ def calibrate_drives(
     the logs. Errors as for :func:`calibrate_robot`.
     """
     tell = tell or _silent
-    tell("solve", f"solving {sum(len(drive.stops) for drive in drives)} stops", _READ)
+    tell("solve", f"solving {sum(len(drive.stops) or len(drive.moving) for drive in drives)} stops", _READ)
     try:
         look = first_look(drives, job.target, job.settings.camera_mode)
         job, drives = replace(job, target=look.target), list(look.drives)
