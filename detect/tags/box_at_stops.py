@@ -32,6 +32,8 @@ from boxcal.target.box import Target
 MIN_STOPS = 3
 MANY_REJECTED = 0.1
 """Tags rejected for each tag of the box from which on the box is not as described, or there are two."""
+_IN_VAIN = 24
+"""After so many frames of a robot that never stood still, all without the box, no more are looked at."""
 MOST_PIXELS = 3_000_000_000
 """Pixels that are looked at in one recording; beyond it one frame a stop must do."""
 
@@ -124,8 +126,10 @@ class BoxAtStops:
             return ()
         recording = self._recording
         found: list[MovingFrame] = []
-        for row in spread_frames(recording.wheels, recording.frame_t_ns)[: round(TRIED * MOST_WITHOUT_STOPS)].tolist():
-            if len(found) == MOST_WITHOUT_STOPS or self._pixels > MOST_PIXELS:
+        rows = spread_frames(recording.wheels, recording.frame_t_ns)[: round(TRIED * MOST_WITHOUT_STOPS)]
+        for looked_at, row in enumerate(rows.tolist()):
+            hopeless = looked_at >= _IN_VAIN and not found
+            if hopeless or len(found) == MOST_WITHOUT_STOPS or self._pixels > MOST_PIXELS:
                 break
             seen = measure_stop(self._images(np.array([row])), self._target, self._tags, self._camera)
             self._camera = seen.camera
