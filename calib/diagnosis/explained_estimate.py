@@ -14,7 +14,7 @@ from boxcal.calib.likelihood.estimate import Estimate
 from boxcal.calib.likelihood.estimator import fit, reported
 from boxcal.calib.likelihood.fit import Fit
 from boxcal.calib.likelihood.moving.merge import Moving, with_moving_frames
-from boxcal.calib.likelihood.moving.without_stops import from_frames_alone
+from boxcal.calib.likelihood.moving.without_stops import from_frames_alone, refuse_unused
 from boxcal.calib.likelihood.options import EstimateOptions
 from boxcal.calib.likelihood.summary import reported_cov
 from boxcal.detect.correspondences import Correspondences
@@ -66,10 +66,12 @@ def estimate_explained(
     CalibError
         If the drives do not determine the calibration: what is missing.
     """
+    if drives[0].on_the_move and moving is Moving.OFF:
+        refuse_unused()
     explained = explained_estimate(drives, start, options)
     found = explained.found
     if drives[0].on_the_move:
-        found = from_frames_alone(found, explained.fit, drives[0], moving)
+        found = from_frames_alone(found, explained.fit, drives[0])
     elif moving is not Moving.OFF:
         found = with_moving_frames(found, explained.fit, drives, moving)
     return found, explained.options

@@ -20,6 +20,8 @@ from boxcal.target.arrays import Array
 LONGEST_S = 0.4
 """Clock offsets up to this are looked for."""
 _COARSE_S, _FINE_S = 0.02, 0.001
+_MOST_FRAMES = 200
+"""Of more frames, so many are used, spread over the drive."""
 _NEAR = 2
 """Turns are compared between frames so many apart at most: over more, slip adds up."""
 _STAND = (
@@ -84,9 +86,10 @@ def _frames_for_stops(drive: Correspondences) -> Correspondences:
             needed=f"{MIN_STOPS} stops, or {LEAST_WITHOUT_STOPS} such frames, are needed",
             remedy=_remedy(),
         )
-    alone = replace(drive, stops=(), moving=frames)
+    rows = np.unique(np.linspace(0, len(frames) - 1, min(len(frames), _MOST_FRAMES)).round().astype(int))
+    alone = replace(drive, stops=(), moving=tuple(frames[k] for k in rows))
     late_s = _clock_offset(alone)
-    woven = weave(alone, np.zeros(0, dtype=np.int64), np.arange(len(frames)), late_s).drive
+    woven = weave(alone, np.zeros(0, dtype=np.int64), np.arange(len(rows)), late_s).drive
     source = replace(drive.source, clock_offset=drive.source.clock_offset + late_s)
     return replace(woven, on_the_move=True, source=source)
 

@@ -1,6 +1,7 @@
 """Calibration from frames on the move alone, of a robot that never stood still."""
 
 from dataclasses import replace
+from typing import NoReturn
 
 import numpy as np
 
@@ -10,7 +11,6 @@ from boxcal.calib.likelihood.fit import Fit
 from boxcal.calib.likelihood.moving.covariance import joint_covariance
 from boxcal.calib.likelihood.moving.faults import sound
 from boxcal.calib.likelihood.moving.leave_out import leave_out
-from boxcal.calib.likelihood.moving.merge import Moving
 from boxcal.calib.likelihood.moving.noise import FrameNoise
 from boxcal.calib.likelihood.moving.solve import FIRST_JITTER_S
 from boxcal.calib.likelihood.moving.told import merged, rolling
@@ -20,7 +20,7 @@ from boxcal.detect.tags.moving_frames import MovingFrame
 _STAND = "let the robot stand still for two seconds in three places or more where it sees the box"
 
 
-def from_frames_alone(found: Estimate, fit: Fit, drive: Correspondences, moving: Moving) -> Estimate:
+def from_frames_alone(found: Estimate, fit: Fit, drive: Correspondences) -> Estimate:
     """Return the estimate of frames on the move alone: clock offset, jitter and rolling shutter among the unknowns.
 
     Parameters
@@ -29,16 +29,12 @@ def from_frames_alone(found: Estimate, fit: Fit, drive: Correspondences, moving:
         The estimate, and its solution, of the frames as if the robot had stood still at each.
     drive
         The drive, its frames as its stops.
-    moving
-        Whether frames may be used.
 
     Raises
     ------
     CalibError
-        If they may not, or do not determine the calibration.
+        If they do not determine the calibration.
     """
-    if moving is Moving.OFF:
-        raise CalibError("the robot never stood still, and frames on the move are not to be used", remedy=_STAND)
     why = _unsuitable(found, fit)
     if why:
         raise _refused(why)
@@ -66,6 +62,11 @@ def from_frames_alone(found: Estimate, fit: Fit, drive: Correspondences, moving:
         raise _refused(f"{rolls}, over which the robot's speed is taken as constant")
     among = leave_out(fit, settled)
     return merged(found, fit, settled, among.enlarged(cov), (odd, among), drive.source.clock_offset)
+
+
+def refuse_unused() -> NoReturn:
+    """Refuse a robot that never stood still where frames on the move are not to be used."""
+    raise CalibError("the robot never stood still, and frames on the move are not to be used", remedy=_STAND)
 
 
 def _unsuitable(found: Estimate, fit: Fit) -> str:
