@@ -4,7 +4,7 @@
 
 The general solver is ``scipy.optimize.least_squares`` with numeric Jacobians on the same residuals (corners, legs,
 priors; noise levels and left-out data given, which the estimator finds on top). Processor time,
-best of several runs; set OMP_NUM_THREADS=1.
+best of several runs, in one thread.
 """
 
 import argparse
@@ -27,6 +27,7 @@ from boxcal.calib.likelihood.state import State, retract
 from boxcal.calib.simulate.drive import DriveOptions, exact_correspondences, simulate_drive
 from boxcal.calib.simulate.robot import khepera
 from boxcal.detect.correspondences import Correspondences
+from boxcal.one_thread import one_thread
 from boxcal.target.arrays import Array
 from boxcal.target.box import make_target
 
@@ -84,6 +85,7 @@ def through_scipy(data: Correspondences, start: FourSteps) -> tuple[float, int, 
     )
 
 
+@one_thread()
 def main() -> int:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter, allow_abbrev=False

@@ -40,6 +40,7 @@ from boxcal.calib.settings import Job, Settings
 from boxcal.calib.simulate.cli import main as simulate_fleet
 from boxcal.detect import extract as extracting
 from boxcal.detect.tags import box_at_stops
+from boxcal.one_thread import one_thread
 
 KHEPERA = Path(__file__).resolve().parents[2] / "shared" / "data" / "fleet" / "khepera.mcap"
 STAGES = ("read the log", "decode", "measure the stops", "solve", "verdict", "write with report")
@@ -186,13 +187,13 @@ def _decompressed(chunk: Chunk) -> bytes:
     return chunk.data
 
 
+@one_thread()
 def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("logs", nargs="*", type=Path, help="logs in MCAP")
     parser.add_argument("--robots", nargs="+", type=int, default=[], help="sizes of fleets to measure instead")
     parser.add_argument("--repeat", type=int, default=3, help="times that each is measured (3)")
     options = parser.parse_args(argv)
-    cv2.setNumThreads(1)
     with tempfile.TemporaryDirectory() as folder:
         logs = list(options.logs)
         if not logs:

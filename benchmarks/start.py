@@ -3,6 +3,7 @@
 python benchmarks/start.py
 
 Processor time of all processes, and time by the clock, of new interpreters; compiled code goes to a folder of its own.
+Python's bytecode is there from the beginning, as pip writes it when it installs.
 Of ``fleet-calibrate`` on one simulated robot, without and with compiled code: when its first line, the robot's first
 stage and its end come.
 """
@@ -22,6 +23,8 @@ from boxcal.calib.simulate.cli import main as simulate_fleet
 from boxcal.target.cli import main as make_target
 
 FURTHER = "boxcal.calib.likelihood.compiled.compilation"
+INSTALLED = "import boxcal.calib.calibrate, boxcal.calib.cli, boxcal.calib.fleet.batch, numba"
+"""What has bytecode written of all that it imports."""
 STARTS = {
     "Python": "",
     "help of a command": "from boxcal.calib.cli import main\ntry: main(['--help'])\nexcept SystemExit: pass",
@@ -34,11 +37,17 @@ STARTS = {
 }
 
 
+def environment(folder: str, **more: str) -> dict[str, str]:
+    """Return an environment whose compiled code and bytecode are kept in a folder."""
+    kept = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
+    return kept | {"NUMBA_CACHE_DIR": folder, "PYTHONPYCACHEPREFIX": str(Path(folder) / "bytecode")} | more
+
+
 def start(program: str, folder: str) -> tuple[float, float]:
     """Return processor time and time by the clock, s, of an interpreter that runs a program."""
-    environment = os.environ | {"NUMBA_CACHE_DIR": folder, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+    one = environment(folder, OMP_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1")
     before, begun = resource.getrusage(resource.RUSAGE_CHILDREN), time.monotonic()
-    subprocess.run([sys.executable, "-P", "-c", program], env=environment, check=True, stdout=subprocess.DEVNULL)
+    subprocess.run([sys.executable, "-P", "-c", program], env=one, check=True, stdout=subprocess.DEVNULL)
     after, clock = resource.getrusage(resource.RUSAGE_CHILDREN), time.monotonic() - begun
     return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime, clock
 
@@ -46,11 +55,10 @@ def start(program: str, folder: str) -> tuple[float, float]:
 def command(robots: Path, folder: str) -> list[float]:
     """Return the times, s, of a command's first line, its robot's first stage and its end, and its processor time."""
     words = ["fleet-calibrate", str(robots / "r01.mcap"), "--target", str(robots / "box" / "target.json")]
-    environment = os.environ | {"NUMBA_CACHE_DIR": folder}
     before, begun, times = resource.getrusage(resource.RUSAGE_CHILDREN), time.monotonic(), []
     with subprocess.Popen(
         [sys.executable, "-P", "-u", "-m", "boxcal", *words, "--out", str(robots / "out"), "--force"],
-        env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+        env=environment(folder), stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
     ) as process:  # fmt: skip
         for line in process.stdout or ():
             if not times or (len(times) == 1 and "reading" in line):
@@ -70,6 +78,7 @@ def commands() -> None:
         with redirect_stdout(StringIO()):
             make_target([str(robots / "box")])
             simulate_fleet([here, "--robots", "1", "--stops", "20", "--frames", "6", "--moving-frames", "0"])
+        start(INSTALLED, str(robots / "compiled"))
         for name in ("first run", "later", "later again"):
             first, stage, end, used = command(robots, str(robots / "compiled"))
             print(f"| {name} | {first:.2f} | {stage:.2f} | {end:.1f} | {used:.1f} |", flush=True)
@@ -80,6 +89,7 @@ def main() -> None:
     print(f"{os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}")
     print("| start | processor s | by the clock s |\n|---|---|---|")
     with tempfile.TemporaryDirectory() as folder:
+        start(INSTALLED, folder)
         for name, program in STARTS.items():
             used, clock = start(program, folder)
             print(f"| {name} | {used:.2f} | {clock:.1f} |", flush=True)
