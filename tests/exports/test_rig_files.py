@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 import pytest
 import yaml
+from urdf_parser_py import urdf as urdf_reader
 
 from boxcal.calib.exports.files import exports
 from boxcal.calib.geometry.camera_pair import between
@@ -55,24 +56,17 @@ def files(robot: Calibration) -> dict[str, str]:
     return {name: content.decode() for name, content in exports(robot).items()}
 
 
-def _pose(joint: ET.Element) -> np.ndarray:
-    origin = joint.find("origin")
-    assert origin is not None
-    xyz, (r, p, y) = ([float(v) for v in origin.attrib[key].split()] for key in ("xyz", "rpy"))
-    R = exp_so3(np.array([0, 0, y])) @ exp_so3(np.array([0, p, 0])) @ exp_so3(np.array([r, 0, 0]))
-    return rigid(R, np.array(xyz))
-
-
 def test_urdf_has_all_cameras_where_they_sit(robot: Calibration, files: dict[str, str]) -> None:
-    root = ET.fromstring(files["camera.urdf"])
-    joints = {j.find("child").attrib["link"]: j for j in root.iter("joint")}  # type: ignore[union-attr]
-    links = [link.attrib["name"] for link in root.iter("link")]
-    assert len(links) == len(set(links)) == 7
+    read = urdf_reader.URDF.from_xml_string(files["camera.urdf"].encode())
+    joints = {joint.child: joint for joint in read.joints}
+    assert len({link.name for link in read.links}) == len(read.links) == 7
     assert robot.rig is not None
     for number, seen in enumerate(robot.rig.cameras):
-        frame, T = "camera_optical_frame" if number == 0 else seen.frame, np.eye(4)
-        while frame != "base_footprint":
-            T, frame = _pose(joints[frame]) @ T, joints[frame].find("parent").attrib["link"]  # type: ignore[union-attr]
+        link, T = "camera_optical_frame" if number == 0 else seen.frame, np.eye(4)
+        while link != "base_footprint":
+            joint = joints[link]
+            r, p, y = (exp_so3(angle * axis) for angle, axis in zip(joint.origin.rpy, np.eye(3), strict=True))
+            T, link = rigid(y @ p @ r, np.array(joint.origin.xyz)) @ T, joint.parent
         assert np.allclose(T, seen.T_body_cam, atol=1e-9)
 
 

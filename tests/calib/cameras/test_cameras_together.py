@@ -3,6 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from boxcal.calib.diagnosis.catalogue import candidates
 from boxcal.calib.errors import CalibError
 from boxcal.calib.geometry.camera_pair import between, pair_jacobian
 from boxcal.calib.geometry.parameters import ORDER
@@ -12,6 +13,8 @@ from boxcal.calib.likelihood.cameras.estimates import solve_cameras
 from boxcal.calib.likelihood.cameras.row import one_row
 from boxcal.calib.likelihood.cameras.start import beginning
 from boxcal.calib.likelihood.cameras.state import stepped
+from boxcal.calib.likelihood.estimator import reported
+from boxcal.calib.likelihood.rounds import refit
 from tests.calib.cameras.conftest import Rigged
 
 
@@ -120,3 +123,30 @@ def test_stops_of_all_cameras_stand_in_one_row_in_time(front_and_rear: Rigged) -
     assert [tuple(places) for places in row.places] == list(front_and_rear.kept)
     assert len(row.drives[0].stops) == len(front_and_rear.drive.stop_poses)
     assert len(ORDER) == 14
+
+
+def test_cause_in_the_wheels_that_one_camera_shows_is_in_the_solution_of_all(front_and_rear: Rigged) -> None:
+    cause = next(c for c in candidates(front_and_rear.fits[0]) if c.family == "backlash")
+    fits = (refit(front_and_rear.fits[0], [cause]), front_and_rear.fits[1])
+    found = [reported(f, [view], f.options) for f, view in zip(fits, front_and_rear.views, strict=True)]
+    both = solve_cameras(found, fits, [[view] for view in front_and_rear.views])
+    assert not both.apart
+    first, second = both.estimates
+    assert first.b == second.b
+    assert set(cause.names) <= set(first.names)
+    assert not set(cause.names) & set(second.names)
+    for name, value in zip(first.names, first.values, strict=True):  # there is none in this drive
+        if name in cause.names:
+            assert abs(value) < 4 * first.extra_sigma[name]
+
+
+def test_cause_in_the_pictures_keeps_cameras_apart_with_an_upper_bound(stereo: Rigged) -> None:
+    cause = next(c for c in candidates(stereo.fits[0]) if c.family == "camera-knocked")
+    fits = (refit(stereo.fits[0], [cause]), stereo.fits[1])
+    drives = [[view] for view in stereo.views]
+    alone, together = solve_cameras(stereo.found, fits, drives), solve_cameras(stereo.found, stereo.fits, drives)
+    assert "something happened to a camera" in alone.apart
+    assert [e.b for e in alone.estimates] == [found.b for found in stereo.found]
+    J = pair_jacobian(*(e.T_body_cam for e in together.estimates))
+    bound, sigma = (np.diag(J @ c.mountings @ J.T) for c in (alone, together))
+    assert np.all(bound > sigma)
