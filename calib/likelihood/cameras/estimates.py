@@ -122,7 +122,7 @@ def _reported(
         v[part.columns[TRANSLATION]] = camera.T_body_cam[:3, 3] * size
     for part, own, alone in zip(robot.parts, found, fits, strict=True):
         at = part.columns
-        more[np.ix_(at, at)] += _besides(own, alone, len(at), v[at])
+        more[np.ix_(at, at)] += _besides(own, alone, cov[np.ix_(at, at)], v[at])
     cov = cov * np.outer(factor, factor) + np.outer(v, v) + more
     mounted = np.concatenate([part.columns[MOUNTING] for part in robot.parts])
     estimates = tuple(_estimate(own, fit, c, cov) for c, own in enumerate(found))
@@ -139,15 +139,37 @@ def _reported(
     )
 
 
-def _besides(own: Estimate, alone: Fit, count: int, v: Array) -> Array:
-    """Return what a camera's own covariance (count, count) has besides the likelihood's and the ruler's: doubts."""
+def _besides(own: Estimate, alone: Fit, together: Array, v: Array) -> Array:
+    """Return what a camera's covariance has besides the likelihood's and the ruler's: doubts, (n_c, n_c).
+
+    A doubt widens what the camera by itself says of its unknowns; as much, in proportion, it widens what all cameras
+    say of them (``together``, the likelihood's): of wheels that others tell well, a camera's few stops cast little.
+    """
+    count = len(together)
     likelihood = reported_cov(alone.cov, alone.state, np.zeros(len(alone.cov), dtype=np.bool_))
     likelihood[:COUNT, :COUNT] *= np.outer(own.jackknife.inflation, own.jackknife.inflation)
-    rest = own.cov_all[:count, :count] - likelihood[:count, :count] - np.outer(v, v)
-    if not np.all(np.isfinite(rest)):  # what one camera leaves open, all together may determine
+    likelihood = likelihood[:count, :count]
+    rest = own.cov_all[:count, :count] - likelihood - np.outer(v, v)
+    sigma = np.sqrt(np.diag(likelihood))
+    if not (np.all(np.isfinite(rest)) and np.all(sigma > 0)):  # what one camera leaves open, all may determine
         return np.zeros((count, count))
-    values, vectors = np.linalg.eigh(rest)
-    return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T)
+    values, vectors = np.linalg.eigh(likelihood / np.outer(sigma, sigma))
+    root = sigma[:, None] * vectors * np.sqrt(np.maximum(values, _LEAST))
+    white = (vectors / np.sqrt(np.maximum(values, _LEAST))).T / sigma
+    less = _root(white @ together @ white.T)
+    doubt, axes = np.linalg.eigh(white @ rest @ white.T)
+    widened = root @ less @ axes * np.sqrt(np.maximum(doubt, 0.0))
+    return np.asarray(widened @ widened.T)
+
+
+_LEAST = 1e-10
+"""Eigenvalues of correlations below this are rounding."""
+
+
+def _root(matrix: Array) -> Array:
+    """Return the symmetric root of a covariance."""
+    values, vectors = np.linalg.eigh(matrix)
+    return np.asarray((vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T)
 
 
 def _estimate(own: Estimate, fit: RobotFit, number: int, cov: Array) -> Estimate:

@@ -91,7 +91,7 @@ def solved(robot: Together, start: RobotState, levels: Levels, legs: Array, opti
         own = replace(part.problem, drive=robot.problem.drive)
         cov = cov + systematic_covariance(
             own,
-            found.of(number),
+            here.of(number),
             levels.of(number),
             Weights(corners=part.corners, legs=legs),
             profile.solution.at(profile.best),

@@ -6,11 +6,13 @@ import pytest
 from boxcal.calib.diagnosis.catalogue import candidates
 from boxcal.calib.errors import CalibError
 from boxcal.calib.geometry.camera_pair import between, pair_jacobian
-from boxcal.calib.geometry.parameters import ORDER
+from boxcal.calib.geometry.parameters import ORDER, WHEELS
 from boxcal.calib.geometry.so3_se3 import exp_so3, log_so3, rigid
 from boxcal.calib.likelihood.cameras.equations import about
 from boxcal.calib.likelihood.cameras.estimates import solve_cameras
+from boxcal.calib.likelihood.cameras.maximise import maximised
 from boxcal.calib.likelihood.cameras.row import one_row
+from boxcal.calib.likelihood.cameras.solve import solved
 from boxcal.calib.likelihood.cameras.start import beginning
 from boxcal.calib.likelihood.cameras.state import stepped
 from boxcal.calib.likelihood.estimator import reported
@@ -150,3 +152,27 @@ def test_cause_in_the_pictures_keeps_cameras_apart_with_an_upper_bound(stereo: R
     J = pair_jacobian(*(e.T_body_cam for e in together.estimates))
     bound, sigma = (np.diag(J @ c.mountings @ J.T) for c in (alone, together))
     assert np.all(bound > sigma)
+
+
+def test_smooth_errors_of_one_camera_are_considered_as_they_move_the_answer(front_and_rear: Rigged) -> None:
+    share, start = 0.08, beginning(front_and_rear.fits, [[view] for view in front_and_rear.views])
+    options = front_and_rear.fits[0].options
+    with_them, without = (
+        solved(start.robot, start.state, start.levels, start.legs, replace(options, systematic_share=s))
+        for s in (share, 0.0)
+    )
+    considered = np.diag(with_them.cov - without.cov)[WHEELS]
+    found = np.zeros(3)
+    base = maximised(without.robot, without.found.state, without.levels, without.legs)
+    for number, part in enumerate(without.robot.parts):
+        size = share * without.levels.scales[number] * part.problem.sigma_px
+        centred = part.problem.uv_px - part.problem.uv_px.mean(axis=0)
+        x, y = (centred / np.abs(centred).max()).T
+        for axis, field in ((0, x), (0, x**3), (0, x * y**2), (1, y), (1, y**3), (1, x**2 * y)):
+            uv = part.problem.uv_px.copy()
+            uv[:, axis] += size * field / np.sqrt(np.mean(field**2))
+            parts = list(without.robot.parts)
+            parts[number] = replace(part, problem=replace(part.problem, uv_px=uv))
+            moved = maximised(replace(without.robot, parts=tuple(parts)), base.state, without.levels, without.legs)
+            found += np.square(moved.state.body.wheels - base.state.body.wheels)
+    assert np.allclose(np.sqrt(considered), np.sqrt(found), rtol=0.1)
