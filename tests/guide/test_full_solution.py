@@ -1,5 +1,7 @@
 """The full calibration beside the drive: its verdict, and a solver that fails, ends or takes too long."""
 
+import subprocess
+import sys
 from concurrent.futures import Future
 from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
@@ -70,6 +72,34 @@ def test_what_is_written_ends_what_is_judged_and_is_told_once(tmp_path: Path) ->
     assert full.collect()
     assert full.written == {"level": "usable", "stops": 4}
     assert not full.collect()
+
+
+_KILLED = """
+import multiprocessing, os, signal
+from boxcal.calib.guide.estimate.solver import Solver
+from boxcal.target.box import make_target
+if __name__ == "__main__":
+    solver = Solver("r01", make_target())
+    solver.get_ready()
+    solver._pool.submit(os.getpid).result(60)
+    print(*[p.pid for p in multiprocessing.active_children()], flush=True)
+    os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+def test_a_guide_that_is_killed_leaves_no_process_behind(tmp_path: Path) -> None:
+    script = tmp_path / "killed.py"
+    script.write_text(_KILLED)
+    done = subprocess.run([sys.executable, str(script)], capture_output=True, text=True, check=False, timeout=120)
+    (pid,) = map(int, done.stdout.split())
+
+    def gone() -> bool:
+        try:
+            return Path(f"/proc/{pid}/stat").read_text().split()[2] == "Z"
+        except FileNotFoundError:
+            return True
+
+    until(gone, 20)
 
 
 def test_a_process_that_was_ended_from_outside_is_started_again() -> None:

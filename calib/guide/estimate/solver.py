@@ -2,6 +2,8 @@
 
 import importlib
 import multiprocessing
+import os
+import threading
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import replace
@@ -65,8 +67,22 @@ class Solver:
     def _pool_there(self) -> ProcessPoolExecutor:
         if self._pool is None:
             self._others = set(multiprocessing.active_children())
-            self._pool = ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn"))
+            self._pool = ProcessPoolExecutor(
+                1, mp_context=multiprocessing.get_context("spawn"), initializer=end_with_guide
+            )
         return self._pool
+
+
+def end_with_guide() -> None:
+    """Let this process end when the guide does, also if that is killed."""
+    threading.Thread(target=_wait_for_guide, name="guide", daemon=True).start()
+
+
+def _wait_for_guide() -> None:
+    guide = multiprocessing.parent_process()
+    if guide is not None:
+        guide.join()
+        os._exit(1)
 
 
 def _load() -> None:
