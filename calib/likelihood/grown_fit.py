@@ -15,12 +15,12 @@ from boxcal.calib.geometry.so3_se3 import inverse
 from boxcal.calib.likelihood.corner_floor import with_floor
 from boxcal.calib.likelihood.estimator import step_of
 from boxcal.calib.likelihood.fit import Fit
-from boxcal.calib.likelihood.levenberg_marquardt import Weights, linearize, maximise, moved, picture_equations
+from boxcal.calib.likelihood.levenberg_marquardt import Weights, linearize, maximise
 from boxcal.calib.likelihood.outliers import flag_corners, flag_legs, leg_tests
 from boxcal.calib.likelihood.problem import Problem, build_problem
+from boxcal.calib.likelihood.rounds import averaged_over_slip
 from boxcal.calib.likelihood.slip_profile import fixed_profile
 from boxcal.calib.likelihood.state import State
-from boxcal.calib.likelihood.systematic_errors import systematic_covariance
 from boxcal.detect.correspondences import Correspondences
 from boxcal.target.arrays import Array, Ids
 from boxcal.target.camera.camera_model import CameraModel
@@ -128,16 +128,12 @@ def _solved(known: Fit, problem: Problem, state: State, weights: Weights) -> Fit
         steps += more
         profile = fixed_profile(problem, at, components, weights)
         tests = leg_tests(problem, at, weights, profile)
-    d_shared, d_stops, d_local, cov = profile.averaged()
-    at = linearize(problem, moved(problem, at.state, components, (d_shared, d_stops, d_local)), weights)
-    best = profile.solution.at(profile.best)
-    systematic = systematic_covariance(problem, at, components, weights, best, share=options.systematic_share)
-    _, squares = picture_equations(problem, at, components)
+    at, cov, squares = averaged_over_slip(problem, at, components, weights, profile, share=options.systematic_share)
     return replace(
         known,
         problem=problem,
         at=at,
-        cov=cov + systematic,
+        cov=cov,
         profile=profile,
         weights=weights,
         tests=tests,

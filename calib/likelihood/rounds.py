@@ -143,11 +143,15 @@ def averaged_over_slip(
     *,
     share: float,
 ) -> tuple[Linearization, Array, float]:
-    """Return the likelihood at the mean over slip, the covariance (n, n), and the sum of squares of the pictures."""
+    """Return the likelihood at the mean over slip, the covariance (n, n), and the sum of squares of the pictures.
+
+    What smooth errors do is nearly all taken up by the poses of stops: it comes out right only with the linearization
+    that the profile's solutions are of.
+    """
     d_shared, d_stops, d_local, cov = profile.averaged()
-    at = linearize(problem, moved(problem, at.state, components, (d_shared, d_stops, d_local)), weights)
     best = profile.solution.at(profile.best)
     cov = cov + systematic_covariance(problem, at, components, weights, best, share=share)
+    at = linearize(problem, moved(problem, at.state, components, (d_shared, d_stops, d_local)), weights)
     return at, cov, picture_equations(problem, at, components)[1]
 
 

@@ -49,6 +49,30 @@ def found() -> Estimate:
     return estimate([drive(31, 5)[0]])
 
 
+@pytest.mark.parametrize("stops", [4, 8])
+def test_smooth_errors_of_corners_are_considered_as_they_move_the_answer(stops: int) -> None:
+    """The poses of stops take up nearly all of them: what is left is small, and wrong if that is not exact."""
+    share, (data, _) = 0.08, drive(5, stops)
+    options = EstimateOptions(slip=3e-4, noise_scale=1.0, rigid_floor=True, find_faults=False, systematic_share=0.0)
+    base, considered = fit([data], None, options), fit([data], None, replace(options, systematic_share=share))
+    uv_px = np.concatenate([stop.uv_px for stop in data.stops])
+    x, y = ((uv_px - uv_px.mean(axis=0)) / np.abs(uv_px - uv_px.mean(axis=0)).max()).T
+    found = np.zeros(14)
+    for axis, field in ((0, x), (0, x**3), (0, x * y**2), (1, y), (1, y**3), (1, x**2 * y)):
+        shift = np.zeros_like(uv_px)
+        shift[:, axis] = share * base.problem.sigma_px * field / np.sqrt(np.mean(field**2))
+        ends = np.cumsum([len(stop.uv_px) for stop in data.stops])[:-1]
+        parts = np.split(shift, ends)
+        stops_now = tuple(replace(s, uv_px=s.uv_px + d) for s, d in zip(data.stops, parts, strict=True))
+        moved = fit([replace(data, stops=stops_now)], None, options).state
+        turned = log_so3(base.state.T_body_cam[:3, :3].T @ moved.T_body_cam[:3, :3])
+        shifted = base.state.T_body_cam[:3, :3].T @ (moved.T_body_cam[:3, 3] - base.state.T_body_cam[:3, 3])
+        lens, wheels = moved.lens[:5] - base.state.lens[:5], moved.wheels - base.state.wheels
+        found += np.concatenate([lens, wheels, turned, shifted]) ** 2
+    added = np.diag(considered.cov - base.cov)[:14]
+    np.testing.assert_allclose(np.sqrt(added), np.sqrt(found), rtol=0.2)
+
+
 def sampled_pixels(found: Estimate, uv_px: Array, distance: float, draws: int) -> Array:
     """Variances (u plus v) of where points that look at these pixels appear, from calibrations drawn from ``cov_all``.
 
