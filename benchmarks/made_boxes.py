@@ -2,9 +2,10 @@
 
 A drive with a perfect box cannot tell how high its sheets are glued, so tz is as sure as hand-made boxes are alike, and
 errors of robots around a perfect box lie far inside the sigmas. Here prints, sheets, faces and bows are drawn from the
-priors (:data:`boxcal.calib.likelihood.target_deformation.HAND_MADE`), as is the tilt of the floor; corners err by white
-noise; what else is not exact stands in :mod:`boxcal.calib.simulate.imperfections`. Printed: root mean square of errors
-over sigmas (1 in the ideal), and how often a 95 % interval holds the truth; beside it the same around perfect boxes.
+priors (:data:`boxcal.calib.likelihood.target_deformation.HAND_MADE`), as are the tilt of the floor and the size of the
+box as a whole, which no picture tells; corners err by white noise; what else is not exact stands in
+:mod:`boxcal.calib.simulate.imperfections`. Printed: root mean square of errors over sigmas (1 in the ideal), and how
+often a 95 % interval holds the truth; beside it the same around perfect boxes.
 
     python benchmarks/made_boxes.py --quick
 """
@@ -70,15 +71,19 @@ def one(kind: str, seed: int, run: int) -> dict[str, object]:
     options = DriveOptions(stops=STOPS, steps_per_sample=4)
     seen = imperfect_drive(robot, TARGET, options, faults, np.random.default_rng([seed, run, 1])).seen
     found, _ = estimate_explained([seen], None, EstimateOptions(target=TARGET, lens=None, systematic_share=0.0))
-    return {"z": errors_in_sigmas(found, robot).tolist(), "causes": [finding.cause for finding in found.findings]}
+    size = 1 + found.scale_sigma * rng.standard_normal() if kind == "made" else 1.0
+    return {"z": errors_in_sigmas(found, robot, size).tolist(), "causes": [finding.cause for finding in found.findings]}
 
 
-def errors_in_sigmas(found: Estimate, robot: Robot) -> Array:
-    """Return errors over sigmas, (14,) in the reported order; lengths' with what the print's size adds to them."""
+def errors_in_sigmas(found: Estimate, robot: Robot, size: float) -> Array:
+    """Return errors over sigmas, (14,) in the reported order; lengths' with what the size of the box adds to them.
+
+    A world larger by a factor gives the same pictures and wheel angles: ``size`` is that of box and robot together.
+    """
     camera = [getattr(found.camera, n) - getattr(robot.camera, n) for n in ORDER[:5]]
-    wheels = [getattr(found, n) - getattr(robot, n) for n in ORDER[5:8]]
+    wheels = [getattr(found, n) - size * getattr(robot, n) for n in ORDER[5:8]]
     turned = log_so3(robot.T_body_cam[:3, :3].T @ found.T_body_cam[:3, :3])
-    shifted = found.T_body_cam[:3, 3] - robot.T_body_cam[:3, 3]
+    shifted = found.T_body_cam[:3, 3] - size * robot.T_body_cam[:3, 3]
     lengths = np.array([0.0] * 5 + [found.rR, found.rL, found.b] + [0.0] * 3 + found.T_body_cam[:3, 3].tolist())
     sigma = np.hypot([found.sigma[n] for n in ORDER], found.scale_sigma * lengths)
     return np.asarray(np.array([*camera, *wheels, *turned, *shifted]) / sigma)
@@ -97,7 +102,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     print(f"{runs} robots, {STOPS} stops; rms of errors over sigmas, and share inside 95 % intervals")
     print(f"{'box':10}" + "".join(f"{name:>18}" for name in GROUPS))
     for kind in ("made", "perfect"):
-        key = (kind, arguments.seed)
+        key = (kind, "sized", arguments.seed)
         found = [kept.outcome((*key, run), lambda r=run, k=kind: one(k, arguments.seed, r)) for run in range(runs)]
         z = np.array([outcome["z"] for outcome in found])
         text = ""
