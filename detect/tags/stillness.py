@@ -31,6 +31,8 @@ BANDS, MOST_BANDING = 8, 0.02
 """Lamps flicker in horizontal bands of a rolling shutter: bands compared, and their largest deviation in gain."""
 _SMOOTH = np.array([0.125, 0.25, 0.125], dtype=np.float32)
 _ROUNDS = 2
+_MAD = 1.4826
+"""Standard deviation of normal noise over its median absolute deviation."""
 _TUKEY = 4.685
 """Tukey's constant: 95 % of the efficiency of least squares under normal noise."""
 
@@ -97,8 +99,7 @@ def compare_frames(frames: Sequence[DeepGrey], mean: NDArray[np.float32]) -> Sti
     values = np.stack([frame.ravel()[at] for frame in frames]).astype(np.float64)
     reference = np.median(values, axis=0)
     coefficients, residuals, motion_sigma = _fits(values, reference, gradient)
-    spread = 1.4826 * np.median(np.abs(residuals), axis=1)
-    noise = max(float(np.median(spread)), _LEAST_NOISE * scale)
+    noise = max(_frame_noise(residuals), _LEAST_NOISE * scale)
     motion = coefficients[:, 2:] - np.median(coefficients[:, 2:], axis=0)
     motion_sigma = motion_sigma * noise
     size = np.linalg.norm(motion, axis=1)
@@ -123,6 +124,20 @@ def compare_frames(frames: Sequence[DeepGrey], mean: NDArray[np.float32]) -> Sti
         settled=settled,
         displacement_px2=_displacement(motion[kept], motion_sigma[kept], settled=settled),
     )
+
+
+def _frame_noise(residuals: Array) -> float:
+    """Return the standard deviation of a pixel's noise in one frame by robust differences of frames; residuals (N, P).
+
+    Not by differences from the median frame: of three frames each is the median in a third of the pixels. Each is
+    compared with those before and after it, of which the more alike counts; copies of one picture tell nothing.
+    """
+    apart = np.abs(residuals - np.roll(residuals, 1, axis=0))
+    pair = _MAD * np.median(apart, axis=1) / np.sqrt(2)
+    pair[~apart.any(axis=1)] = np.inf
+    beside = np.minimum(pair, np.roll(pair, -1))
+    told = beside[np.isfinite(beside)]
+    return float(np.median(told)) if told.size else 0.0
 
 
 def _displacement(motion_px: Array, sigma_px: Array, *, settled: bool) -> Array:
@@ -170,7 +185,7 @@ def _fits(values: Array, reference: Array, gradient: Array) -> tuple[Array, Arra
         normal = (weight @ products).reshape(-1, 4, 4) + least
         x = np.linalg.solve(normal, ((weight * y) @ A)[:, :, None])[:, :, 0]
         r = y - x @ A.T
-        width = _TUKEY * np.maximum(1.4826 * np.median(np.abs(r), axis=1, keepdims=True), 1e-3)
+        width = _TUKEY * max(_frame_noise(r), 1e-3)
         weight = np.maximum(1 - (r / width) ** 2, 0) ** 2
     return x, r, np.sqrt(np.diagonal(np.linalg.inv(normal), axis1=1, axis2=2)[:, 2:])
 
@@ -196,4 +211,4 @@ def _temporal_noise(residuals: Array, n: int) -> float:
     if n < 2:
         return float("nan")
     apart = residuals - residuals.mean(axis=0)
-    return float(1.4826 * np.median(np.abs(apart)) * np.sqrt(n / (n - 1)))
+    return float(_MAD * np.median(np.abs(apart)) * np.sqrt(n / (n - 1)))

@@ -10,6 +10,7 @@ from small_views import TARGET, T_cam_box, true_landmarks, view
 
 from boxcal.detect.tags.averaging import combine, covariances
 from boxcal.detect.tags.detections import TagSettings, find_tags
+from boxcal.detect.tags.stillness import compare_frames
 from boxcal.detect.tags.stop_measurement import measure_stop
 
 ANGLE = 30.0
@@ -57,6 +58,31 @@ def test_a_frame_that_a_hand_covers_is_left_out_and_said() -> None:
     found = measure_stop(frames, TARGET)
     assert found.left_out == "1 changed in part (covered?)"
     assert np.array_equal(found.corners.landmark_ids, measure_stop(_frames(5), TARGET).corners.landmark_ids)
+
+
+def _as_jpeg(frame: Frame) -> Frame:
+    coded = cv2.imencode(".jpg", frame, [cv2.IMWRITE_JPEG_QUALITY, 90])[1]
+    return np.asarray(cv2.imdecode(coded, cv2.IMREAD_GRAYSCALE), dtype=np.uint8)
+
+
+@pytest.mark.parametrize("noise", [1.0, 1.5, 3.0])
+@pytest.mark.parametrize("count", [2, 3, 4, 5])
+def test_few_frames_of_a_still_picture_show_one(count: int, noise: float) -> None:
+    """Of three frames each is the median in a third of the pixels: differences from it say too little of the noise."""
+    for first in range(4):
+        frames = [_as_jpeg(view(ANGLE, noise=noise, seed=10 * first + k)) for k in range(count)]
+        still = compare_frames(frames, np.mean(frames, axis=0, dtype=np.float32))
+        assert still.settled
+        assert still.kept.all()
+
+
+def test_one_of_three_frames_that_is_mostly_covered_is_left_out() -> None:
+    frames = _frames(3)
+    frames[1] = frames[1].copy()
+    frames[1][:, : int(0.6 * frames[1].shape[1])] = 150
+    still = compare_frames(frames, np.mean(frames, axis=0, dtype=np.float32))
+    assert still.kept.tolist() == [True, False, True]
+    assert still.settled
 
 
 def test_a_frame_in_bands_of_flicker_is_left_out_and_said() -> None:
