@@ -67,6 +67,7 @@ class Session:
         self._camera = self.link.chosen
         self._pending: deque[LiveMessage] = deque()
         self._pending_bytes = 0
+        self._heard_ns = self._updated_ns = 0
 
     def request(self, what: str, which: str = "") -> None:
         """Ask for something from the page: ``calibrate``, ``again`` (a new drive), or a ``camera`` by its topic."""
@@ -93,8 +94,9 @@ class Session:
             if not self.progress.drive.is_behind:
                 self._hear()
             now = time.monotonic()
-            if now >= next_tick or self._pending:
+            if now >= next_tick or self._pending or abs(self._heard_ns - self._updated_ns) > _SPAN_NS:
                 self.progress.drive.update()
+                self._updated_ns = self._heard_ns
                 spent = time.monotonic() - now
                 next_tick = now + max(_TICK_S, _TICK_SHARE * spent)
             self.tasks.collect()
@@ -142,6 +144,7 @@ class Session:
         while self._pending and abs(self._pending[0].log_ns - (messages or self._pending)[0].log_ns) <= _SPAN_NS:
             messages.append(self._pending.popleft())
         self._pending_bytes -= sum(m.size for m in messages)
+        self._heard_ns = messages[-1].log_ns if messages else self._heard_ns
         try:
             self.progress.drive.take(messages)
         except DetectError as error:

@@ -123,6 +123,19 @@ def test_a_drive_leads_to_bars_next_stops_a_verdict_and_a_report(log: Path, star
     assert len(list((tmp_path / "recordings").iterdir())) == 1, "what was recorded is kept"
 
 
+def test_a_drive_that_is_heard_faster_than_time_misses_no_stop(
+    log: Path, start: Started, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("boxcal.calib.guide.session._TICK_S", 1e9)  # as if no time passed
+    running = start()
+    until(lambda: running.state and not running.session.compiling, 400)
+    for message in messages(log):
+        running.put([message])
+        while running.link.inbox.waiting:
+            threading.Event().wait(0.0002)
+    until(lambda: running.state.get("stops") == 5, 60)
+
+
 def _is_what_the_recording_gives(live: Path, recorded: Path, out: Path) -> None:
     """The recording, still open, calibrated with the defaults gives the same."""
     out.mkdir()
@@ -141,7 +154,9 @@ def test_pictures_of_another_camera_never_enter_a_drive(start: Started, tmp_path
     running.link.offer([WHEELS, CAMERA, rear])
     running.link.choose_camera(CAMERA.topic)
     running.link.offer([WHEELS, CAMERA, rear])
+    before = running.session.progress
     running.session.request("again")
+    until(lambda: running.session.progress is not before)  # else what comes now may be of the drive before
     running.put(_still(0, 10))
     until(lambda: running.session.progress.drive.wheels.heard)
     first = running.session.progress
