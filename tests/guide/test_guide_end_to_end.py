@@ -174,8 +174,8 @@ def test_following_the_page_alone_leads_to_a_good_calibration(
     assert live["stops"] == later["stops"] >= len(after)
     assert live["verdict"] == later["verdict"] == "good"
     assert not list((tmp_path / "recordings").glob(".*")), "the copy that was calibrated is gone"
-    for name, value in later["wheels"].items():
-        assert live["wheels"][name] == pytest.approx(value, abs=0.2 * later["sigma"].get(name, value * 1e-4))
+    for name, value in later["wheels"].items():  # the recording went on: frames on the move may differ
+        assert live["wheels"][name] == pytest.approx(value, rel=3e-3)
 
 
 @pytest.mark.slow
