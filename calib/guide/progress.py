@@ -32,7 +32,7 @@ class Progress:
         self.running = RunningEstimate(options.target)
         self.outlook = Outlook()
         self.full = FullSolution(solver)
-        self.problems = dict.fromkeys(("recording", "messages", "stop", "estimate", "plan"), "")
+        self.problems = dict.fromkeys(("recording", "messages", "stop", "estimate", "plan", "copy"), "")
         self.wants = {"advise": True, "solve": False, "judge": False, "calibrate": False}
 
     @property

@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+import tempfile
 from concurrent.futures import Future
 from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
@@ -13,8 +14,10 @@ from live_messages import until
 
 from boxcal.calib.errors import CalibError
 from boxcal.calib.guide.estimate import full_solution
-from boxcal.calib.guide.estimate.full_solution import FullSolution
+from boxcal.calib.guide.estimate.full_solution import Copy, FullSolution
 from boxcal.calib.guide.estimate.solver import Solver
+from boxcal.calib.settings import Job
+from boxcal.detect.correspondences import Correspondences
 
 DRIVE = seen(4)
 
@@ -26,8 +29,10 @@ class _Scripted(Solver):
         super().__init__("r01", TARGET)
         self.answer: Future[dict[str, Any]] = Future()
         self.ended = 0
+        self.asked: list[tuple[Job, Correspondences, bool]] = []
 
-    def _submit(self, *_: object, **__: object) -> "Future[dict[str, Any]]":
+    def _submit(self, job: Job, drive: Correspondences, *, recorded: bool = False) -> "Future[dict[str, Any]]":
+        self.asked.append((job, drive, recorded))
         self.answer = Future()
         return self.answer
 
@@ -65,13 +70,28 @@ def test_what_is_written_ends_what_is_judged_and_is_told_once(tmp_path: Path) ->
     solver = _Scripted()
     full = FullSolution(solver)
     full.judge(DRIVE)
-    full.write(DRIVE, tmp_path, Path("r01.mcap"), "guide")
+    full.write(DRIVE, tmp_path, Path("r01.mcap"), "guide", "the disk is full")
     assert solver.ended == 1
     assert full.is_writing
     solver.answer.set_result({"level": "usable"})
     assert full.collect()
     assert full.written == {"level": "usable", "stops": 4}
     assert not full.collect()
+
+
+def test_results_that_are_not_made_from_the_recording_say_so_and_why(tmp_path: Path) -> None:
+    solver = _Scripted()
+    full = FullSolution(solver)
+    folder = tempfile.TemporaryDirectory(dir=tmp_path)
+    full.write(DRIVE, tmp_path, Path("r01.mcap"), "guide", Copy(Path(folder.name) / "r01.mcap", folder))
+    job, drive, recorded = solver.asked[-1]
+    assert (job.logs[0].parent, recorded, drive) == (Path(folder.name), True, DRIVE)
+    full.write(DRIVE, tmp_path, Path("r01.mcap"), "guide", "the disk is full")
+    assert not Path(folder.name).exists(), "the copy that is not read any more is gone"
+    job, drive, recorded = solver.asked[-1]
+    assert (job.logs, recorded) == ((Path("r01.mcap"),), False)
+    assert drive.source.notes[-1].endswith("not from the recording: the disk is full")
+    assert drive.stops == DRIVE.stops
 
 
 _KILLED = """

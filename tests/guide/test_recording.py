@@ -13,6 +13,8 @@ import pytest
 from live_messages import CAMERA, T0, WHEELS, heard, until, wheels
 from mcap.reader import make_reader
 
+from boxcal.calib.errors import CalibError
+from boxcal.calib.guide.recording import recorder as recording
 from boxcal.calib.guide.recording.chunked_file import ChunkedFile
 from boxcal.calib.guide.recording.recorder import Recorder
 from boxcal.detect.log.containers.base import Damage
@@ -162,6 +164,35 @@ def test_pictures_are_dropped_when_the_disk_cannot_follow(tmp_path: Path, monkey
     assert recorder.lost == others.count(False)
     monkeypatch.undo()
     recorder.close()
+
+
+def test_a_copy_of_a_recording_that_misses_messages_is_refused_and_says_why(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    recorder = Recorder(tmp_path / "r.mcap")
+    recorder.keep(heard(WHEELS, T0, b"x"))
+    (tmp_path / "copies").mkdir()
+    assert _read(recorder.copy(tmp_path / "copies")) == ([T0], Damage())
+
+    def full(_: bytes) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(recorder._file, "_append", full)
+    recorder.keep(heard(WHEELS, T0 + 1, b"y"))
+    with pytest.raises(CalibError, match="No space left on device"):
+        recorder.copy(tmp_path / "copies")
+    assert recorder.lost == 1
+    monkeypatch.undo()
+    monkeypatch.setattr(recording, "TRY_AGAIN_S", 0.0)
+    recorder._blocked_until = 0.0
+    recorder.keep(heard(WHEELS, T0 + 2, b"z"))
+    with pytest.raises(CalibError, match="1 message of the drive could not be recorded"):
+        recorder.copy(tmp_path / "copies")
+    with pytest.raises(CalibError, match="could not be copied"):
+        recorder.copy(tmp_path / "nowhere")
+    recorder.close()
+    with pytest.raises(CalibError, match="was not copied within 0 s"):  # its thread has ended
+        recorder.copy(tmp_path / "copies", patience_s=0.01)
 
 
 def test_a_recorder_says_what_it_has_written(tmp_path: Path) -> None:

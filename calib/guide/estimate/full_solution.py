@@ -4,6 +4,7 @@ import tempfile
 import time
 from concurrent.futures import CancelledError, Future
 from concurrent.futures.process import BrokenProcessPool
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -62,7 +63,7 @@ class FullSolution:
         """Begin to solve a drive for its verdict; only while idle."""
         self._begin(self._solver.judge(drive), drive, writes=False)
 
-    def write(self, drive: Correspondences, out: Path, log: Path, command: str, copy: Copy | None = None) -> None:
+    def write(self, drive: Correspondences, out: Path, log: Path, command: str, copy: Copy | str) -> None:
         """Begin to solve a drive and to write its results; one that is under way is given up.
 
         Parameters
@@ -74,13 +75,18 @@ class FullSolution:
         log
             The recording.
         copy
-            A finished copy of it, which the results are made from if there is one: then they are those of the
-            recording; removed when it has been read.
+            A finished copy of it, which the results are made from: then they are those of the recording; removed when
+            it has been read. Or a sentence about why there is none: then they are made from what was measured on the
+            way, and say so.
         """
         self.give_up()
-        self.written, self._copy = {}, copy
-        log, recorded = (log, False) if copy is None else (copy.path, True)
-        self._begin(self._solver.write(drive, out, log, command, recorded=recorded), drive, writes=True)
+        self.written = {}
+        if isinstance(copy, Copy):
+            self._copy, log = copy, copy.path
+        else:
+            said = "calibrated from the stops measured on the way, without frames on the move, not from the recording"
+            drive = replace(drive, source=replace(drive.source, notes=(*drive.source.notes, f"{said}: {copy}")))
+        self._begin(self._solver.write(drive, out, log, command, recorded=isinstance(copy, Copy)), drive, writes=True)
 
     def give_up(self) -> None:
         """End what is under way."""

@@ -132,8 +132,7 @@ class ChunkedFile:
             self._file.close()
 
     def finished_copy(self, path: Path) -> None:
-        """Write what is kept, and all that was written so far to another file, finished (OSError if it cannot be)."""
-        self.flush()
+        """Write all that was flushed so far to another file, finished (OSError if it cannot be)."""
         shutil.copyfile(self.path, path)
         with path.open("ab") as copy:
             copy.write(self._end())

@@ -8,6 +8,7 @@ from concurrent.futures import Future
 from pathlib import Path
 from typing import NamedTuple
 
+from boxcal.calib.errors import CalibError
 from boxcal.calib.guide.recording.chunked_file import ChunkedFile
 from boxcal.calib.guide.sources.inbox import LiveMessage
 
@@ -89,15 +90,26 @@ class Recorder:
         self._queue.put(message)
         return True
 
-    def copy(self, folder: Path, patience_s: float = 20.0) -> Path | None:
-        """Return a finished copy of all that was kept until now, in a folder; None if some of it could not be kept."""
+    def copy(self, folder: Path, patience_s: float = 20.0) -> Path:
+        """Return a finished copy of all that was kept until now, in a folder.
+
+        Raises
+        ------
+        CalibError
+            If some of what was heard could not be kept, or the copy cannot be written, or not within that time.
+        """
         asked = _Copy(folder / self.path.name, Future())
         self._queue.put(asked)
         try:
             asked.done.result(patience_s)
-        except (OSError, TimeoutError):
-            return None
-        return None if self.lost or self.problem else asked.path
+        except TimeoutError:
+            raise CalibError(f"its recording was not copied within {patience_s:.0f} s") from None
+        except OSError as error:
+            raise CalibError(f"its recording could not be copied ({error.strerror or error})") from error
+        if self.lost or self.problem:
+            lost = f"{self.lost} message{'s' if self.lost > 1 else ''} of the drive could not be recorded"
+            raise CalibError(self.problem or lost)
+        return asked.path
 
     def close(self) -> None:
         """Write all that is kept and finish the file."""
@@ -126,6 +138,7 @@ class Recorder:
                 next_flush = time.monotonic() + EVERY_S
 
     def _copied(self, asked: "_Copy") -> None:
+        self._flush()
         try:
             self._file.finished_copy(asked.path)
         except OSError as error:

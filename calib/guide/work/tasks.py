@@ -220,9 +220,10 @@ class Tasks:
             self.said.append(f"stop {count} taken: {corners.tags} tags in {corners.frames} pictures")
         self.progress.wants.update(advise=True, solve=True, judge=count >= _JUDGED_FROM)
 
-    def _finish(self, drive: Correspondences | None, recorder: Recorder | None, copy: Copy | None) -> None:
+    def _finish(self, drive: Correspondences | None, recorder: Recorder | None, copy: Copy | str) -> None:
         """Begin the calibration that is written: of the recording, or of what was measured if not all was recorded."""
         now = self.progress
+        now.problems["copy"] = "" if isinstance(copy, Copy) else f"frames on the move are not used: {copy}"
         if drive is None:
             nothing = "nothing to calibrate from yet: let the robot drive, and stand still before the box"
             now.full.failed = now.problems["stop"] or nothing
@@ -231,16 +232,16 @@ class Tasks:
         now.full.write(drive, now.options.out, log, now.options.command, copy)
 
 
-def _copy_of(recorder: Recorder | None) -> Copy | None:
-    """Return a finished copy of the recording so far; None if there is none, or not of all that was heard."""
+def _copy_of(recorder: Recorder | None) -> Copy | str:
+    """Return a finished copy of the recording so far; or why there is none, or not of all that was heard."""
     if recorder is None:
-        return None
+        return "the drive is not recorded"
     try:
         folder = tempfile.TemporaryDirectory(dir=recorder.path.parent, prefix=".boxcal-")
-    except OSError:
-        return None
-    path = recorder.copy(Path(folder.name))
-    if path is None:
+    except OSError as error:
+        return f"{recorder.path.parent}: no copy of the recording can be made there ({error.strerror or error})"
+    try:
+        return Copy(recorder.copy(Path(folder.name)), folder)
+    except CalibError as error:
         folder.cleanup()
-        return None
-    return Copy(path, folder)
+        return str(error)
