@@ -111,7 +111,7 @@ def correspondences_schema() -> Schema:
             "moving": {"type": "array", "items": frame, "description": "Frames taken between stops, in order of time."},
             "on_the_move": {
                 "type": "boolean",
-                "description": "Whether the stops are single frames of a robot that never stood still.",
+                "description": "Whether the stops are single frames of a robot that stood still at too few places.",
             },
         },
         optional=("encoder_steps", "units", "moving", "on_the_move"),

@@ -178,9 +178,9 @@ class Correspondences:
         What the wheel readings were taken for; the angles here are rad.
     moving
         Frames taken between stops that show the box, in order of time; empty where none was looked at. Of a robot that
-        never stood still, all frames.
+        stood still at too few places, all frames.
     on_the_move
-        Whether the stops are single frames of a robot that never stood still.
+        Whether the stops are single frames of a robot that stood still at too few places.
     """
 
     robot: str

@@ -18,11 +18,11 @@ from boxcal.detect.log.safe_text import printable
 from boxcal.detect.log.standstill_clock import clock_offset_by_pictures
 from boxcal.detect.log.topics import Topics
 from boxcal.detect.log.wheel_samples import WheelUnits
-from boxcal.detect.stops import Stop, StopSettings, find_stops
+from boxcal.detect.stops import MIN_STOPS, Stop, StopSettings, find_stops
 from boxcal.detect.tags.averaging import FLOOR_PX, AveragedCorners, covariances
-from boxcal.detect.tags.box_at_stops import MIN_STOPS, BoxAtStops
+from boxcal.detect.tags.box_at_stops import BoxAtStops
 from boxcal.detect.tags.detections import TagSettings
-from boxcal.detect.tags.on_the_move import LEAST_WITHOUT_STOPS
+from boxcal.detect.tags.on_the_move import LEAST_WITHOUT_STOPS, TOO_FEW_PLACES
 from boxcal.detect.tags.print_size import scaled_prints
 from boxcal.one_thread import one_thread
 from boxcal.target.arrays import Array, Ids
@@ -170,7 +170,7 @@ def extract_recording(
         seen, moving = [], look.on_the_move() if settings.moving and len(stops) < MIN_STOPS else ()
         if len(moving) < LEAST_WITHOUT_STOPS:
             raise DetectError(why, source=recording.path.name)
-        tell(f"the robot never stood still: {len(moving)} frames taken on the move stand for stops", 1.0)
+        tell(f"{TOO_FEW_PLACES}: {len(moving)} frames taken on the move stand for stops", 1.0)
     else:
         moving = look.between([stop for stop, _, _ in seen], stops, looked_for) if settings.moving else ()
     covs = covariances([detections for _, detections, _ in seen], settings.floor_px)

@@ -165,7 +165,7 @@ def _pose(target: Target, face: int, turned: int) -> Array:
 
 
 def _pairs(stops: Sequence[StopObservation], K: Array, target: Target) -> dict[tuple[int, int], list[list[Array]]]:
-    """Return what each picture says of T_sheet_sheet for each couple of sheets: all solutions of the planar poses."""
+    """Return what each picture says of T_sheet_sheet for each pair of sheets: all solutions of the planar poses."""
     pairs: dict[tuple[int, int], list[list[Array]]] = defaultdict(list)
     for stop in stops:
         rows = np.array([target.row_of(int(i) // CORNERS) for i in stop.landmark_ids], dtype=np.int64)
@@ -196,7 +196,7 @@ def _planar_poses(p: Array, uv_px: Array, K: Array) -> list[Array]:
 
 
 def _cost_as_described(pair: tuple[int, int], seen: list[list[Array]], target: Target) -> float:
-    """Return the misfit, deg, summed over views, of a couple of sheets that are where they should be."""
+    """Return the misfit, deg, summed over views, of a pair of sheets that are where they should be."""
     first, second = (_pose(target, face, 0) for face in pair)
     T = inverse(first) @ second
     return sum(float(np.min(_difference(np.array(views), T))) for views in seen)

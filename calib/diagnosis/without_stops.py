@@ -1,4 +1,4 @@
-"""Drives of a robot that never stood still: frames taken on the move stand for its stops."""
+"""Drives of a robot that stood still at too few places: frames taken on the move stand for its stops."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -7,14 +7,14 @@ import numpy as np
 
 from boxcal.calib.diagnosis.clock import FITS_DEG, turns_misfit
 from boxcal.calib.errors import CalibError
-from boxcal.calib.four_steps.procedure import MIN_STOPS
 from boxcal.calib.four_steps.step1_camera import MIN_LANDMARKS, calibrate_camera
 from boxcal.calib.four_steps.step3_axis import find_axis
 from boxcal.calib.geometry.so3_se3 import wrap
 from boxcal.calib.likelihood.finding import Finding
 from boxcal.calib.likelihood.moving.weave import weave
 from boxcal.detect.correspondences import Correspondences
-from boxcal.detect.tags.on_the_move import LEAST_WITHOUT_STOPS
+from boxcal.detect.stops import MIN_STOPS
+from boxcal.detect.tags.on_the_move import LEAST_WITHOUT_STOPS, TOO_FEW_PLACES
 from boxcal.target.arrays import Array
 
 LONGEST_S = 0.4
@@ -31,7 +31,7 @@ _STAND = (
 
 
 def with_frames_for_stops(drives: Sequence[Correspondences]) -> tuple[list[Correspondences], list[Finding]]:
-    """Return drives in which frames on the move stand for stops where a robot never stood still, and what is said.
+    """Return drives in which frames on the move stand for stops where too few were made, and what is said.
 
     Raises
     ------
@@ -42,7 +42,7 @@ def with_frames_for_stops(drives: Sequence[Correspondences]) -> tuple[list[Corre
     for drive in drives:
         if len(drive.stops) < MIN_STOPS and drive.moving:
             if len(drives) > 1:
-                raise CalibError("a robot that never stood still", remedy="calibrate this drive by itself")
+                raise CalibError(TOO_FEW_PLACES, remedy="calibrate this drive by itself")
             out.append(_frames_for_stops(drive))
         else:
             out.append(drive)
@@ -52,11 +52,11 @@ def with_frames_for_stops(drives: Sequence[Correspondences]) -> tuple[list[Corre
 
 
 def said_without_stops(error: CalibError, drives: Sequence[Correspondences]) -> CalibError:
-    """Return why a drive cannot be calibrated, after that its robot never stood still where that is so."""
-    if not any(drive.on_the_move for drive in drives) or "never stood still" in error.found:
+    """Return why a drive cannot be calibrated, after that its robot stood still at too few places where that is so."""
+    if not any(drive.on_the_move for drive in drives) or TOO_FEW_PLACES in error.found:
         return error
     return CalibError(
-        f"the robot never stood still, and from its frames on the move alone: {error.found}",
+        f"{TOO_FEW_PLACES}, and from its frames on the move alone: {error.found}",
         source=error.source,
         needed=error.needed,
         remedy=_remedy(),
@@ -71,7 +71,7 @@ def _finding(drive: Correspondences) -> Finding:
     """Return that a result hangs on frames on the move: solved for as well as can be, and never good."""
     return Finding(
         cause="no-stops",
-        text=f"the robot never stood still for long: {len(drive.stops)} frames taken on the move stand for stops, and "
+        text=f"{TOO_FEW_PLACES}: {len(drive.stops)} frames taken on the move stand for stops, and "
         "what clocks and shutter do to them is told by themselves alone",
         advice=f"{_STAND}.",
     )
@@ -113,7 +113,7 @@ def _clock_offset(drive: Correspondences) -> float:
     best = float(coarse[int(np.argmin(cost))])
     if not np.degrees(cost.min()) < FITS_DEG or abs(best) > LONGEST_S - _COARSE_S:
         raise CalibError(
-            f"the robot never stood still, and turns seen in {len(stops)} frames on the move fit the wheels' at "
+            f"{TOO_FEW_PLACES}, and turns seen in {len(stops)} frames on the move fit the wheels' at "
             f"no clock offset within {LONGEST_S:g} s (to {np.degrees(cost.min()):.1f} deg at best)",
             needed=f"{MIN_STOPS} stops, or turns that agree to {FITS_DEG:g} deg, are needed",
             remedy=_remedy(),

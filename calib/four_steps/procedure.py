@@ -17,9 +17,8 @@ from boxcal.calib.four_steps.step4_mounting import (
 )
 from boxcal.calib.geometry.diff_drive import Legs, legs_between, pair_displacements, unit_path
 from boxcal.detect.correspondences import Correspondences
+from boxcal.detect.stops import MIN_STOPS
 from boxcal.target.arrays import Array
-
-MIN_STOPS = 3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -16,9 +16,9 @@ from boxcal.calib.likelihood.problem import build_problem, with_kind
 from boxcal.calib.likelihood.rounds import solve_likelihood
 from boxcal.calib.likelihood.summary import summarise
 from boxcal.detect.correspondences import Correspondences
+from boxcal.detect.stops import MIN_STOPS
 from boxcal.target.camera.camera_model import CameraKind
 
-MIN_STOPS = 3
 ASSUMED_SLIP = 1e-3
 """Slip (m/sqrt(m)) where there are too few legs to estimate it: a careful figure for small robots on hard floors."""
 LEGS_FOR_SLIP = 3

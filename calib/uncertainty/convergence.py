@@ -10,10 +10,10 @@ from boxcal.calib.four_steps.procedure import FourSteps
 from boxcal.calib.geometry.parameters import CAMERA, COUNT, ORDER
 from boxcal.calib.geometry.so3_se3 import log_so3
 from boxcal.calib.likelihood import Estimate, EstimateOptions
-from boxcal.calib.likelihood.estimator import MIN_STOPS
 from boxcal.calib.likelihood.initial_guess import camera_start
 from boxcal.calib.uncertainty.part_of_drives import part_with_noise_known
 from boxcal.detect.correspondences import Correspondences
+from boxcal.detect.stops import MIN_STOPS
 from boxcal.target.arrays import Array
 
 STEPS = 4

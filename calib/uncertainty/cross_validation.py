@@ -11,7 +11,7 @@ from boxcal.calib.four_steps.procedure import FourSteps
 from boxcal.calib.geometry.parameters import WHEELS
 from boxcal.calib.likelihood.corner_floor import with_floor
 from boxcal.calib.likelihood.estimate import Estimate
-from boxcal.calib.likelihood.estimator import MIN_STOPS, estimate, unsolvable
+from boxcal.calib.likelihood.estimator import estimate, unsolvable
 from boxcal.calib.likelihood.fit import Fit
 from boxcal.calib.likelihood.levenberg_marquardt import Weights, linearize, picture_equations
 from boxcal.calib.likelihood.normal_equations import eliminate
@@ -21,6 +21,7 @@ from boxcal.calib.likelihood.residuals import FIRST_STOP, leg_covariance
 from boxcal.calib.likelihood.state import POSE
 from boxcal.calib.uncertainty.part_of_drives import fit_part
 from boxcal.detect.correspondences import Correspondences
+from boxcal.detect.stops import MIN_STOPS
 from boxcal.target.arrays import Array
 
 _STEPS = 30

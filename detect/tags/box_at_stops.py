@@ -9,7 +9,7 @@ from boxcal.detect.alignment.detector import KnownCamera
 from boxcal.detect.image.bit_depth import DeepGrey, eight_bits
 from boxcal.detect.log.recording import Recording
 from boxcal.detect.log.safe_text import listed, printable
-from boxcal.detect.stops import Stop, StopSettings
+from boxcal.detect.stops import MIN_STOPS, Stop, StopSettings
 from boxcal.detect.tags.averaging import AveragedCorners
 from boxcal.detect.tags.detections import TagSettings, find_tags, other_family
 from boxcal.detect.tags.moving_frames import MovingFrame
@@ -29,11 +29,10 @@ from boxcal.detect.tags.stop_measurement import measure_stop
 from boxcal.target.arrays import Ids
 from boxcal.target.box import Target
 
-MIN_STOPS = 3
 MANY_REJECTED = 0.1
 """Tags rejected for each tag of the box from which on the box is not as described, or there are two."""
-_IN_VAIN = 24
-"""After so many frames of a robot that never stood still, all without the box, no more are looked at."""
+_MOST_WITHOUT_BOX = 24
+"""After so many frames of a robot that stood still at too few places, all without the box, no more are looked at."""
 MOST_PIXELS = 3_000_000_000
 """Pixels that are looked at in one recording; beyond it one frame a stop must do."""
 
@@ -121,15 +120,15 @@ class BoxAtStops:
         return tuple(sorted(found, key=lambda frame: frame.t_ns))
 
     def on_the_move(self) -> tuple[MovingFrame, ...]:
-        """Return frames of a robot that never stood still which show the box, spread over its drive."""
+        """Return frames of a robot that stood still at too few places which show the box, spread over its drive."""
         if not may_be_measured(self._tags, self.image_size):
             return ()
         recording = self._recording
         found: list[MovingFrame] = []
         rows = spread_frames(recording.wheels, recording.frame_t_ns)[: round(TRIED * MOST_WITHOUT_STOPS)]
         for looked_at, row in enumerate(rows.tolist()):
-            hopeless = looked_at >= _IN_VAIN and not found
-            if hopeless or len(found) == MOST_WITHOUT_STOPS or self._pixels > MOST_PIXELS:
+            never_shown = looked_at >= _MOST_WITHOUT_BOX and not found
+            if never_shown or len(found) == MOST_WITHOUT_STOPS or self._pixels > MOST_PIXELS:
                 break
             seen = measure_stop(self._images(np.array([row])), self._target, self._tags, self._camera)
             self._camera = seen.camera

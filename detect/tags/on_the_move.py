@@ -29,7 +29,9 @@ from boxcal.target.box import Target
 A_LEG, FEWEST, MOST = 0.6, 6, 40
 """Frames that are measured: so many a leg, and at least and at most so many in all."""
 LEAST_WITHOUT_STOPS, MOST_WITHOUT_STOPS = 12, 40
-"""Frames that a robot needs which never stood still, and at most so many are measured."""
+"""Frames that a robot needs which stood still at too few places, and at most so many are measured."""
+TOO_FEW_PLACES = "the robot stood still at fewer than three places"
+"""What is said of such a robot."""
 TRIED = 2.5
 """Frames looked at for each that is measured, at most."""
 _MARGIN_NS = 50_000_000
@@ -212,7 +214,7 @@ def _frame(t_ns: int, ids: Ids, uv_px: Array, cov_px2: Array, target: Target) ->
 
 
 def spread_frames(wheels: WheelSamples, t_ns: Ids) -> Ids:
-    """Return frames of a robot that never stood still, spread over its drive in ever finer steps.
+    """Return frames of a robot that stood still at too few places, spread over its drive in ever finer steps.
 
     Frames count whose time the wheels' samples cover, by the travel of the wheels and not by time: a robot that waits
     shows one thing.

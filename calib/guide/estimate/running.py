@@ -9,11 +9,12 @@ from boxcal.calib.diagnosis.first_look import first_look
 from boxcal.calib.diagnosis.frozen import frozen_stops
 from boxcal.calib.errors import CalibError
 from boxcal.calib.likelihood.estimate import Estimate
-from boxcal.calib.likelihood.estimator import MIN_STOPS, fit, reported
+from boxcal.calib.likelihood.estimator import fit, reported
 from boxcal.calib.likelihood.fit import Fit
 from boxcal.calib.likelihood.grown_fit import grown_fit
 from boxcal.calib.likelihood.options import EstimateOptions
 from boxcal.detect.correspondences import Correspondences
+from boxcal.detect.stops import MIN_STOPS
 from boxcal.target.box import Target
 
 

@@ -12,8 +12,8 @@ from boxcal.calib.guide.drive.warnings import Warned, sharpness, warnings_of_est
 from boxcal.calib.guide.drive.whereabouts import Whereabouts, whereabouts
 from boxcal.calib.guide.estimate.advice import Place, way_to
 from boxcal.calib.guide.session import Session
-from boxcal.calib.likelihood.estimator import MIN_STOPS
 from boxcal.calib.planning.goal import Bar
+from boxcal.detect.stops import MIN_STOPS
 
 _TAKEN_S = 2.5
 """Time for which the page says that a stop was taken, s."""

@@ -1,4 +1,4 @@
-"""Calibration from frames on the move alone, of a robot that never stood still."""
+"""Calibration from frames on the move alone, of a robot that stood still at too few places."""
 
 from dataclasses import replace
 from typing import NoReturn
@@ -16,6 +16,7 @@ from boxcal.calib.likelihood.moving.solve import FIRST_JITTER_S
 from boxcal.calib.likelihood.moving.told import merged, rolling
 from boxcal.detect.correspondences import Correspondences
 from boxcal.detect.tags.moving_frames import MovingFrame
+from boxcal.detect.tags.on_the_move import TOO_FEW_PLACES
 
 _STAND = "let the robot stand still for two seconds in three places or more where it sees the box"
 
@@ -65,8 +66,8 @@ def from_frames_alone(found: Estimate, fit: Fit, drive: Correspondences) -> Esti
 
 
 def refuse_unused() -> NoReturn:
-    """Refuse a robot that never stood still where frames on the move are not to be used."""
-    raise CalibError("the robot never stood still, and frames on the move are not to be used", remedy=_STAND)
+    """Refuse a robot that stood still at too few places where frames on the move are not to be used."""
+    raise CalibError(f"{TOO_FEW_PLACES}, and frames on the move are not to be used", remedy=_STAND)
 
 
 def _unsuitable(found: Estimate, fit: Fit) -> str:
@@ -79,4 +80,4 @@ def _unsuitable(found: Estimate, fit: Fit) -> str:
 
 
 def _refused(why: str) -> CalibError:
-    return CalibError(f"the robot never stood still, and its frames on the move do not do: {why}", remedy=_STAND)
+    return CalibError(f"{TOO_FEW_PLACES}, and its frames on the move do not do: {why}", remedy=_STAND)

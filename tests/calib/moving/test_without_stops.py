@@ -1,4 +1,4 @@
-"""Robots that never stood still: calibrated from frames on the move alone, never called good, or refused."""
+"""Robots that stood still at too few places: calibrated from frames on the move, never called good, or refused."""
 
 from dataclasses import replace
 from functools import cache
@@ -27,7 +27,7 @@ def _simulated() -> SimulatedDrive:
 
 
 def _drive(shutter: ShutterOptions, frames: int = 40) -> Correspondences:
-    """The drive as a robot that never stood still would have logged it."""
+    """The drive as a robot that stood still nowhere would have logged it."""
     one = _simulated()
     seen = moving_frames(one.robot, one.target, one.drive, shutter, np.random.default_rng(5))
     kept = np.unique(np.linspace(0, len(seen) - 1, frames).round().astype(int))
@@ -70,7 +70,7 @@ def test_a_drive_without_stops_that_was_saved_gives_the_same_again(tmp_path: Pat
     ("shutter", "why"),
     [
         (ShutterOptions(late_s=3.0), "no clock offset within 0.4 s"),
-        (ShutterOptions(readout_s=0.025), "the robot never stood still, and"),
+        (ShutterOptions(readout_s=0.025), "the robot stood still at fewer than three places, and"),
     ],
 )
 def test_frames_that_clocks_or_shutter_spoil_are_refused_with_what_is_missing(
