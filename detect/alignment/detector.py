@@ -11,6 +11,7 @@ from boxcal.detect.alignment.box_search import (
     RIGID_TOLERANCE_PX,
 )
 from boxcal.detect.alignment.covariance import Misfit, misfit, rigid_share
+from boxcal.detect.alignment.expected_tags import ExpectedTags, find_expected
 from boxcal.detect.alignment.motion_blur import estimate_blur
 from boxcal.detect.alignment.preview import Preview, preview
 from boxcal.detect.alignment.pyramid import Pyramid, align_coarsely
@@ -150,7 +151,14 @@ def nothing(response: str) -> DetectorOutput:
     )
 
 
-def detect_tags(image: NDArray[np.generic], target: Target, settings: DetectorSettings | None = None) -> DetectorOutput:
+def detect_tags(
+    image: NDArray[np.generic],
+    target: Target,
+    settings: DetectorSettings | None = None,
+    *,
+    camera: KnownCamera | None = None,
+    expected: ExpectedTags | None = None,
+) -> DetectorOutput:
     """Return the target's tags in an image.
 
     Every tag is used that lies wholly in the image, on a face turned to the camera, wide enough to be read (about six
@@ -165,6 +173,11 @@ def detect_tags(image: NDArray[np.generic], target: Target, settings: DetectorSe
         The box to look for.
     settings
         The defaults if None.
+    camera
+        What an earlier picture of the same camera told of it (``camera`` of its result).
+    expected
+        Where tags should be, to about a module: the rest of the picture is searched only where they are not there.
+        Neither is used by a preview.
 
     Raises
     ------
@@ -182,28 +195,32 @@ def detect_tags(image: NDArray[np.generic], target: Target, settings: DetectorSe
     patterns = target_patterns(target)
     if settings.fast:
         return _previewed(patterns, preview(to_grey8(image), target, settings.response, settings.windows_px[0]))
-    return detect_in_grey(*to_grey(image), target, settings)
+    return detect_in_grey(*to_grey(image), target, settings, camera, expected)
 
 
-def detect_in_grey(
+def detect_in_grey(  # noqa: PLR0917
     grey: NDArray[np.float32],
     grey8: NDArray[np.uint8],
     target: Target,
     settings: DetectorSettings,
     camera: KnownCamera | None = None,
+    expected: ExpectedTags | None = None,
 ) -> DetectorOutput:
     """Return the target's tags in grey levels (H, W), 1 at full scale, and their copy in 8 bits.
 
-    Where the camera is known from other pictures, the search is for the box alone. For the rest see
-    :func:`detect_tags`; a preview is not made.
+    Where the camera is known from other pictures, the search is for the box alone; where tags are expected, they are
+    looked for there first. For the rest see :func:`detect_tags`; a preview is not made.
     """
     patterns = target_patterns(target)
     size = (grey.shape[1], grey.shape[0])
     frame = Frame(grey=grey, response=response_table(_first_response(settings, camera)), lens=no_distortion(size))
-    found = find_box(
-        Pyramid(frame), grey8, target, patterns, windows_px=settings.windows_px, limits=settings.limits,
-        camera=None if camera is None else camera.prior,
-    )  # fmt: skip
+    pyramid, prior, found = Pyramid(frame), None if camera is None else camera.prior, None
+    if expected is not None:
+        found = find_expected(pyramid, target, patterns, expected, settings.limits, prior)
+    if found is None:
+        found = find_box(
+            pyramid, grey8, target, patterns, windows_px=settings.windows_px, limits=settings.limits, camera=prior
+        )
     if found is None:
         return nothing(_first_response(settings, camera))
     tags, fit = found.tags, found.fit

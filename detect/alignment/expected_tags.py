@@ -1,0 +1,88 @@
+"""Tags looked for where they are expected: from wheels and a calibration, or from the picture before.
+
+An alignment catches a tag from about a module away, so that no candidates need to be found where that much is known.
+Expectations only say where alignments start: what is found must resemble its pattern and lie on one rigid box as ever,
+and no corner is drawn to where it was expected.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from boxcal.detect.alignment.box_pose import CameraPrior, fit_box
+from boxcal.detect.alignment.box_search import (
+    CANDIDATE_SIGMA_PX,
+    MIN_MODULE_PX,
+    BoxDetection,
+    PredictedRegions,
+    grow_from_pose,
+)
+from boxcal.detect.alignment.pyramid import Pyramid, align_coarsely
+from boxcal.detect.alignment.pyramid_search import FEW_TAGS
+from boxcal.detect.alignment.tag_patterns import Index, Patterns
+from boxcal.detect.alignment.verification import Limits, convex, module_px, verified
+from boxcal.target.arrays import Array
+from boxcal.target.box import Target
+
+ASKED = 4
+"""Expected tags that are aligned first."""
+LEAST_FOUND = 0.5
+"""Fraction of the tags, of those and of all, that must be there, or else the whole picture is searched."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ExpectedTags:
+    """Tags of the target with the places where a picture should show them.
+
+    Attributes
+    ----------
+    ids : (N,)
+        Tags that face the camera, each once; those of other targets are passed over.
+    corners_px : (N, 4, 2), px
+        Where their corners should be, in any camera model; about a module's error is allowed.
+    """
+
+    ids: Index
+    corners_px: Array
+
+
+def find_expected(  # noqa: PLR0917
+    pyramid: Pyramid,
+    target: Target,
+    patterns: Patterns,
+    expected: ExpectedTags,
+    limits: Limits,
+    camera: CameraPrior | None,
+) -> BoxDetection | None:
+    """Return the tags of one box from where some are expected, roughly aligned; None if too few of them are there.
+
+    A few are aligned first: they tell that it is worth while, and how far off the expectation is on the whole.
+    """
+    size = pyramid.frame.grey.shape[::-1]
+    rows, corners = _within_image(target, patterns, expected, size)
+    if len(rows) < FEW_TAGS:
+        return None
+    fit = fit_box(target, rows, corners, image_size=size, sigma_px=CANDIDATE_SIGMA_PX, camera=camera)
+    first = np.argsort(-module_px(patterns, corners), kind="stable")[np.linspace(0, len(rows) - 1, ASKED).astype(int)]
+    asked = align_coarsely(pyramid.under(fit.lens), patterns, rows[first], corners[first])
+    there = verified(patterns, asked, limits.relaxed())
+    if there.sum() < LEAST_FOUND * ASKED:
+        return None
+    moved = np.median((asked.corners_px - corners[first])[there], axis=(0, 1))
+    search = PredictedRegions(rows=rows, corners_px=corners + moved, fit=fit)
+    found = grow_from_pose(pyramid, target, patterns, search, limits)
+    enough = len(found.tags) >= max(FEW_TAGS, LEAST_FOUND * len(rows)) and np.isfinite(found.lost_module_px)
+    return found if enough else None
+
+
+def _within_image(
+    target: Target, patterns: Patterns, expected: ExpectedTags, image_size: tuple[int, int]
+) -> tuple[Index, Array]:
+    """Return rows (N,) and corners (N, 4, 2) of the expected tags that could be read there."""
+    corners = expected.corners_px
+    with np.errstate(invalid="ignore"):
+        inside = np.all((corners >= -0.5) & (corners <= np.array(image_size) - 0.5), axis=(1, 2))
+        inside &= convex(corners) & (module_px(patterns, corners) >= MIN_MODULE_PX)
+    inside &= np.isin(expected.ids, target.tag_ids)
+    rows = np.array([target.row_of(int(tag)) for tag in expected.ids[inside]], dtype=np.int64)
+    return rows, corners[inside]
