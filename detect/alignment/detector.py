@@ -12,6 +12,7 @@ from boxcal.detect.alignment.box_search import (
 )
 from boxcal.detect.alignment.covariance import Misfit, misfit, rigid_share
 from boxcal.detect.alignment.expected_tags import ExpectedTags, find_expected
+from boxcal.detect.alignment.face_scatter import ENOUGH, scatter
 from boxcal.detect.alignment.motion_blur import estimate_blur
 from boxcal.detect.alignment.preview import Preview, preview
 from boxcal.detect.alignment.pyramid import Pyramid, align_coarsely
@@ -253,20 +254,31 @@ def detect_in_grey(  # noqa: PLR0917
         contradicting_faces=found.contradicting_faces,
         rejected_ids=np.sort(patterns.tag_ids[found.off_the_box(target, patterns, fit, tags.rows)]),
     )
-    located = _with_lens_and_box(located, target, frame, fit)
+    located = _with_lens_and_box(located, target, frame, fit, uneven, flat=left_out.deformation_px2 == 0)
     if len(tags) < FEW_TAGS:
         return located
     imaging = replace(imaging, kurtosis=float(np.median(tags.theta[:, KURTOSIS])))
     return replace(located, camera=KnownCamera(prior=fit.camera(max(size)), imaging=imaging, round_inflation=rounded))
 
 
-def _with_lens_and_box(located: DetectorOutput, target: Target, frame: Frame, fit: BoxFit) -> DetectorOutput:
-    """Return the tags with corners under the box's lens, and covariances no larger than the box shows them to be."""
+def _with_lens_and_box(
+    located: DetectorOutput, target: Target, frame: Frame, fit: BoxFit, uneven: Index, *, flat: bool
+) -> DetectorOutput:
+    """Return the tags with corners under the box's lens, and covariances as large as their faces show them to be.
+
+    No larger where the paper is not flat, as then tags really differ in shape; and no larger than the whole box shows
+    them to be where too few tags of any face are seen.
+    """
     corners = under_lens(frame.lens, fit.lens, located.corners_px)
     rows = np.array([target.row_of(int(tag)) for tag in located.ids], dtype=np.int64)
     uv, _ = fit.predict(target.tag_corners[rows].reshape(-1, 3))
-    share = rigid_share(corners - uv.reshape(-1, 4, 2), located.cov_px2, len(fit.information))
-    return replace(located, corners_px=corners, cov_px2=share * located.cov_px2)
+    apart = corners - uv.reshape(-1, 4, 2)
+    factor, freedom = scatter(target, rows, apart, located.cov_px2, np.isin(rows, uneven))
+    if freedom < ENOUGH:
+        factor = np.full(len(rows), rigid_share(apart, located.cov_px2, len(fit.information)))
+    elif not flat:
+        factor = np.minimum(factor, 1.0)
+    return replace(located, corners_px=corners, cov_px2=factor[:, None, None, None] * located.cov_px2)
 
 
 def _believed(  # noqa: PLR0917

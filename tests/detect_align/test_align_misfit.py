@@ -59,9 +59,17 @@ def _normalised_deviation():
 
 def test_sigmas_hold_where_neighbouring_pixels_agree(monkeypatch):
     assert 0.85 < _normalised_deviation() < 1.35
-    monkeypatch.setattr("boxcal.detect.alignment.covariance.variance_inflation", lambda *_: 1.0)
     monkeypatch.setattr("boxcal.detect.alignment.covariance.deformation", lambda *_: 0.0)
+    monkeypatch.setattr("boxcal.detect.alignment.detector.scatter", lambda _, rows, *__: (np.ones(len(rows)), 0.0))
+    assert 0.85 < _normalised_deviation() < 1.35
+    monkeypatch.setattr("boxcal.detect.alignment.covariance.variance_inflation", lambda *_: 1.0)
     assert _normalised_deviation() > 1.5
+
+
+def test_sigmas_hold_by_the_scatter_on_faces_where_residuals_say_too_little(monkeypatch):
+    monkeypatch.setattr("boxcal.detect.alignment.covariance.variance_inflation", lambda *_: 0.5)
+    monkeypatch.setattr("boxcal.detect.alignment.covariance.deformation", lambda *_: 0.0)
+    assert 0.85 < _normalised_deviation() < 1.2
 
 
 @pytest.mark.parametrize(("spread_px", "least", "most"), [(0.0, 0.75, 1.3), (1.2, 1.8, 8.0)])

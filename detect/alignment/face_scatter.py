@@ -1,0 +1,110 @@
+"""Errors of corners estimated from their scatter about their own faces, whatever box these make.
+
+A box may differ from its plan, and a lens from its model; both displace the corners of a face by a field that varies
+little from tag to tag, a polynomial of low degree over the face. Paper that is wrinkled, or tags that are glued one by
+one, displace whole tags. What corners err by in alignment changes a tag's shape. So what remains beside each face's
+polynomial and each tag's own displacement tells the size of the errors: of noise, and of all that the alignment does
+not model (motion, ink that spread, a curve of the camera's own), which the residuals of pixels tell but roughly.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from boxcal.detect.alignment.tag_patterns import Index
+from boxcal.target.arrays import Array
+from boxcal.target.box import Target
+
+DEGREES = ((10, 4), (5, 3), (3, 2))
+"""Tags of a face, at least, and the degree of its polynomial: 12 to 30 unknowns for 8 coordinates a tag."""
+PRIOR = 5.0
+"""So many squared deviations are taken to have been as large as the covariances say."""
+ENOUGH = 12
+"""Degrees of freedom with which faces tell more than the whole box does."""
+RANGE = (0.02, 400.0)
+"""Of the factor."""
+SHAPE = 1.15 * 6 / 8
+"""Fraction of the squares of a tag's eight coordinates that is left without its displacement. White noise moves a tag
+as a whole less than its corners apart: 1.15 was measured over the pictures of benchmarks/hard_pictures.py."""
+FAR2, ROUNDS = 18.0, 4
+"""A corner's normalised square beyond this many times the mean of its coordinates' is an outlier and counts as that."""
+
+
+def scatter(
+    target: Target, rows: Index, apart_px: Array, cov_px2: Array, kinds: NDArray[np.bool_]
+) -> tuple[Array, float]:
+    """Return by what factor corners' variances differ from what their covariances say, by their faces.
+
+    Parameters
+    ----------
+    target, rows
+        Which tags (N,).
+    apart_px : (N, 4, 2), px
+        From a box that has the corners roughly where they are.
+    cov_px2 : (N, 4, 2, 2), px^2
+    kinds : (N,)
+        Tags of two kinds, each with a factor of its own.
+
+    Returns
+    -------
+    The factor of each tag (N,), the same for those of one face and kind, and the degrees of freedom that told them.
+    """
+    size = np.ones(len(rows))
+    groups: list[tuple[Index, Array]] = []
+    faces = target.tag_faces[rows]
+    for face in np.unique(faces):
+        at = np.flatnonzero(faces == face)
+        degree = next((degree for least, degree in DEGREES if len(at) >= least), None)
+        if degree is None or not np.isfinite(apart_px[at]).all():
+            continue
+        basis = _polynomials(_on_face(target, int(face), rows[at]), degree)
+        left = _left_over(basis, apart_px[at].reshape(-1, 2), cov_px2[at].reshape(-1, 2, 2)).reshape(-1, 4, 2)
+        shape = left - left.mean(axis=1, keepdims=True)
+        squares = np.sum(shape**2, axis=2) / (SHAPE * (1 - basis.shape[1] / (4 * len(at))))
+        groups += [(at[kinds[at] == kind], squares[kinds[at] == kind]) for kind in (False, True)]
+    for kind in (False, True):
+        some = [(at, squares) for at, squares in groups if len(at) and kinds[at[0]] == kind]
+        if some:
+            usual = _mean_square(np.concatenate([squares.ravel() for _, squares in some]), 1.0)
+            size[kinds == kind] = usual
+            for at, squares in some:
+                size[at] = _mean_square(squares.ravel(), usual)
+    return size, float(sum(2 * squares.size for _, squares in groups))
+
+
+def _mean_square(squares: Array, expected: float) -> float:
+    """Return the mean square of a coordinate, of corners' normalised squares (P,); outliers count as far ones do."""
+    size = expected
+    for _ in range(ROUNDS):
+        total = np.minimum(squares, FAR2 * size).sum()
+        size = float(np.clip((total + PRIOR * expected) / (2 * len(squares) + PRIOR), *RANGE))
+    return size
+
+
+def _on_face(target: Target, face: int, rows: Index) -> Array:
+    """Return where tags' corners (4 N, 2) lie on their face, -1 to 1."""
+    T = target.T_box_face(face)
+    p = ((target.tag_corners[rows].reshape(-1, 3) - T[:3, 3]) @ T[:3, :3])[:, :2]
+    low, high = p.min(axis=0), p.max(axis=0)
+    return np.asarray((2 * p - low - high) / np.maximum(high - low, 1e-12))
+
+
+def _polynomials(p: Array, degree: int) -> Array:
+    """Return the products (P, K) of Chebyshev polynomials of places (P, 2) up to a degree."""
+    x, y = (np.polynomial.chebyshev.chebvander(p[:, k], degree) for k in (0, 1))
+    return np.stack([x[:, i] * y[:, j] for i in range(degree + 1) for j in range(degree + 1 - i)], axis=1)
+
+
+def _left_over(basis: Array, apart: Array, cov: Array) -> Array:
+    """Return the normalised deviations (P, 2) from the polynomials that fit deviations (P, 2), px, best."""
+    a = 1 / np.sqrt(cov[:, 0, 0])
+    b = -cov[:, 0, 1] / cov[:, 0, 0]
+    c = 1 / np.sqrt(np.maximum(cov[:, 1, 1] + b * cov[:, 0, 1], 1e-300))
+    first, second = a[:, None] * basis, c[:, None] * basis
+    A = np.concatenate(
+        [np.hstack([first, np.zeros_like(first)]), np.hstack([b[:, None] * second, second])]
+    )  # the inverse of the covariance's lower triangular factor times (u, v)
+    y = np.concatenate([a * apart[:, 0], c * (apart[:, 1] + b * apart[:, 0])])
+    normal = A.T @ A
+    normal[np.diag_indices(len(normal))] *= 1 + 1e-10
+    z = y - A @ np.linalg.solve(normal, A.T @ y)
+    return z.reshape(2, -1).T
