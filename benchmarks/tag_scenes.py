@@ -74,11 +74,12 @@ def scenes(
     sensor: SensorModel = SensorModel(noise=2, psf_px=0.6),  # noqa: B008 - frozen
     kr: float = -0.1,
     aspect: float = 1.0,
+    faces: int = 1,
     change: Callable[[Scene, np.random.Generator], Scene] | None = None,
 ) -> list[Scene]:
     """Return rendered views of the default box; wanted are tags on faces seen within 60 deg, of those widths.
 
-    ``aspect`` is fv over fu.
+    ``aspect`` is fv over fu; wanted tags lie on so many ``faces`` at least.
     """
     size = (round(640 * scale), round(480 * scale)) if scale < 4 else (3840, 2160)
     rng = np.random.default_rng(seed)
@@ -99,7 +100,7 @@ def scenes(
         ray = centre - TARGET.tag_corners[seen].mean(axis=1)
         steep = np.einsum("ni,ni->n", normals, ray / np.linalg.norm(ray, axis=1, keepdims=True)) < 0.5
         wanted = seen[~steep & (width[seen] >= widths[0] * scale) & (width[seen] < widths[1] * scale)]
-        if len(wanted) == 0:
+        if len(np.unique(TARGET.tag_faces[wanted])) < faces:
             continue
         image = render(TARGET, camera, T_cam_box, size, sensor, rng)
         scene = Scene(image=image, wanted=wanted, uv_px=uv, width_px=width)
@@ -107,9 +108,17 @@ def scenes(
     return made
 
 
-def jpeg(scene: Scene, _: np.random.Generator) -> Scene:
-    data = np.frombuffer(encode_jpeg(scene.image, 85), np.uint8)
-    return replace(scene, image=np.asarray(cv2.imdecode(data, cv2.IMREAD_GRAYSCALE), dtype=np.uint8))
+def encoded(quality: int) -> Callable[[Scene, np.random.Generator], Scene]:
+    """Return what encodes pictures as JPEG and decodes them again."""
+
+    def jpeg_of(scene: Scene, _: np.random.Generator) -> Scene:
+        data = np.frombuffer(encode_jpeg(scene.image, quality), np.uint8)
+        return replace(scene, image=np.asarray(cv2.imdecode(data, cv2.IMREAD_GRAYSCALE), dtype=np.uint8))
+
+    return jpeg_of
+
+
+jpeg = encoded(85)
 
 
 def cover_half(scene: Scene, rng: np.random.Generator) -> Scene:
