@@ -107,4 +107,4 @@ def _left_over(basis: Array, apart: Array, cov: Array) -> Array:
     normal = A.T @ A
     normal[np.diag_indices(len(normal))] *= 1 + 1e-10
     z = y - A @ np.linalg.solve(normal, A.T @ y)
-    return z.reshape(2, -1).T
+    return np.asarray(z.reshape(2, -1).T)
