@@ -80,7 +80,7 @@ def choose_camera(
     if wanted is not None:
         candidates = [topic for topic in counts if same_topic(topic, wanted)]
         if not candidates or not counts[candidates[0]]:
-            others = [t for t in counts if same_topic(_TRANSPORT.sub("", t), _TRANSPORT.sub("", wanted)) and counts[t]]
+            others = [t for t in counts if same_topic(without_transport(t), without_transport(wanted)) and counts[t]]
             candidates = sorted(others, key=transport_rank)[:1] or candidates
         if not candidates:
             kind = next((f" (its type is {printable(k)})" for t, k in all_topics.items() if same_topic(t, wanted)), "")
@@ -119,7 +119,7 @@ def _likely(counts: Mapping[str, int], depth: Collection[str]) -> list[str]:
         found = [t for t in found if not kind.search(t)] or found
     best: dict[str, str] = {}
     for topic in sorted(found, key=transport_rank):
-        best.setdefault(_TRANSPORT.sub("", topic), topic)
+        best.setdefault(without_transport(topic), topic)
     return list(best.values())
 
 
@@ -135,9 +135,9 @@ def without_transport(topic: str) -> str:
 
 def made_from_another(topic: str, others: Collection[str]) -> bool:
     """Tell whether a topic's name says that its pictures are made from those of another one beside it."""
-    beside = topic.rpartition("/")[0]
-    plain = (o for o in others if o.rpartition("/")[0] == beside and not _DERIVED.search(o))
-    return _DERIVED.search(topic) is not None and any(True for _ in plain)
+    folder = topic.rpartition("/")[0]
+    beside = (other for other in others if other.rpartition("/")[0] == folder)
+    return _DERIVED.search(topic) is not None and any(not _DERIVED.search(other) for other in beside)
 
 
 def transport_rank(topic: str) -> int:
