@@ -92,7 +92,8 @@ def correspondences_schema() -> Schema:
 
     Under ``arrays`` it says what the other arrays of the archive hold; that is for people, a validator skips it.
     """
-    from boxcal.detect.correspondences import SCHEMA, Source, StopObservation
+    from boxcal.detect.correspondences import SCHEMA, StopObservation
+    from boxcal.detect.log.source import Source
     from boxcal.detect.log.wheel_samples import WheelSamples, WheelUnits
     from boxcal.detect.tags.moving_frames import MovingFrame
 

@@ -3,7 +3,7 @@
 import io
 import json
 import zipfile
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import asdict, dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -12,12 +12,11 @@ import numpy as np
 
 from boxcal.detect.errors import DetectError
 from boxcal.detect.log.encoder import gaps_covered, without_strays
-from boxcal.detect.log.losses import Loss, LossKind
-from boxcal.detect.log.recording import Recording
+from boxcal.detect.log.source import Source, read_source
 from boxcal.detect.log.wheel_samples import Flags, JointUnit, WheelSamples, WheelUnits
+from boxcal.detect.tags.faces import faces_by_normal
 from boxcal.detect.tags.moving_frames import MovingFrame, refuse_odd_landmarks
 from boxcal.target.arrays import Array, Ids
-from boxcal.target.box import CORNERS, FACES
 from boxcal.target.files.atomic_write import write_atomically
 from boxcal.target.files.json_document import parse_json
 
@@ -77,87 +76,6 @@ class StopObservation:
             raise DetectError(f"a stop's landmarks: {n} ids with faces of shape {self.faces.shape}; (L,) needed")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Source:
-    """Source of correspondences: log and target by their hashes.
-
-    Attributes
-    ----------
-    log
-        File name of the log (no folder).
-    sha256
-        Of the log's bytes, hexadecimal.
-    target_sha256
-        Of the landmark table that was looked for.
-    kind
-        Kind of recording.
-    camera_topic, camera_frame
-        Where the images are, and the frame that they name.
-    base_frame
-        The robot's base frame, as its odometry or its static transforms name it; empty if the log does not tell.
-    wheel_topics, wheel_quantity
-        Where the wheels' readings are, and what they are: ``positions``, ``velocities``, ``ticks`` or ``odometry``.
-    nominal_radius, nominal_separation : m
-        Of the wheels as the robot's description in the log has them, or as odometry was taken apart with; 0 if
-        unknown.
-    nominal_T_base_cam : (16,), row by row
-        The camera's pose in the base frame by the static transforms of the log; empty if they do not tell.
-    clock_offset : s
-        By how much the camera's clock was ahead of the wheels' before its stamps were put right.
-    lost_messages, lost_s
-        What of the log could not be read, as far as that is known.
-    losses
-        What of that, and of what the log does not tell, no good calibration has; the notes say it, too.
-    notes
-        What a user should know of how the log was read: choices, losses, what was put right. A sentence each.
-    """
-
-    log: str = ""
-    sha256: str = ""
-    target_sha256: str = ""
-    kind: str = ""
-    camera_topic: str = ""
-    camera_frame: str = ""
-    base_frame: str = ""
-    wheel_topics: tuple[str, ...] = ()
-    wheel_quantity: str = "positions"
-    nominal_radius: float = 0.0
-    nominal_separation: float = 0.0
-    nominal_T_base_cam: tuple[float, ...] = ()
-    clock_offset: float = 0.0
-    lost_messages: int = 0
-    lost_s: float = 0.0
-    losses: tuple[Loss, ...] = ()
-    notes: tuple[str, ...] = ()
-
-
-def source_of(recording: Recording, target_sha256: str, notes: tuple[str, ...]) -> Source:
-    """Return the provenance of what is extracted from a recording."""
-    about = recording.metadata
-    radius, separation = recording.nominal or about.nominal_wheels() or (0.0, 0.0)
-    base = recording.odometry_frame or about.base_frame()
-    T_base_cam = about.fixed_transform(base, recording.camera_frame)
-    return Source(
-        log=recording.path.name,
-        sha256=recording.sha256,
-        target_sha256=target_sha256,
-        kind=recording.kind,
-        camera_topic=recording.camera_topic,
-        camera_frame=recording.camera_frame,
-        base_frame=base,
-        wheel_topics=recording.wheel_topics,
-        wheel_quantity=str(recording.quantity),
-        nominal_radius=radius,
-        nominal_separation=separation,
-        nominal_T_base_cam=() if T_base_cam is None else tuple(float(v) for v in T_base_cam.ravel()),
-        clock_offset=recording.clock_offset_ns / 1e9,
-        lost_messages=recording.lost_messages,
-        lost_s=recording.lost_s,
-        losses=recording.losses,
-        notes=(*recording.notes, *notes),
-    )
-
-
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Correspondences:
     """All that the calibration needs of one drive of one robot.
@@ -187,7 +105,7 @@ class Correspondences:
     image_size: tuple[int, int]
     wheels: WheelSamples
     stops: tuple[StopObservation, ...]
-    source: Source = Source()
+    source: Source = field(default_factory=Source)
     units: WheelUnits = field(default_factory=WheelUnits)
     moving: tuple[MovingFrame, ...] = ()
     on_the_move: bool = False
@@ -308,7 +226,7 @@ def load_correspondences(path: str | Path) -> Correspondences:
                 image_size=(int(header["image_size"][0]), int(header["image_size"][1])),
                 wheels=_wheels(data, header),
                 stops=stops,
-                source=_source(header["source"]),
+                source=read_source(header["source"]),
                 units=_units(header.get("units", {})),
                 moving=tuple(
                     MovingFrame(t_ns=int(frame["t_ns"]), **{k: data[f"moving{j}_{k}"] for k in _STOP_ARRAYS})
@@ -335,43 +253,6 @@ def _wheels(data: Any, header: dict[str, Any]) -> WheelSamples:
         return WheelSamples(t_ns=t_ns, phi_R=phi_R, phi_L=phi_L, covered=data["covered"].astype(np.bool_), **known)
     covered = gaps_covered(t_ns, phi_R) & gaps_covered(t_ns, phi_L)
     return without_strays(WheelSamples(t_ns=t_ns, phi_R=phi_R, phi_L=phi_L, covered=covered, **known))[0]
-
-
-def faces_by_normal(landmark_ids: Ids, p_box: Array) -> Ids:
-    """Return the faces that carry landmarks, (L,), found from the outward normals of the tags.
-
-    A tag of which fewer than three corners were seen has no normal; it is on the face whose tags' plane is nearest.
-
-    Parameters
-    ----------
-    landmark_ids : (L,)
-        ``4 * tag id + corner``, ascending.
-    p_box : (L, 3), m
-    """
-    tags, starts, counts = np.unique(landmark_ids // CORNERS, return_index=True, return_counts=True)
-    faces = np.zeros(len(tags), dtype=np.int64)
-    planes: dict[int, tuple[Array, float]] = {}
-    whole = counts >= 3
-    for k in np.flatnonzero(whole):
-        a, b, c = p_box[starts[k] : starts[k] + 3]  # three corners in their order turn clockwise, seen from outside
-        normal = np.cross(c - b, b - a)
-        normal /= np.linalg.norm(normal)
-        faces[k] = round(float(np.arctan2(normal[1], normal[0])) / (np.pi / 2)) % FACES
-        planes[int(faces[k])] = (normal, float(normal @ a))
-    for k in np.flatnonzero(~whole):
-        off = {f: abs(float(normal @ p_box[starts[k]]) - d) for f, (normal, d) in planes.items()}
-        faces[k] = min(off, key=lambda f: off[f], default=0)
-    return np.repeat(faces, counts)
-
-
-def _source(saved: dict[str, Any]) -> Source:
-    """Return the provenance in a file; what newer versions add is passed over, what older ones lack is unknown."""
-    known = {field.name for field in fields(Source)}
-    values: dict[str, Any] = {
-        name: tuple(value) if isinstance(value, list) else value for name, value in saved.items() if name in known
-    }
-    losses = tuple(Loss(kind=LossKind(loss["kind"]), text=str(loss["text"])) for loss in values.pop("losses", ()))
-    return Source(**values, losses=losses)
 
 
 def _units(saved: dict[str, Any]) -> WheelUnits:

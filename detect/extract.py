@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from boxcal.detect.alignment.compilation import prepare
-from boxcal.detect.correspondences import Correspondences, StopObservation, source_of
+from boxcal.detect.correspondences import Correspondences, StopObservation
 from boxcal.detect.errors import DetectError
 from boxcal.detect.image.bit_depth import DEPTHS, DeepGrey, bits_of
 from boxcal.detect.image.response_curve import Response
@@ -15,6 +15,7 @@ from boxcal.detect.log.open_recording import open_recording
 from boxcal.detect.log.opener import robot_name_of
 from boxcal.detect.log.recording import Recording
 from boxcal.detect.log.safe_text import printable
+from boxcal.detect.log.source import source_of
 from boxcal.detect.log.standstill_clock import clock_offset_by_pictures
 from boxcal.detect.log.topics import Topics
 from boxcal.detect.log.wheel_samples import WheelUnits

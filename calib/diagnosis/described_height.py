@@ -9,7 +9,7 @@ frames look forward or along the optical axis, and base frames lie anywhere betw
 import numpy as np
 
 from boxcal.calib.likelihood.finding import Finding
-from boxcal.detect.correspondences import Source
+from boxcal.detect.log.source import Source
 
 CLOSE_M = 0.02
 """Descriptions are drawn to a centimetre or two: plates and brackets differ from robot to robot."""

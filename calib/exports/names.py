@@ -4,7 +4,7 @@ import re
 from dataclasses import dataclass
 
 from boxcal.calib.settings import Settings
-from boxcal.detect.correspondences import Source
+from boxcal.detect.log.source import Source
 
 BODY, OPTICAL, TOPIC = "base_footprint", "camera_optical_frame", "/camera/image_raw"
 """Frames and topic where nobody names others: ROS' REP 105 and REP 103, and what camera drivers call it."""

@@ -29,7 +29,8 @@ from boxcal.calib.fleet.store import natural
 from boxcal.calib.settings import NOTE, Stage
 from boxcal.calib.simulate.drive import DriveOptions, exact_correspondences, simulate_drive
 from boxcal.calib.simulate.robot import turtlebot
-from boxcal.detect.correspondences import Correspondences, Source
+from boxcal.detect.correspondences import Correspondences
+from boxcal.detect.log.source import Source
 from boxcal.target.box import Box, make_target
 from boxcal.target.files.atomic_write import clear_parts, write_atomically
 from boxcal.target.files.target_json import save_target

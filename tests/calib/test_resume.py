@@ -20,7 +20,8 @@ from boxcal.calib.one_robot import log_identity, writing
 from boxcal.calib.settings import Job, Settings
 from boxcal.calib.simulate.drive import DriveOptions, exact_correspondences, simulate_drive
 from boxcal.calib.simulate.robot import turtlebot
-from boxcal.detect.correspondences import Correspondences, Source
+from boxcal.detect.correspondences import Correspondences
+from boxcal.detect.log.source import Source
 from boxcal.target.box import make_target
 
 ROOT = Path(__file__).resolve().parents[2]

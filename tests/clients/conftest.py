@@ -13,7 +13,7 @@ from boxcal.calib.exports.files import exports
 from boxcal.calib.exports.names import names_for
 from boxcal.calib.results.calibration import Calibration
 from boxcal.calib.settings import Settings
-from boxcal.detect.correspondences import Source
+from boxcal.detect.log.source import Source
 
 
 @pytest.fixture(scope="session")

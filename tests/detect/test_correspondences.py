@@ -11,9 +11,10 @@ from small_logs import STEP, drive
 
 from boxcal.calib.likelihood.estimator import step_of
 from boxcal.calib.likelihood.options import EstimateOptions
-from boxcal.detect.correspondences import Correspondences, StopObservation, faces_by_normal, load_correspondences
+from boxcal.detect.correspondences import Correspondences, StopObservation, load_correspondences
 from boxcal.detect.log.encoder import clean, join
 from boxcal.detect.log.wheel_samples import WheelSamples
+from boxcal.detect.tags.faces import faces_by_normal
 from boxcal.target.box import make_target
 
 TARGET = make_target()

@@ -30,7 +30,7 @@ from boxcal.calib.geometry.so3_se3 import exp_so3, inverse, rigid
 from boxcal.calib.results.calibration import Calibration, Wheels
 from boxcal.calib.results.verdict import Level, Reason, Verdict
 from boxcal.calib.settings import Nominal, Settings
-from boxcal.detect.correspondences import Source
+from boxcal.detect.log.source import Source
 from boxcal.target.arrays import Array
 from boxcal.target.camera.camera_model import project
 

@@ -21,7 +21,7 @@ from boxcal.calib.exports.odometry_noise import odometry_noise
 from boxcal.calib.exports.ros_amcl import UPDATE_TURN, UPDATE_WAY, amcl_alphas
 from boxcal.calib.results.calibration import Calibration
 from boxcal.calib.settings import Nominal, Settings
-from boxcal.detect.correspondences import Source
+from boxcal.detect.log.source import Source
 from boxcal.target.camera.camera_model import project
 
 NOMINAL = Nominal(wheel_radius=0.033, wheel_separation=0.16, source="robot.yaml")

@@ -17,7 +17,8 @@ from boxcal.calib.results.calibration import Calibration, Provenance, Wheels
 from boxcal.calib.results.json_format import calibration_document, load_calibration, save_calibration
 from boxcal.calib.simulate.drive import DriveOptions, exact_correspondences, simulate_drive
 from boxcal.calib.simulate.robot import khepera
-from boxcal.detect.correspondences import Correspondences, Source, load_correspondences
+from boxcal.detect.correspondences import Correspondences, load_correspondences
+from boxcal.detect.log.source import Source
 from boxcal.detect.log.wheel_samples import WheelSamples
 from boxcal.target.box import Box, make_target
 from boxcal.target.camera.camera_model import DISTORTION_NAMES, CameraKind, CameraModel

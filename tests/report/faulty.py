@@ -15,7 +15,8 @@ from boxcal.calib.simulate.drive import DriveOptions, exact_correspondences, sim
 from boxcal.calib.simulate.robot import Robot, turtlebot
 from boxcal.calib.uncertainty.convergence import ConvergencePoint
 from boxcal.calib.uncertainty.cross_validation import validate
-from boxcal.detect.correspondences import Correspondences, Source
+from boxcal.detect.correspondences import Correspondences
+from boxcal.detect.log.source import Source
 from boxcal.target.box import Target, make_target
 from boxcal.target.measure.measured_size import Measured
 

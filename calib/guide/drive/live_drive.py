@@ -10,11 +10,12 @@ from boxcal.calib.guide.drive.taken_stops import TakenStops
 from boxcal.calib.guide.drive.wheels_so_far import WheelsSoFar
 from boxcal.calib.guide.sources.inbox import LiveMessage
 from boxcal.calib.settings import Settings
-from boxcal.detect.correspondences import Correspondences, Source
+from boxcal.detect.correspondences import Correspondences
 from boxcal.detect.errors import DetectError
 from boxcal.detect.log.clocks import offset_by_recording
 from boxcal.detect.log.containers.base import ros_type
 from boxcal.detect.log.images import frame_id_of, image_stamp_ns
+from boxcal.detect.log.source import Source
 from boxcal.detect.log.wheel_assembly import AssembledWheels
 from boxcal.detect.stops import Stop
 from boxcal.target.box import Target
