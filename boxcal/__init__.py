@@ -25,14 +25,20 @@ if TYPE_CHECKING:
     from boxcal.calib.results.calibration import Calibration as Calibration
     from boxcal.calib.results.json_format import load_calibration as load_calibration
     from boxcal.calib.results.json_format import save_calibration as save_calibration
+    from boxcal.calib.settings import Settings as Settings
     from boxcal.calib.simulate.simulated_drive import simulate as simulate
     from boxcal.detect.alignment.detector import detect_tags as detect_tags
     from boxcal.detect.correspondences import Correspondences as Correspondences
     from boxcal.detect.correspondences import load_correspondences as load_correspondences
+    from boxcal.detect.extract import ExtractSettings as ExtractSettings
     from boxcal.detect.extract import extract as extract
+    from boxcal.detect.log.topics import Topics as Topics
+    from boxcal.detect.log.wheel_samples import JointUnit as JointUnit
+    from boxcal.detect.log.wheel_samples import WheelUnits as WheelUnits
     from boxcal.target.box import Box as Box
     from boxcal.target.box import Target as Target
     from boxcal.target.box import make_target as make_target
+    from boxcal.target.camera.distortion import CameraKind as CameraKind
     from boxcal.target.errors import BoxcalError as BoxcalError
     from boxcal.target.files.target_json import load_target as load_target
     from boxcal.target.files.target_json import save_target as save_target
@@ -43,8 +49,14 @@ __all__ = [
     "Box",
     "BoxcalError",
     "Calibration",
+    "CameraKind",
     "Correspondences",
+    "ExtractSettings",
+    "JointUnit",
+    "Settings",
     "Target",
+    "Topics",
+    "WheelUnits",
     "__version__",
     "calibrate",
     "calibrate_cameras",
@@ -64,8 +76,14 @@ _HOME = {
     "Box": "boxcal.target.box",
     "BoxcalError": "boxcal.target.errors",
     "Calibration": "boxcal.calib.results.calibration",
+    "CameraKind": "boxcal.target.camera.distortion",
     "Correspondences": "boxcal.detect.correspondences",
+    "ExtractSettings": "boxcal.detect.extract",
+    "JointUnit": "boxcal.detect.log.wheel_samples",
+    "Settings": "boxcal.calib.settings",
     "Target": "boxcal.target.box",
+    "Topics": "boxcal.detect.log.topics",
+    "WheelUnits": "boxcal.detect.log.wheel_samples",
     "calibrate": "boxcal.calib.calibrate",
     "calibrate_cameras": "boxcal.calib.calibrate",
     "detect_tags": "boxcal.detect.alignment.detector",

@@ -21,8 +21,8 @@ from boxcal.calib.settings import CORRESPONDENCES, Job, Progress, Settings, Stag
 from boxcal.detect.correspondences import Correspondences
 from boxcal.detect.image.bit_depth import DeepGrey, eight_bits
 from boxcal.one_thread import one_thread
-from boxcal.target.box import Target, make_target
-from boxcal.target.files.target_json import load_target
+from boxcal.target.box import Target
+from boxcal.target.files.target_json import given_target
 
 _READ, _SOLVED = 0.7, 0.95
 """Shares of a robot's work, by measurement on logs of 20 stops: reading takes most of it."""
@@ -70,7 +70,7 @@ def calibrate(
     sources = [source] if isinstance(source, (str, Path, Correspondences)) else list(source)
     if not sources:
         raise CalibError("no drive was given", remedy="give a recording or correspondences")
-    box = target if isinstance(target, Target) else load_target(target) if target is not None else make_target()
+    box = given_target(target)
     paths = tuple(Path(s.source.log or s.robot) if isinstance(s, Correspondences) else Path(s) for s in sources)
     first = sources[0]
     name = robot or (first.robot if isinstance(first, Correspondences) else robot_name(paths[0]))
@@ -126,7 +126,7 @@ def calibrate_cameras(
     >>> rigged = [calibration.rig for calibration in found.values() if calibration.rig is not None]
     >>> transforms = [(pair.a, pair.b, pair.T_a_b, pair.covariance) for rig in rigged for pair in rig.pairs]
     """
-    box = target if isinstance(target, Target) else load_target(target) if target is not None else make_target()
+    box = given_target(target)
     chosen = replace(settings or Settings(report=False), cameras=tuple(topics), all_cameras=not topics)
     if isinstance(source, Mapping):
         if not source:

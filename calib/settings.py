@@ -10,6 +10,7 @@ from boxcal.calib.four_steps.step1_camera import CameraMode
 from boxcal.calib.likelihood import CameraKind
 from boxcal.calib.likelihood.moving.merge import Moving
 from boxcal.calib.results.calibration import Calibration
+from boxcal.detect.log.choices import member
 from boxcal.detect.log.opener import robot_name_of
 from boxcal.detect.log.topics import Topics
 from boxcal.detect.log.wheel_parameters import DriverWheels
@@ -54,6 +55,8 @@ class Nominal:
 class Settings:
     """Settings of a calibration that a user may choose.
 
+    In the place of a member of an enumeration its name will do: ``Settings(lens="brown", moving="off")``.
+
     Attributes
     ----------
     topics
@@ -68,19 +71,19 @@ class Settings:
     bits
         Used bits of frames stored in 16; estimated from the frames if None.
     camera_mode
-        One camera for all stops, or every stop alone.
+        One set of intrinsics for all stops, or one for every stop alone (the paper's).
     closed_form
         The four steps alone, without the likelihood.
     validate
-        Hold every stop out in turn and predict it.
+        Whether every stop is left out in turn and predicted (leave-one-out cross-validation).
     lens, optional
-        Camera model; None lets the images choose, and says how all models did.
+        Camera model; if None the images choose, and the result says how all models did.
     rigid_floor
         Every stop stands on one plane exactly, as in the paper; else it leans a little, by how much the data say.
     tilt_prior : rad
         Standard deviation of the floor's tilt against the box.
     ink_prior : m
-        Of the ink's spread: how far all edges of the tags' black lie outwards. A camera's tone curve looks the same.
+        Of the dot gain: how far all edges of the tags' black lie outwards. A camera's response curve looks the same.
     scale_prior, optional
         Of the print's scale in x and y, relative. If None the data say how well the target was made; 0 takes it as
         described.
@@ -97,9 +100,9 @@ class Settings:
     moving
         Whether frames taken between stops are used: where the data allow it, always, or never.
     report
-        Write ``report.html`` for every robot (and let the caller write the fleet's).
+        Whether ``report.html`` is written for every robot; the fleet's is the caller's.
     draw
-        Write each stop's picture with detected and reprojected corners.
+        Whether each stop's picture is written with detected and reprojected corners.
     nominal
         What a data sheet says of the wheels, for diff_drive_controller's multipliers.
     base_frame, camera_frame, prefix
@@ -111,6 +114,15 @@ class Settings:
         Files for the Rerun viewer and for Foxglove.
     hardware
         Hardware revision of the robot, by which the fleet's page groups; empty if nobody said.
+
+    Examples
+    --------
+    >>> import boxcal
+    >>> topics = boxcal.Topics(camera_topic="/front/image_raw", left_joint="wheel_l", right_joint="wheel_r")
+    >>> degrees = boxcal.WheelUnits(unit=boxcal.JointUnit.DEGREES)
+    >>> settings = boxcal.Settings(topics=topics, wheel_units=degrees, lens=boxcal.CameraKind.BROWN)
+    >>> settings.slip is None  # estimated
+    True
     """
 
     topics: Topics = field(default_factory=Topics)
@@ -142,6 +154,12 @@ class Settings:
     rerun: Path | None = None
     results_mcap: Path | None = None
     hardware: str = ""
+
+    def __post_init__(self) -> None:
+        for name, kind in (("camera_mode", CameraMode), ("lens", CameraKind), ("moving", Moving)):
+            value = getattr(self, name)
+            if value is not None:
+                object.__setattr__(self, name, member(kind, value, setting=name, error=CalibError))
 
     @property
     def several_cameras(self) -> bool:

@@ -28,7 +28,7 @@ from boxcal.detect.tags.print_size import scaled_prints
 from boxcal.one_thread import one_thread
 from boxcal.target.arrays import Array, Ids
 from boxcal.target.box import Target
-from boxcal.target.files.target_json import target_sha256
+from boxcal.target.files.target_json import given_target, target_sha256
 
 _SOME_FRAMES = 5
 _LEAST_OFFSET_NS = 300_000_000
@@ -87,7 +87,7 @@ class ExtractSettings:
 @one_thread()
 def extract(
     path: str | Path,
-    target: Target,
+    target: Target | str | Path | None = None,
     *,
     topics: Topics | None = None,
     units: WheelUnits | None = None,
@@ -105,7 +105,7 @@ def extract(
     path
         The recording: a file of any kind, or a folder.
     target
-        The box that the robot looked at.
+        The box that the robot looked at, or its ``target.json``; the default box as designed if not given.
     topics
         Names where the log is ambiguous.
     units
@@ -122,21 +122,22 @@ def extract(
     Raises
     ------
     DetectError
-        If the log cannot be read or has fewer than three stops that see the box; the message says what to do.
+        If the log cannot be read, or the box was seen at fewer than three stops and in too few frames on the move; the
+        message says what to do.
 
     Examples
     --------
     >>> import boxcal
-    >>> drive = boxcal.extract("robots/r01.mcap", boxcal.make_target())
+    >>> drive = boxcal.extract("robots/r01.mcap", "box/target.json")
     >>> len(drive.stops), drive.stops[0].uv_px.shape[1]
     (5, 2)
     """
     path = Path(path)
     tell = progress or _silent
-    recording = open_recording(path, topics, units, nominal)
+    box, recording = given_target(target), open_recording(path, topics, units, nominal)
     for note in recording.notes:
         tell(note, 0.0)
-    return extract_recording(recording, target, settings=settings, progress=tell, pictures=pictures)
+    return extract_recording(recording, box, settings=settings, progress=tell, pictures=pictures)
 
 
 def extract_recording(

@@ -13,8 +13,12 @@ import numpy as np
 import pytest
 
 import boxcal
+from boxcal.calib.four_steps.step1_camera import CameraMode
 from boxcal.calib.geometry.so3_se3 import inverse
+from boxcal.calib.likelihood.moving.merge import Moving
 from boxcal.calib.simulate.cli import main as simulate_fleet
+from boxcal.detect.log.wheel_samples import JointUnit
+from boxcal.target.camera.distortion import CameraKind
 from boxcal.target.render.renderer import render
 from boxcal.target.render.sensor import SensorModel
 
@@ -114,3 +118,16 @@ def test_a_name_that_there_is_not_is_said() -> None:
 def test_the_documentation_of_the_interface_is_complete() -> None:
     page = (ROOT / "docs" / "api.md").read_text()
     assert sorted(re.findall(r"^::: boxcal\.(\w+)$", page, flags=re.MULTILINE)) == sorted(CALLABLES)
+
+
+def test_settings_take_members_of_enumerations_by_their_names_and_refuse_others() -> None:
+    """A string that passed for no member would be taken for whatever comes last in a chain of comparisons."""
+    settings = boxcal.Settings(lens="brown", moving="off", camera_mode="per-stop")  # type: ignore[arg-type]
+    assert settings == boxcal.Settings(lens=CameraKind.BROWN, moving=Moving.OFF, camera_mode=CameraMode.PER_STOP)
+    assert (settings.lens, settings.moving, settings.camera_mode) == ("brown", "off", "per-stop")
+    assert settings.moving is Moving.OFF
+    assert boxcal.WheelUnits(unit="ticks", ticks_per_turn=100.0).unit is JointUnit.TICKS  # type: ignore[arg-type]
+    with pytest.raises(boxcal.BoxcalError, match="moving is never, one of auto, off, on is needed"):
+        boxcal.Settings(moving="never")  # type: ignore[arg-type]
+    with pytest.raises(boxcal.BoxcalError, match="unit is inches, one of deg, m, rad, ticks, turns is needed"):
+        boxcal.WheelUnits(unit="inches")  # type: ignore[arg-type]

@@ -11,8 +11,8 @@ from boxcal.calib.joint_box.together import JointBox, solve_box
 from boxcal.calib.results.calibration import Calibration
 from boxcal.calib.settings import Job, Settings
 from boxcal.detect.correspondences import Correspondences
-from boxcal.target.box import Target, make_target
-from boxcal.target.files.target_json import load_target
+from boxcal.target.box import Target
+from boxcal.target.files.target_json import given_target
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -74,7 +74,7 @@ def refine_box(
     """
     if not drives:
         raise CalibError("no drives were given", needed="at least two robots are needed")
-    box = target if isinstance(target, Target) else load_target(target) if target is not None else make_target()
+    box = given_target(target)
     chosen = settings or Settings(report=False)
     members = [
         Member(

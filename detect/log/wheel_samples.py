@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from boxcal.detect.errors import DetectError
+from boxcal.detect.log.choices import member
 from boxcal.detect.log.encoder_step import encoder_step
 from boxcal.target.arrays import Array, Ids
 
@@ -77,7 +78,7 @@ class WheelUnits:
     Attributes
     ----------
     unit
-        Unit of both wheels' readings.
+        Unit of both wheels' readings; its name (``"deg"``) will do.
     ticks_per_turn
         Readings in a turn of the wheel; needed for ticks.
     reverse_left, reverse_right
@@ -90,6 +91,7 @@ class WheelUnits:
     reverse_right: bool = False
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "unit", member(JointUnit, self.unit, setting="unit", error=DetectError))
         ticks = self.ticks_per_turn
         if (self.unit is JointUnit.TICKS) != (ticks is not None):
             given = "wheel readings in ticks" if ticks is None else f"{ticks:g} ticks per turn"

@@ -73,6 +73,16 @@ def save_target(target: Target, path: str | Path) -> None:
     write_atomically(Path(path), target_bytes(target))
 
 
+def given_target(target: Target | str | Path | None) -> Target:
+    """Return the box that a caller means: a target, the path of its ``target.json``, or None for the default box.
+
+    Errors as of :func:`load_target`.
+    """
+    if isinstance(target, Target):
+        return target
+    return make_target() if target is None else load_target(target)
+
+
 def load_target(path: str | Path) -> Target:
     """Read and check a ``target.json``.
 

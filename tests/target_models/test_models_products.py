@@ -46,7 +46,7 @@ def test_naming_products_loads_nothing_heavy() -> None:
 def test_products_without_the_extra_load_none_of_it() -> None:
     extra = {"cadquery", "OCP", "ezdxf", "manifold3d", "vtk"}
     code = (
-        "import sys\nfrom target.box import make_target\nfrom boxcal.target.models.products import products\n"
+        "import sys\nfrom boxcal.target.box import make_target\nfrom boxcal.target.models.products import products\n"
         "for p in products(dpi=30):\n    if not p.extra:\n        assert p.make(make_target())\n"
         f"assert not {extra!r} & set(sys.modules), {extra!r} & set(sys.modules)\n"
     )
@@ -70,7 +70,7 @@ def test_every_product_of_the_default_box_is_made_in_a_fresh_process() -> None:
     if any(find_spec(name) is None for name in EXTRAS["cad"]):
         pytest.skip("the extra 'cad' is not installed")
     code = (
-        "from target.box import make_target\nfrom boxcal.target.models.products import products\n"
+        "from boxcal.target.box import make_target\nfrom boxcal.target.models.products import products\n"
         "names = [n for p in products() for n in p.make(make_target())]\n"
         "assert {n.rsplit('.')[-1] for n in names} >= {'step', 'stl', 'dxf', 'glb', 'sdf', '3mf', 'png', 'xml'}\n"
     )
