@@ -31,7 +31,8 @@ from boxcal.calib.results.calibration import Calibration
 from boxcal.calib.simulate.drive import DriveOptions
 from boxcal.calib.simulate.imperfect_drive import ImperfectDrive, hand_made, imperfect_drive
 from boxcal.calib.simulate.robot import khepera, turtlebot
-from boxcal.calib.simulate.violations import HARMLESS, STOPS, VIOLATIONS, Violation
+from boxcal.calib.simulate.violation import STOPS, Violation
+from boxcal.calib.simulate.violations import HARMLESS, VIOLATIONS
 from boxcal.target.arrays import Array
 from boxcal.target.box import make_target
 

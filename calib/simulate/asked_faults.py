@@ -9,7 +9,8 @@ from boxcal.calib.simulate.drive import DriveOptions
 from boxcal.calib.simulate.imperfect_drive import hand_made
 from boxcal.calib.simulate.imperfections import Imperfections
 from boxcal.calib.simulate.robot import Robot
-from boxcal.calib.simulate.violations import HARMLESS, STOPS, VIOLATIONS, Violation
+from boxcal.calib.simulate.violation import STOPS, Violation
+from boxcal.calib.simulate.violations import HARMLESS, VIOLATIONS
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
