@@ -4,10 +4,9 @@ import argparse
 import os
 import shlex
 import sys
-import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, closing, suppress
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from boxcal.calib.fleet.interrupts import interrupts_held, interrupts_remembered
 from boxcal.calib.fleet.options import options
@@ -45,64 +44,27 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _watch(args: argparse.Namespace, command: str, stop_if_asked: Callable[[], None]) -> int:
-    """Calibrate logs as they arrive, until Ctrl-C between two of them; returns the exit status.
-
-    Logs that nothing came of, for no reason of their own (a scheduler that is down), are tried at every look until
-    something does; what is in the way is said once.
-    """
-    from boxcal.calib.fleet.watch import EVERY_S, Arrivals, check_places, logs_in, robots_of_their_own
+    """Calibrate logs as they arrive, until Ctrl-C between two of them; returns the exit status."""
+    from boxcal.calib.fleet.watching import watch
     from boxcal.target.errors import BoxcalError
 
-    places = list(args.logs)
-    in_the_way, unreachable = _Once(), _Once()
+    interrupted = False
 
-    def look() -> "dict[Path, Any]":
-        try:
-            found = logs_in(places)
-        except BoxcalError as error:  # it may be there again at the next look
-            unreachable.tell(f"fleet-calibrate: {error}")
-            return {}
-        unreachable.forget()
-        return found
+    def calibrate(logs: "list[Path]", tell: Callable[[str], None]) -> "list[Path] | None":
+        nonlocal interrupted
+        args.logs = logs
+        status, left = _run(args, command, stop_if_asked, tell)
+        interrupted = status == INTERRUPTED
+        return None if interrupted else left
 
     try:
-        check_places(places)
+        watch(list(args.logs), calibrate, _tell)
     except BoxcalError as error:
         _tell(f"fleet-calibrate: {error}")
         return 2
-    _tell("fleet-calibrate: watching; Ctrl-C ends it")
-    arrivals = Arrivals(look)
-    try:
-        while True:
-            args.logs, problems = robots_of_their_own(arrivals.next())
-            for problem in problems:
-                _tell(f"fleet-calibrate: {problem}")
-            if args.logs:
-                status, left = _run(args, command, stop_if_asked, in_the_way.tell)
-                if status == INTERRUPTED:
-                    return INTERRUPTED
-                if not left:
-                    in_the_way.forget()
-                arrivals.again(left)
-            time.sleep(EVERY_S)
     except KeyboardInterrupt:
         _tell("fleet-calibrate: no longer watching")
-    return 0
-
-
-class _Once:
-    """Lines said once, however often they come up, until they are forgotten."""
-
-    def __init__(self) -> None:
-        self._said: set[str] = set()
-
-    def tell(self, line: str) -> None:
-        if line not in self._said:
-            _tell(line)
-        self._said.add(line)
-
-    def forget(self) -> None:
-        self._said.clear()
+    return INTERRUPTED if interrupted else 0
 
 
 def _run(

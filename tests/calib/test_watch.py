@@ -1,7 +1,6 @@
 """Logs calibrated as they arrive: once they have stopped changing, again if they change, whatever else lies there."""
 
 import json
-import time
 from argparse import Namespace
 from collections.abc import Generator
 from pathlib import Path
@@ -12,7 +11,7 @@ import pytest
 
 from boxcal.calib.cli import main
 from boxcal.calib.errors import CalibError
-from boxcal.calib.fleet import watch
+from boxcal.calib.fleet import watch, watching
 from boxcal.calib.fleet.engine import chosen
 from boxcal.calib.fleet.engine.calls import Engine
 from boxcal.calib.fleet.engine.here import ThisProcess
@@ -82,7 +81,7 @@ def test_the_command_calibrates_what_arrives_until_it_is_interrupted(
     robots.mkdir()
     looks = 0
 
-    def arrives(_: float) -> None:
+    def arrives() -> None:
         """Between looks: a robot's log after the first and another after the fourth, Ctrl-C after the eighth."""
         nonlocal looks
         looks += 1
@@ -95,7 +94,7 @@ def test_the_command_calibrates_what_arrives_until_it_is_interrupted(
         if looks == 9:
             raise KeyboardInterrupt
 
-    monkeypatch.setattr(time, "sleep", arrives)
+    monkeypatch.setattr(watching, "wait", arrives)
     words = [str(robots), "--watch", "--out", str(out), "--no-report", "--jobs", "1", "--quiet", *PAPER]
     assert main(words) == 0
     said = capsys.readouterr().err
@@ -130,12 +129,12 @@ def test_a_batch_that_met_a_dead_cluster_is_done_when_it_is_back_and_the_fault_s
             raise CalibError("no scheduler answers there")
         return (Gone(), []) if len(tries) == 4 else good(args, count)
 
-    def ended(_: float) -> None:
+    def ended() -> None:
         if (out / "r1" / "calibration.json").exists() or len(tries) > 9:
             raise KeyboardInterrupt
 
     monkeypatch.setattr(chosen, "chosen_engine", engine)
-    monkeypatch.setattr(time, "sleep", ended)
+    monkeypatch.setattr(watching, "wait", ended)
     words = [str(robots), "--watch", "--out", str(out), "--no-report", "--jobs", "1", "--quiet", *PAPER]
     assert main(words) == 0
     assert len(tries) == 5
