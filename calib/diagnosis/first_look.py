@@ -202,7 +202,7 @@ def _cause(drive: Correspondences, camera: CameraStep, target: Target, mode: Cam
         return _Relaid(gluing=_UPSIDE_DOWN, finding=_turned_over(explained))
     if explained is not None:
         return CalibError(
-            f"{explained.text}: {explained.figures}, as recorded they fit no wheels that roll forward",
+            f"{explained.text}: {explained.quality}, as recorded they fit no wheels that roll forward",
             remedy=explained.advice,
         )
     elsewhere = _sheets_elsewhere(drive, target, mode)
@@ -248,7 +248,7 @@ def _sheets_elsewhere(
 def _turned_over(why: Explained) -> Finding:
     return Finding(
         cause=why.key,
-        text=f"{why.text}: {why.figures}, as described they fit no wheels that roll forward; the landmarks were taken "
+        text=f"{why.text}: {why.quality}, as described they fit no wheels that roll forward; the landmarks were taken "
         "where they are",
         advice=why.advice,
         adopted=True,

@@ -48,7 +48,7 @@ class Explained:
     steps: FourSteps
 
     @property
-    def figures(self) -> str:
+    def quality(self) -> str:
         """Quality of the fit in words."""
         return agreement(self.steps)
 

@@ -104,7 +104,7 @@ def watch(series: Series, component: Array, prior_dof: float, robots: Array, *, 
     odd = np.zeros_like(variances, dtype=bool)
     for group in GROUPS:  # a drive that went wrong says nothing of the part any more, once the next one is there
         own = [j for j, c in enumerate(CHANNELS) if c.group == group]
-        odd[:, own] = np.any([_odd_ones(series.values[:, j], variances[:, j]) for j in own], axis=0)[:, None]
+        odd[:, own] = np.any([_outliers(series.values[:, j], variances[:, j]) for j in own], axis=0)[:, None]
     variances = np.where(odd, np.inf, variances)
     changes: list[Change] = []
     pending: list[str] = []
@@ -247,7 +247,7 @@ def _likeliest(ratios: Array) -> list[tuple[int, int, int]]:
     return out
 
 
-def _odd_ones(values: Array, variances: Array) -> Mask:
+def _outliers(values: Array, variances: Array) -> Mask:
     """Return which sessions lie far from those before and after, which agree with each other."""
     known = np.flatnonzero(np.isfinite(variances))
     out = np.zeros(len(values), dtype=bool)

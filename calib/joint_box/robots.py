@@ -46,7 +46,7 @@ class Robots:
         self._members, self._prior, self._run = members, prior, run
         free = gauge_free(prior, np.zeros(len(prior.names)))
         begun = run(partial(begin, names=prior.names), members)
-        self.parts = _each_drive_once([_freed(_told(part), free) for part in begun], members)
+        self.parts = _each_drive_once([_freed(_part_or_loss(part), free) for part in begun], members)
         self._missed = [0] * len(self.parts)
         self._check()
 
@@ -129,6 +129,6 @@ def _freed(part: Part, free: Array) -> Part:
     return part if part.block is None else replace(part, block=part.block.projected(free))
 
 
-def _told(part: Part | None) -> Part:
+def _part_or_loss(part: Part | None) -> Part:
     """Return a robot's part, also where nothing came back."""
     return part or Part(problem=CalibError(LOST, remedy="give fewer --jobs"))

@@ -58,7 +58,7 @@ def offset_by_recording(image_t: Ids, image_log: Ids, wheel_t: Ids, wheel_log: I
 
 
 def offset_by_standstills(image_t: Ids, still: "np.ndarray[tuple[int], np.dtype[np.bool_]]", stands: Ids) -> int | None:
-    """Return by how many ns the images' clock is ahead, so that they stand still when the wheels do; None if untold.
+    """Return by how many ns the images' clock is ahead, so that they stand still when the wheels do; None if unknown.
 
     Parameters
     ----------

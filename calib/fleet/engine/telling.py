@@ -18,7 +18,7 @@ def tell(message: Any) -> None:
 
 @contextmanager
 def heard_by(listener: Told) -> Iterator[None]:
-    """Have what is told heard."""
+    """Give messages that calls tell meanwhile to a listener."""
     _listeners.append(listener)
     try:
         yield
