@@ -97,9 +97,9 @@ def _sent_anew_where_dropped(number: signal.Signals, raised: type[BaseException]
         yield
     finally:
         sys.unraisablehook = before
-        for signals in sent:
-            signals.cancel()
-            signals.join()
+        for timer in sent:
+            timer.cancel()
+            timer.join()
 
 
 def _arrives() -> bool:

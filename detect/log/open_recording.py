@@ -12,9 +12,10 @@ from boxcal.detect.log.frames import FrameSource
 from boxcal.detect.log.images import frame_id_of
 from boxcal.detect.log.losses import MOST_STRAYS, Loss, LossKind
 from boxcal.detect.log.opener import open_container
+from boxcal.detect.log.readings import problems_said
 from boxcal.detect.log.recording import Recording
 from boxcal.detect.log.safe_text import printable
-from boxcal.detect.log.scan import Scan, problems_said
+from boxcal.detect.log.scan import Scan
 from boxcal.detect.log.stand_images import fetch_images
 from boxcal.detect.log.topics import Topics, choose_camera
 from boxcal.detect.log.wheel_assembly import assemble_wheels
@@ -80,8 +81,8 @@ def read_wheels(
     try:
         scan.take_all(container)
         scan.refuse_other_worlds()
-        choice = choose_wheels(path.name, scan.signals, scan.odometry, scan.types, scan.topics)
-        nominal = nominal or scan.metadata.nominal_wheels()
+        choice = choose_wheels(path.name, scan.readings.signals, scan.readings.odometry, scan.types, scan.topics)
+        nominal = nominal or scan.readings.metadata.nominal_wheels()
         return assemble_wheels(path.name, choice, units or WheelUnits(), nominal).wheels
     finally:
         _close(container, scan)
@@ -118,13 +119,13 @@ def _assembled(
     scan.refuse_other_worlds()
     try:
         camera, choice = _chosen(scan, types)
-        nominal = nominal or scan.metadata.nominal_wheels()
+        nominal = nominal or scan.readings.metadata.nominal_wheels()
         indexed = isinstance(container, IndexedMcap) and container.has_index
         if not indexed:  # with an index, the choice may have to be made anew about all images
-            scan.forget_signals(but=(*choice.right, *choice.left))
+            scan.readings.forget_signals(but=(*choice.right, *choice.left))
         wheels = assemble_wheels(name, choice, units, nominal)
         if not indexed:
-            scan.forget_signals()
+            scan.readings.forget_signals()
     except DetectError as error:
         raise _with_losses(error, name, damage) from error
     rest = None
@@ -147,7 +148,7 @@ def _assembled(
         sha256=container.sha256(),
         camera_topic=camera,
         camera_frame=_camera_frame(source),
-        odometry_frame=next((o.base_frame for o in scan.odometry.values() if o.base_frame), ""),
+        odometry_frame=next((o.base_frame for o in scan.readings.odometry.values() if o.base_frame), ""),
         wheel_topics=choice.topics,
         quantity=choice.quantity,
         nominal=wheels.nominal,
@@ -155,7 +156,7 @@ def _assembled(
         frame_t_ns=t_ns,
         frame_numbers=numbers,
         clock_offset_ns=offset,
-        metadata=scan.metadata,
+        metadata=scan.readings.metadata,
         notes=(*(loss.text for loss in losses), *strays, *wheels.notes, *notes),
         lost_messages=damage.messages + sum(count for _, count in problems.values()),
         lost_s=damage.seconds,
@@ -186,11 +187,11 @@ def _chosen(scan: Scan, types: dict[str, str]) -> tuple[str, WheelChoice]:
     except DetectError as error:
         problems.append(error)
     try:
-        choice = choose_wheels(scan.name, scan.signals, scan.odometry, types, scan.topics)
+        choice = choose_wheels(scan.name, scan.readings.signals, scan.readings.odometry, types, scan.topics)
     except DetectError as error:
         problems.append(error)
     if choice is None or problems:
-        undecoded = problems_said(scan.problems)
+        undecoded = problems_said(scan.readings.problems)
         if len(problems) == 1 and not undecoded:
             raise problems[0]
         raise DetectError(
@@ -217,7 +218,7 @@ def _camera_frame(source: FrameSource) -> str:
 def _problems_of(scan: Scan, camera: str, choice: WheelChoice) -> dict[str, tuple[str, int]]:
     """Return the problems in the topics that are used; an arm's broken topic harms nothing."""
     used = {camera, *choice.topics}
-    return {topic: problem for topic, problem in scan.problems.items() if topic in used}
+    return {topic: problem for topic, problem in scan.readings.problems.items() if topic in used}
 
 
 def _undecoded(scan: Scan, problems: dict[str, tuple[str, int]]) -> tuple[list[Loss], list[str]]:

@@ -5,7 +5,7 @@ from enum import StrEnum
 from boxcal.detect.log.containers.base import Channel, ros_type
 from boxcal.detect.log.images import FOXGLOVE, IMAGE_TYPES, VIDEO_PACKET
 from boxcal.detect.log.metadata import METADATA_TYPES, Metadata
-from boxcal.detect.log.scan import JOINTS
+from boxcal.detect.log.readings import JOINTS
 from boxcal.detect.log.tick_messages import FOXGLOVE_JOINTS, ODOMETRY, fields_of
 from boxcal.detect.log.topics import Topics, named_field
 

@@ -28,7 +28,7 @@ from small_logs import (
 
 from boxcal.calib.simulate.mcap_writer import LogWriter
 from boxcal.detect.errors import DetectError
-from boxcal.detect.log import scan
+from boxcal.detect.log import readings
 from boxcal.detect.log.containers import base, mcap
 from boxcal.detect.log.containers.mcap_records import MAGIC
 from boxcal.detect.log.losses import LossKind
@@ -144,10 +144,10 @@ def test_too_many_messages_samples_or_joints_are_refused(tmp_path: Path, monkeyp
         with pytest.raises(DetectError, match=r"a.mcap: more than \d+ messages in \d+ bytes"):
             open_recording(path)
     with monkeypatch.context() as patch:
-        patch.setattr(scan, "MAX_SAMPLES", 10)
+        patch.setattr(readings, "MAX_SAMPLES", 10)
         with pytest.raises(DetectError, match=r"a.mcap: more than 10 wheel readings and images; split the log"):
             open_recording(path)
-    monkeypatch.setattr(scan, "MAX_NAMES", 1)
+    monkeypatch.setattr(readings, "MAX_NAMES", 1)
     with pytest.raises(DetectError, match=r"more than 1 different joints"):
         open_recording(path)
 

@@ -240,7 +240,7 @@ def test_rosbridge_is_heard_as_json() -> None:
         assert set(link.selection.topics) == {"/cam/compressed", "/joint_states"}
         wheels_so_far = WheelsSoFar("x", Topics(), WheelUnits(), None)
         wheels_so_far.take(came)
-        signals = wheels_so_far.scan.signals["/joint_states"]
+        signals = wheels_so_far.scan.readings.signals["/joint_states"]
         assert {name: s.values.tolist() for name, s in signals.items() if s.count} == {
             "left_wheel_joint": [1.0],
             "right_wheel_joint": [2.0],

@@ -178,9 +178,9 @@ class LiveDrive:
         )
 
     def _source(self, log: str, samples: AssembledWheels) -> Source:
-        about = self.wheels.scan.metadata
+        about = self.wheels.scan.readings.metadata
         radius, separation = samples.nominal or about.nominal_wheels() or (0.0, 0.0)
-        odometry = next((o.base_frame for o in self.wheels.scan.odometry.values() if o.base_frame), "")
+        odometry = next((o.base_frame for o in self.wheels.scan.readings.odometry.values() if o.base_frame), "")
         base = odometry or about.base_frame()
         T_base_cam, choice = about.fixed_transform(base, self._camera[1]), self.wheels.choice
         return Source(

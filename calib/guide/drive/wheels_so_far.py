@@ -7,7 +7,8 @@ import numpy as np
 from boxcal.calib.guide.sources.inbox import LiveMessage
 from boxcal.detect.errors import DetectError
 from boxcal.detect.log.containers.base import Batch, Channel
-from boxcal.detect.log.scan import Scan, problems_said
+from boxcal.detect.log.readings import problems_said
+from boxcal.detect.log.scan import Scan
 from boxcal.detect.log.topics import Topics
 from boxcal.detect.log.wheel_assembly import AssembledWheels, assemble_wheels
 from boxcal.detect.log.wheel_choice import WheelChoice, choose_wheels
@@ -43,13 +44,13 @@ class WheelsSoFar:
     @property
     def heard(self) -> bool:
         """Whether anything was heard that may be a wheel."""
-        return bool(self.scan.signals or self.scan.odometry)
+        return bool(self.scan.readings.signals or self.scan.readings.odometry)
 
     @property
     def resting_since_ns(self) -> tuple[int, int] | None:
         """First and last stamp (ns) of wheels that were heard and never moved; None if there are none, or they did."""
-        signals = [s for of_topic in self.scan.signals.values() for s in of_topic.values() if s.count]
-        if not signals or any(s.moves for s in signals) or any(o.moves for o in self.scan.odometry.values()):
+        signals = [s for of_topic in self.scan.readings.signals.values() for s in of_topic.values() if s.count]
+        if not signals or any(s.moves for s in signals) or any(o.moves for o in self.scan.readings.odometry.values()):
             return None
         t_ns = signals[0].t_ns if signals[0].stamped and np.any(signals[0].t_ns) else signals[0].log_ns
         return int(t_ns.min()), int(t_ns.max())
@@ -58,8 +59,8 @@ class WheelsSoFar:
         """Return the wheel samples so far; None where there are none yet, and :attr:`problem` says why."""
         scan = self.scan
         try:
-            choice = choose_wheels(scan.name, scan.signals, scan.odometry, scan.types, scan.topics)
-            nominal = self._nominal or scan.metadata.nominal_wheels()
+            choice = choose_wheels(scan.name, scan.readings.signals, scan.readings.odometry, scan.types, scan.topics)
+            nominal = self._nominal or scan.readings.metadata.nominal_wheels()
             found = assemble_wheels(scan.name, choice, self._units, nominal)
         except DetectError as error:
             self.problem = str(error).removeprefix(f"{scan.name}: ")
@@ -70,7 +71,7 @@ class WheelsSoFar:
     @property
     def notes(self) -> tuple[str, ...]:
         """Sentences about messages that did not decode."""
-        return tuple(problems_said(self.scan.problems))
+        return tuple(problems_said(self.scan.readings.problems))
 
 
 def _batch(channel: Channel, messages: list[LiveMessage]) -> Batch:
