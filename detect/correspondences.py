@@ -11,11 +11,13 @@ from typing import Any
 import numpy as np
 
 from boxcal.detect.errors import DetectError
-from boxcal.detect.log.encoder import gaps_covered, without_strays
+from boxcal.detect.image.gray import MAX_SIDE_PX
+from boxcal.detect.log.encoder import MAX_ANGLE, gaps_covered, without_strays
+from boxcal.detect.log.safe_text import one_line, printable
 from boxcal.detect.log.source import Source, read_source
 from boxcal.detect.log.wheel_samples import Flags, JointUnit, WheelSamples, WheelUnits
 from boxcal.detect.tags.faces import faces_by_normal
-from boxcal.detect.tags.moving_frames import MovingFrame, refuse_odd_landmarks
+from boxcal.detect.tags.moving_frames import MovingFrame, refuse_far_corners, refuse_odd_landmarks
 from boxcal.target.arrays import Array, Ids
 from boxcal.target.files.atomic_write import write_atomically
 from boxcal.target.files.json_document import parse_json
@@ -68,6 +70,8 @@ class StopObservation:
     rejected_tags: int = 0
 
     def __post_init__(self) -> None:
+        if self.t_end_ns < self.t_start_ns or min(self.frames, self.rejected_tags) < 0:
+            raise DetectError("a stop: it ends before it begins, or its number of frames or tags is negative")
         refuse_odd_landmarks("a stop's", self.landmark_ids, (self.p_box, self.uv_px, self.cov_px2))
         n = self.landmark_ids.shape[0]
         if self.faces.size == 0:
@@ -111,6 +115,14 @@ class Correspondences:
     on_the_move: bool = False
 
     def __post_init__(self) -> None:
+        if not all(0 < side <= MAX_SIDE_PX for side in self.image_size):
+            raise DetectError(
+                f"images of {printable(str(self.image_size))} px, sides from 1 to {MAX_SIDE_PX} px are needed"
+            )
+        for stop in self.stops:
+            refuse_far_corners("a stop's", stop.uv_px, self.image_size)
+        for frame in self.moving:
+            refuse_far_corners("a frame's", frame.uv_px, self.image_size)
         last = -1
         for j, stop in enumerate(self.stops):
             if not last < stop.first_sample <= stop.last_sample < len(self.wheels):
@@ -218,11 +230,13 @@ def load_correspondences(path: str | Path) -> Correspondences:
                     f"{path.name}: schema {header['schema']!r}, this version reads {SCHEMA}; extract it again"
                 )
             stops = tuple(
-                StopObservation(**stop, **{k: data[f"stop{j}_{k}"] for k in _STOP_ARRAYS if f"stop{j}_{k}" in data})
+                StopObservation(
+                    **_figures(stop), **{k: data[f"stop{j}_{k}"] for k in _STOP_ARRAYS if f"stop{j}_{k}" in data}
+                )
                 for j, stop in enumerate(header["stops"])
             )
             return Correspondences(
-                robot=str(header["robot"]),
+                robot=_name(header["robot"]),
                 image_size=(int(header["image_size"][0]), int(header["image_size"][1])),
                 wheels=_wheels(data, header),
                 stops=stops,
@@ -238,8 +252,27 @@ def load_correspondences(path: str | Path) -> Correspondences:
         raise
     except OSError as error:
         raise DetectError(f"{path.name}: cannot be read ({error.strerror or error})") from error
+    except MemoryError as error:
+        raise DetectError(f"{path.name}: an array in it claims more than the memory holds; extract it again") from error
     except (ValueError, KeyError, TypeError, IndexError, EOFError, zipfile.BadZipFile) as error:
         raise DetectError(f"{path.name}: not a correspondence file ({error}); extract it again") from error
+
+
+def _figures(stop: dict[str, object]) -> dict[str, Any]:
+    """Return what the header says of a stop: wheel angles, and whole numbers."""
+    for name, value in stop.items():
+        if name not in {"phi_R", "phi_L"}:
+            if not isinstance(value, int):
+                raise ValueError(f"a stop's {name} is no whole number")
+        elif not isinstance(value, (int, float)) or not abs(value) <= MAX_ANGLE:
+            raise ValueError(f"a stop's {name} is no angle to {MAX_ANGLE:g} rad")
+    return stop
+
+
+def _name(saved: object) -> str:
+    if not isinstance(saved, str):
+        raise ValueError("the robot has no name")
+    return one_line(saved)
 
 
 def _wheels(data: Any, header: dict[str, Any]) -> WheelSamples:
@@ -249,6 +282,10 @@ def _wheels(data: Any, header: dict[str, Any]) -> WheelSamples:
         right, left = header["encoder_steps"]
         known["encoder_steps"] = (float(right), float(left))
     t_ns, phi_R, phi_L = data["t_ns"], data["phi_R"], data["phi_L"]
+    if not np.issubdtype(t_ns.dtype, np.integer):
+        raise ValueError("times of wheel samples that are no whole numbers of ns")
+    if not max(np.max(np.abs(phi), initial=0) for phi in (phi_R, phi_L)) <= MAX_ANGLE:
+        raise ValueError(f"wheel angles beyond {MAX_ANGLE:g} rad, or no numbers")
     if "covered" in data:
         return WheelSamples(t_ns=t_ns, phi_R=phi_R, phi_L=phi_L, covered=data["covered"].astype(np.bool_), **known)
     covered = gaps_covered(t_ns, phi_R) & gaps_covered(t_ns, phi_L)

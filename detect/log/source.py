@@ -1,10 +1,12 @@
 """Provenance of correspondences: the recording, what was read of it, and how."""
 
 from dataclasses import dataclass, fields
+from math import isfinite
 from typing import Any
 
 from boxcal.detect.log.losses import Loss, LossKind
 from boxcal.detect.log.recording import Recording
+from boxcal.detect.log.safe_text import one_line, printable
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -89,10 +91,49 @@ def source_of(recording: Recording, target_sha256: str, notes: tuple[str, ...]) 
 
 
 def read_source(saved: dict[str, Any]) -> Source:
-    """Return the provenance in a file; what newer versions add is passed over, what older ones lack is unknown."""
-    known = {field.name for field in fields(Source)}
+    """Return the provenance in a file; what newer versions add is passed over, what older ones lack is unknown.
+
+    Texts come back as single lines without control characters: files are passed on, and what they say is printed.
+
+    Raises
+    ------
+    ValueError
+        If a value is not of its field's kind.
+    """
+    if not isinstance(saved, dict):
+        raise ValueError(f"a source of {_brief(saved)}")
     values: dict[str, Any] = {
-        name: tuple(value) if isinstance(value, list) else value for name, value in saved.items() if name in known
+        field.name: _as(field.default, saved[field.name], field.name)
+        for field in fields(Source)
+        if field.name in saved and field.name != "losses"
     }
-    losses = tuple(Loss(kind=LossKind(loss["kind"]), text=str(loss["text"])) for loss in values.pop("losses", ()))
+    values["nominal_T_base_cam"] = _pose(saved.get("nominal_T_base_cam", []))
+    losses = tuple(
+        Loss(kind=LossKind(loss["kind"]), text=str(_as("", loss["text"], "losses"))) for loss in saved.get("losses", ())
+    )
     return Source(**values, losses=losses)
+
+
+def _as(default: object, value: object, name: str) -> object:
+    """Return a value that has the kind of a field's default: text, a whole number, a finite number, or texts."""
+    if isinstance(default, tuple) and isinstance(value, list):
+        return tuple(_as("", part, name) for part in value)
+    if isinstance(default, str) and isinstance(value, str):
+        return one_line(value)
+    if isinstance(default, int) and isinstance(value, int):
+        return value
+    if isinstance(default, float) and isinstance(value, (int, float)) and isfinite(value):
+        return float(value)
+    raise ValueError(f"{name} of {_brief(value)}")
+
+
+def _pose(value: object) -> tuple[float, ...]:
+    if not isinstance(value, list) or len(value) not in (0, 16):
+        raise ValueError(f"nominal_T_base_cam of {_brief(value)}")
+    if not all(isinstance(part, (int, float)) and isfinite(part) for part in value):
+        raise ValueError(f"nominal_T_base_cam of {_brief(value)}")
+    return tuple(float(part) for part in value)
+
+
+def _brief(value: object) -> str:
+    return printable(repr(value))

@@ -7,6 +7,9 @@ import numpy as np
 from boxcal.detect.errors import DetectError
 from boxcal.target.arrays import Array, Ids
 
+MAX_BOX_M = 100.0
+"""No landmark lies further from the box's middle, m."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class MovingFrame:
@@ -42,10 +45,28 @@ class MovingFrame:
 
 
 def refuse_odd_landmarks(whose: str, landmark_ids: Ids, arrays: tuple[Array, Array, Array]) -> None:
-    """Refuse landmarks whose places (box and image) and covariances do not fit together or are not finite."""
+    """Refuse landmarks whose places (box and image) and covariances do not fit together, or are no such things."""
     n = landmark_ids.shape[0]
     shapes = tuple(a.shape for a in arrays)
     if shapes != ((n, 3), (n, 2), (n, 2, 2)):
         raise DetectError(f"{whose} landmarks: found shapes {shapes} for {n} ids; (L, 3), (L, 2), (L, 2, 2) needed")
+    if not np.issubdtype(landmark_ids.dtype, np.integer) or np.any(np.diff(landmark_ids, prepend=-1) <= 0):
+        raise DetectError(f"{whose} landmarks: ids that do not ascend from 0 on, whole numbers; sort them")
     if not all(np.all(np.isfinite(a)) for a in arrays):
         raise DetectError(f"{whose} landmarks: a coordinate is not finite; drop such landmarks")
+    p_box, _, cov_px2 = arrays
+    if np.any(np.abs(p_box) > MAX_BOX_M):
+        raise DetectError(f"{whose} landmarks: one lies more than {MAX_BOX_M:g} m from the box; they are in m")
+    variances = cov_px2[:, [0, 1], [0, 1]]
+    most = np.prod(np.sqrt(np.maximum(variances, 0.0)), axis=1)  # what an entry aside the diagonal stays below
+    if np.any(variances <= 0) or np.any(np.abs(cov_px2[:, [0, 1], [1, 0]]) >= most[:, None]):
+        raise DetectError(f"{whose} landmarks: a covariance is not positive; drop such landmarks")
+
+
+def refuse_far_corners(whose: str, uv_px: Array, image_size: tuple[int, int]) -> None:
+    """Refuse corners further outside their picture than it is large: no detector finds them there."""
+    size = np.array(image_size)
+    if np.any(uv_px < -size) or np.any(uv_px > 2 * size):
+        raise DetectError(
+            f"{whose} landmarks: a corner lies far outside the picture of {size[0]} x {size[1]} px; drop such landmarks"
+        )

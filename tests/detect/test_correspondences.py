@@ -2,8 +2,11 @@
 
 import io
 import json
+import zipfile
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,6 +15,7 @@ from small_logs import STEP, drive
 from boxcal.calib.likelihood.estimator import step_of
 from boxcal.calib.likelihood.options import EstimateOptions
 from boxcal.detect.correspondences import Correspondences, StopObservation, load_correspondences
+from boxcal.detect.errors import DetectError
 from boxcal.detect.log.encoder import clean, join
 from boxcal.detect.log.wheel_samples import WheelSamples
 from boxcal.detect.tags.faces import faces_by_normal
@@ -91,3 +95,90 @@ def test_faces_are_told_from_the_normals_of_all_tags_and_partly_seen_ones_from_t
     np.testing.assert_array_equal(faces_by_normal(ids, TARGET.p_box(ids)), np.repeat(TARGET.tag_faces, 4))
     some = np.delete(ids, [1, 2, 81, 83])
     np.testing.assert_array_equal(faces_by_normal(some, TARGET.p_box(some)), TARGET.faces(some))
+
+
+def _header_with(path: Path, change: Callable[[dict[str, Any]], None], **arrays: Any) -> Path:
+    """Save a drive with something in its header, or an array, replaced."""
+    _saw(_apart()).save(path)
+    with np.load(path) as data:
+        kept = {name: data[name] for name in data}
+    header = json.loads(bytes(kept["header"]))
+    change(header)
+    kept["header"] = np.frombuffer(json.dumps(header).encode(), dtype=np.uint8)
+    np.savez_compressed(path, **{**kept, **arrays})
+    return path
+
+
+def test_what_a_file_says_is_printed_without_control_characters(tmp_path: Path) -> None:
+    def hostile(header: dict[str, Any]) -> None:
+        header["robot"] = "r\x1b]0;x\x07"
+        header["source"] |= {"notes": ["\x1b[31mred\nnext\u202e"], "camera_frame": "a\x1b[2J", "log": "b\rc.mcap"}
+        header["source"]["losses"] = [{"kind": "recording-damaged", "text": "\x1b[2Jlost"}]
+
+    found = load_correspondences(_header_with(tmp_path / "a.npz", hostile))
+    assert found.robot == "r?]0;x?"
+    assert found.source.notes == ("?[31mred next?",)
+    assert (found.source.camera_frame, found.source.log) == ("a?[2J", "b c.mcap")
+    assert [loss.text for loss in found.source.losses] == ["?[2Jlost"]
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda h: h.update(robot=[1]), "no name"),
+        (lambda h: h.update(source=None), "source of None"),
+        (lambda h: h["source"].update(log=3), "log of 3"),
+        (lambda h: h["source"].update(nominal_radius="x"), "nominal_radius of 'x'"),
+        (lambda h: h["source"].update(nominal_T_base_cam=[1.0]), "nominal_T_base_cam"),
+        (lambda h: h["source"].update(notes=[1]), "notes of 1"),
+        (lambda h: h["stops"][0].update(phi_R=None), "no angle"),
+        (lambda h: h["stops"][0].update(phi_L=1e300), "no angle"),
+        (lambda h: h["stops"][0].update(t_start_ns="x"), "no whole number"),
+        (lambda h: h["stops"][0].update(t_start_ns=2**62), "ends before it begins"),
+        (lambda h: h["stops"][0].update(frames=-1), "negative"),
+        (lambda h: h.update(image_size=[0, 48]), "images of"),
+        (lambda h: h.update(image_size=[10**300, 48]), "images of"),
+    ],
+)
+def test_values_in_a_file_that_cannot_be_are_refused_in_one_line(
+    tmp_path: Path, change: Callable[[dict[str, Any]], None], words: str
+) -> None:
+    with pytest.raises(DetectError, match=words) as refused:
+        load_correspondences(_header_with(tmp_path / "a.npz", change))
+    assert "\n" not in str(refused.value)
+    assert len(str(refused.value)) < 250
+
+
+@pytest.mark.parametrize(
+    ("name", "at", "value", "words"),
+    [
+        ("stop0_uv_px", (0, 0), 1e300, "far outside the picture"),
+        ("stop0_uv_px", (0, 1), -49.0, "far outside the picture"),
+        ("stop0_p_box", (0, 0), 1e300, "from the box"),
+        ("stop0_cov_px2", (0, 0, 0), -1.0, "not positive"),
+        ("stop0_cov_px2", (0, 0, 1), 2.0, "not positive"),
+        ("stop0_landmark_ids", (0,), -8, "do not ascend"),
+        ("stop0_landmark_ids", (1,), 8, "do not ascend"),
+        ("phi_R", (5,), 1e300, "beyond"),
+    ],
+)
+def test_arrays_in_a_file_that_cannot_be_are_refused(
+    tmp_path: Path, name: str, at: tuple[int, ...], value: float, words: str
+) -> None:
+    saved = _header_with(tmp_path / "a.npz", lambda h: None)
+    with np.load(saved) as data:
+        array = data[name]
+    array[at] = value
+    with pytest.raises(DetectError, match=words):
+        load_correspondences(_header_with(saved, lambda h: None, **{name: array}))
+
+
+def test_an_array_that_claims_more_than_any_memory_is_refused(tmp_path: Path) -> None:
+    saved = _header_with(tmp_path / "a.npz", lambda h: None)
+    claimed = io.BytesIO()
+    np.lib.format.write_array_header_1_0(claimed, {"descr": "<f8", "fortran_order": False, "shape": (10**14,)})
+    with zipfile.ZipFile(saved) as old, zipfile.ZipFile(tmp_path / "b.npz", "w") as new:
+        for name in old.namelist():
+            new.writestr(name, claimed.getvalue() if name == "phi_R.npy" else old.read(name))
+    with pytest.raises(DetectError, match=r"b\.npz: "):
+        load_correspondences(tmp_path / "b.npz")

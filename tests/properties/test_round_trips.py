@@ -142,7 +142,7 @@ def test_a_target_comes_back_from_its_file(tmp_path: Path, figures: dict[str, fl
     assert target_bytes(loaded) == target_bytes(target)
 
 
-names = st.text(alphabet=string.printable + "äß機🤖", max_size=20)
+names = st.text(alphabet=string.ascii_letters + string.digits + string.punctuation + " äß機🤖", max_size=20)
 
 
 @one_folder
@@ -164,7 +164,7 @@ def test_correspondences_come_back_from_their_file(
         arrays = {name: getattr(stop, name)[few] for name in ("landmark_ids", "p_box", "faces", "uv_px", "cov_px2")}
         stops.append(replace(stop, **arrays, phi_R=float(rng.normal()), frames=data.draw(counts)))
     saved = Correspondences(
-        robot=data.draw(names), image_size=data.draw(st.tuples(st.integers(1, 9999), st.integers(1, 9999))),
+        robot=data.draw(names), image_size=data.draw(st.tuples(st.integers(640, 9999), st.integers(480, 9999))),
         wheels=wheels, stops=tuple(stops), source=Source(log=data.draw(names), sha256="ab"),
     )  # fmt: skip
     saved.save(tmp_path / "c.npz")
