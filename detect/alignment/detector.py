@@ -11,6 +11,7 @@ from boxcal.detect.alignment.box_search import (
     RIGID_TOLERANCE_PX,
 )
 from boxcal.detect.alignment.covariance import Misfit, misfit, rigid_share
+from boxcal.detect.alignment.dot_gain import without_dot_gain
 from boxcal.detect.alignment.expected_tags import ExpectedTags, find_expected
 from boxcal.detect.alignment.face_scatter import ENOUGH, scatter
 from boxcal.detect.alignment.motion_blur import estimate_blur
@@ -241,11 +242,13 @@ def detect_in_grey(  # noqa: PLR0917
             frame = replace(frame, blur=blur)
             tags = _aligned_again(frame, target, patterns, tags, fit)
             left_out = _left_out(frame, patterns, tags, uneven)
+    tags = without_dot_gain(patterns, tags, np.setdiff1d(tags.rows, uneven))
     if len(tags) >= FEW_TAGS:
         fit = fit_box(target, tags.rows, tags.corners_px, image_size=size, sigma_px=LEAST_SIGMA_PX, start=fit)
     if sagitta_difference_px(frame.lens, fit.lens, tags.corners_px) > BENT_PX:
         frame = replace(frame, lens=fit.lens)
         tags = _aligned_again(frame, target, patterns, tags, fit)
+        tags = without_dot_gain(patterns, tags, np.setdiff1d(tags.rows, uneven))
     if len(uneven) and len(tags):
         displaced = displacement_px2(target, tags, fit, np.isin(tags.rows, uneven))
         tags = replace(tags, cov_px2=tags.cov_px2 + displaced[:, None, None, None] * np.eye(2))

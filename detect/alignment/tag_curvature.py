@@ -72,11 +72,11 @@ def _followed() -> Array:
     edges = np.concatenate([np.column_stack([first, second]), np.column_stack([second, first])])
     across = np.repeat(np.eye(2), len(first), axis=0)
     weight = np.tile(np.where((first == 0) | (first == 1), 1.0, INNER_EDGES), 2)[:, None]
-    fields = np.einsum("ei,eik->ek", across, _small_homographies(edges))
+    fields = np.einsum("ei,eik->ek", across, small_homographies(edges))
     solved = np.linalg.solve(fields.T @ (weight * fields), (weight * fields).T)
     shape = _quadratic(edges[:, 1])[:, :, None] * _quadratic(edges[:, 0])[:, None, :]
     seen = (shape.reshape(-1, 9)[:, :, None] * across[:, None, :]).reshape(-1, 18)
-    return np.asarray(_small_homographies(_PLACES[_CORNERS]).reshape(8, 8) @ solved @ seen)
+    return np.asarray(small_homographies(_PLACES[_CORNERS]).reshape(8, 8) @ solved @ seen)
 
 
 def _quadratic(t: Array) -> Array:
@@ -84,7 +84,7 @@ def _quadratic(t: Array) -> Array:
     return np.stack([(1 - t) * (1 - 2 * t), 4 * t * (1 - t), t * (2 * t - 1)], axis=-1)
 
 
-def _small_homographies(places: Array) -> Array:
+def small_homographies(places: Array) -> Array:
     """Return the eight fields of small homographies at places (P, 2) of a tag, (P, 2, 8)."""
     x, y = (places - 0.5).T
     one, zero = np.ones_like(x), np.zeros_like(x)

@@ -133,6 +133,7 @@ def align(
         noise=quality[:, 3],
         theta=theta,
         normalisation=normalisation,
+        blocks=last.blocks,
     )
 
 

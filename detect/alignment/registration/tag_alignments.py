@@ -36,6 +36,8 @@ class TagAlignments:
         All parameters (see :mod:`boxcal.detect.alignment.registration.image_model`).
     normalisation : (N, 3)
         Their centres and scales.
+    blocks : (N, M + 2, M + 2, 2)
+        Sum of residuals and number of pixels in each module, white ring included.
     """
 
     rows: Index
@@ -50,6 +52,7 @@ class TagAlignments:
     noise: Array
     theta: Array
     normalisation: Array
+    blocks: Array
 
     def __len__(self) -> int:
         return len(self.rows)
