@@ -30,7 +30,7 @@ _CORNERS = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Edges:
-    """What the edges of each pattern of T do, M modules a side.
+    """Effects of the edges in each of T patterns, M modules a side.
 
     Attributes
     ----------

@@ -23,6 +23,8 @@ EDGE_SIDE_PX = 30.0
 _DAMPING, _FIRST_DAMPING = 1e-6, 1e-3
 _NEXT = np.array([1, 2, 3, 0])
 _FIBONACCI = np.array([1, 1, 2, 3, 5, 8, 13, 21, 34, 55, 89, 144, 233, 377, 610, 987], dtype=np.int64)
+Footprints = tuple[NDArray[np.int64], Array, NDArray[np.int64], Array]
+"""What :func:`footprints` returns."""
 
 
 def _free(*names: slice) -> NDArray[np.bool_]:
@@ -92,19 +94,8 @@ def align(
     normalisation, normalised, theta = _start(frame.lens, patterns, corners_px)
     if start is not None:
         theta[:, BLACK:] = start.theta[:, BLACK:]
-    bounding_boxes, margin, stride, module_px = footprints(
-        frame, patterns, corners_px, theta[:, LOG_PSF], side_px=side_px, edges=start is not None
-    )
-    batch = Batch(
-        frame=frame,
-        cells=patterns.cells,
-        rows=rows,
-        theta=theta,
-        normalisation=normalisation,
-        bounding_boxes=bounding_boxes,
-        margin=margin,
-        stride=stride,
-    )
+    used = footprints(frame, patterns, corners_px, theta[:, LOG_PSF], side_px=side_px, edges=start is not None)
+    batch = _batch(frame, patterns, rows, theta, normalisation, used)
     last = model.no_sums(len(rows), patterns.cells)
     rules = StepRules(
         free=np.stack(schedule),
@@ -114,7 +105,7 @@ def align(
         guess=start is None,
     )
     compute = compute or backend()
-    compute.iterate(batch, last, normalised=normalised, module_px=module_px, rules=rules)
+    compute.iterate(batch, last, normalised=normalised, module_px=used[3], rules=rules)
     corners, cov, quality = compute.finish(
         frame, patterns, theta=theta, normalisation=normalisation, sums=last, covariance=covariance
     )
@@ -139,15 +130,21 @@ def align(
 
 def aligned_batch(frame: Frame, patterns: Patterns, tags: TagAlignments, side_px: float) -> Batch:
     """Return aligned tags with the pixels on which they were aligned; for ``side_px`` see :func:`align`."""
-    bounding_boxes, margin, stride, _ = footprints(
-        frame, patterns, tags.corners_px, tags.theta[:, LOG_PSF], side_px=side_px, edges=True
-    )
+    used = footprints(frame, patterns, tags.corners_px, tags.theta[:, LOG_PSF], side_px=side_px, edges=True)
+    return _batch(frame, patterns, tags.rows, tags.theta, tags.normalisation, used)
+
+
+def _batch(  # noqa: PLR0917
+    frame: Frame, patterns: Patterns, rows: Index, theta: Array, normalisation: Array, used: Footprints
+) -> Batch:
+    """Return tags with the pixels to use."""
+    bounding_boxes, margin, stride, _ = used
     return Batch(
         frame=frame,
         cells=patterns.cells,
-        rows=tags.rows,
-        theta=tags.theta,
-        normalisation=tags.normalisation,
+        rows=rows,
+        theta=theta,
+        normalisation=normalisation,
         bounding_boxes=bounding_boxes,
         margin=margin,
         stride=stride,
@@ -156,7 +153,7 @@ def aligned_batch(frame: Frame, patterns: Patterns, tags: TagAlignments, side_px
 
 def footprints(
     frame: Frame, patterns: Patterns, corners_px: Array, log_sigma: Array, *, side_px: float, edges: bool
-) -> tuple[NDArray[np.int64], Array, NDArray[np.int64], Array]:
+) -> Footprints:
     """Return which pixels of tags to use: boxes (N, 4), margins (N,), strides (N, 3), and modules' widths (N,) px.
 
     For the first three see :class:`boxcal.detect.alignment.registration.tag_batch.Batch`. Of the white ring so much
