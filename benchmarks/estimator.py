@@ -72,16 +72,7 @@ def drive(
     shifted = stops + rng.uniform(-1, 1, stops.shape) * (0.01, 0.01, radians(1.0))
     driven = simulate_drive(robot, target, options, rng, stops=shifted)
     seen = exact_correspondences(robot, target, driven, SIGMA_PX, rng)
-    truth = Truth(
-        camera=robot.camera,
-        rR=robot.rR,
-        rL=robot.rL,
-        b=robot.b,
-        T_body_cam=robot.T_body_cam,
-        stop_poses=(driven.stop_poses,),
-        slip=slip,
-        encoder_step=STEP,
-    )
+    truth = Truth.of(robot, driven.stop_poses, slip=slip, encoder_step=STEP)
     return seen, truth
 
 

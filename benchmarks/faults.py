@@ -128,17 +128,7 @@ FAULTS: dict[str, Fault] = {
 
 
 def truth_of(drive: Drive) -> Truth:
-    robot = khepera()
-    return Truth(
-        camera=robot.camera,
-        rR=robot.rR,
-        rL=robot.rL,
-        b=robot.b,
-        T_body_cam=robot.T_body_cam,
-        stop_poses=(drive.stop_poses,),
-        slip=SLIP,
-        encoder_step=STEP,
-    )
+    return Truth.of(khepera(), drive.stop_poses, slip=SLIP, encoder_step=STEP)
 
 
 def named(found: Estimate, fault: str) -> tuple[bool, int]:

@@ -126,8 +126,9 @@ def correspondences_schema() -> Schema:
 
 def calibration_schema() -> Schema:
     """Return the schema of ``calibration.json``."""
+    from boxcal.calib.geometry.diff_drive import Wheels
     from boxcal.calib.likelihood.finding import Finding
-    from boxcal.calib.results.calibration import Calibration, Provenance, Quality, StopResult, Wheels
+    from boxcal.calib.results.calibration import Calibration, Provenance, Quality, StopResult
     from boxcal.calib.results.diagnostics import CAMERA
     from boxcal.calib.results.json_format import SCHEMA
     from boxcal.calib.results.verdict import Verdict

@@ -7,8 +7,9 @@ from scipy.special import gammaincc
 
 from boxcal.calib.errors import CalibError
 from boxcal.calib.four_steps.reprojection import transform
+from boxcal.calib.geometry.diff_drive import Wheels
 from boxcal.calib.geometry.so3_se3 import inverse, log_so3
-from boxcal.calib.results.calibration import Calibration, Wheels
+from boxcal.calib.results.calibration import Calibration
 from boxcal.calib.results.diagnostics import CAMERA
 from boxcal.calib.uncertainty.projection import points_at
 from boxcal.target.arrays import Array

@@ -6,8 +6,9 @@ from pathlib import Path
 import numpy as np
 
 from boxcal.calib.errors import CalibError
+from boxcal.calib.geometry.diff_drive import Wheels
 from boxcal.calib.geometry.so3_se3 import log_so3
-from boxcal.calib.results.calibration import Calibration, Wheels
+from boxcal.calib.results.calibration import Calibration
 from boxcal.detect.log.opener import robot_name_of
 from boxcal.target.arrays import Array
 from boxcal.target.camera.camera_model import CameraKind, CameraModel

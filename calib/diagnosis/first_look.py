@@ -81,7 +81,7 @@ def first_look(drives: Sequence[Correspondences], target: Target, mode: CameraMo
 
 
 def _looked(drives: Sequence[Correspondences], target: Target, mode: CameraMode, findings: list[Finding]) -> FirstLook:
-    """Return the look at drives that have stops, after what was found before."""
+    """Return the four steps of drives that have stops, and all findings, those from before first."""
     thawed = [without_frozen(drive) for drive in drives]
     drives = [drive for drive, _ in thawed]
     findings += [finding for _, finding in thawed if finding is not None]

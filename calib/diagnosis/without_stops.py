@@ -28,6 +28,7 @@ _STAND = (
     "Let the robot stand still for two seconds in three places or more where it sees the box: stops need no clock, and "
     "tell what frames on the move leave open"
 )
+_REMEDY = _STAND[:1].lower() + _STAND[1:]
 
 
 def with_frames_for_stops(drives: Sequence[Correspondences]) -> tuple[list[Correspondences], list[Finding]]:
@@ -59,12 +60,8 @@ def said_without_stops(error: CalibError, drives: Sequence[Correspondences]) -> 
         f"{TOO_FEW_PLACES}, and from its frames on the move alone: {error.found}",
         source=error.source,
         needed=error.needed,
-        remedy=_remedy(),
+        remedy=_REMEDY,
     )
-
-
-def _remedy() -> str:
-    return _STAND[:1].lower() + _STAND[1:]
 
 
 def _finding(drive: Correspondences) -> Finding:
@@ -84,7 +81,7 @@ def _frames_for_stops(drive: Correspondences) -> Correspondences:
         raise CalibError(
             f"{len(drive.stops)} usable stops, and {len(frames)} frames on the move that show the box",
             needed=f"{MIN_STOPS} stops, or {LEAST_WITHOUT_STOPS} such frames, are needed",
-            remedy=_remedy(),
+            remedy=_REMEDY,
         )
     rows = np.unique(np.linspace(0, len(frames) - 1, min(len(frames), _MOST_FRAMES)).round().astype(int))
     alone = replace(drive, stops=(), moving=tuple(frames[k] for k in rows))
@@ -116,7 +113,7 @@ def _clock_offset(drive: Correspondences) -> float:
             f"{TOO_FEW_PLACES}, and turns seen in {len(stops)} frames on the move fit the wheels' at "
             f"no clock offset within {LONGEST_S:g} s (to {np.degrees(cost.min()):.1f} deg at best)",
             needed=f"{MIN_STOPS} stops, or turns that agree to {FITS_DEG:g} deg, are needed",
-            remedy=_remedy(),
+            remedy=_REMEDY,
         )
     fine = best + np.arange(-_COARSE_S, _COARSE_S + _FINE_S / 2, _FINE_S)
     return float(fine[int(np.argmin(misfits(fine)))])

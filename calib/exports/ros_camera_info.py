@@ -32,7 +32,7 @@ class Rectified:
 
 
 def camera_info(calibration: Calibration, rectified: Rectified | None = None, name: str = "") -> str:
-    """Return the file.
+    """Return the content of ``camera_info.yaml``.
 
     Without a rectification the projection matrix is the camera matrix, for a monocular camera; ``name`` is the
     camera's, else the robot's.

@@ -11,7 +11,8 @@ from dataclasses import dataclass
 from boxcal.calib.exports.names import Names
 from boxcal.calib.exports.odometry_noise import odometry_noise
 from boxcal.calib.exports.text import comment, heading, in_comment, number, numbers, sigma_line, usage
-from boxcal.calib.results.calibration import Calibration, Wheels
+from boxcal.calib.geometry.diff_drive import Wheels
+from boxcal.calib.results.calibration import Calibration
 from boxcal.calib.settings import Nominal
 
 _SPEED = 0.5

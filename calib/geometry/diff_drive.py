@@ -17,7 +17,7 @@ class Wheels:
     rR, rL : m
         Radii of the right and the left wheel.
     b : m
-        Wheel separation: distance between the wheels' contact points.
+        Wheel separation (wheelbase in the paper): distance between the wheels' contact points.
     """
 
     rR: float

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from boxcal.calib.likelihood.normal_equations import invert
+from boxcal.calib.likelihood.information_inverse import invert
 from boxcal.target.arrays import Array, Ids
 
 

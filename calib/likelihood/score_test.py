@@ -13,8 +13,8 @@ from scipy import special
 
 from boxcal.calib.likelihood.explanation import Explanation
 from boxcal.calib.likelihood.fit import Fit
+from boxcal.calib.likelihood.information_inverse import invert
 from boxcal.calib.likelihood.levenberg_marquardt import Linearization, linearize
-from boxcal.calib.likelihood.normal_equations import invert
 from boxcal.calib.likelihood.problem import Problem
 from boxcal.calib.likelihood.slip_profile import shared_equations
 from boxcal.calib.likelihood.state import State

@@ -5,11 +5,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from boxcal.calib.four_steps.procedure import FourSteps
-from boxcal.calib.geometry.diff_drive import legs_between
+from boxcal.calib.geometry.diff_drive import Wheels, legs_between
 from boxcal.calib.geometry.so3_se3 import inverse
 from boxcal.calib.likelihood import Estimate
 from boxcal.calib.likelihood.finding import Finding
-from boxcal.calib.results.calibration import Calibration, Provenance, Quality, StopResult, Wheels
+from boxcal.calib.results.calibration import Calibration, Provenance, Quality, StopResult
 from boxcal.calib.results.diagnostics import Covariance, Detail, Ground, HeldOut, LeaveOneOut, Leg
 from boxcal.calib.uncertainty.convergence import ConvergencePoint
 from boxcal.calib.uncertainty.cross_validation import Validation

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from boxcal.calib.geometry.diff_drive import Wheels
 from boxcal.calib.geometry.euler import yaw_pitch_roll, yaw_pitch_roll_sigma
 from boxcal.calib.likelihood.finding import Finding
 from boxcal.calib.results.diagnostics import CAMERA, MOUNTING, Detail
@@ -14,23 +15,6 @@ from boxcal.calib.results.rig import Rig
 from boxcal.calib.results.verdict import Verdict
 from boxcal.target.arrays import Array
 from boxcal.target.camera.camera_model import CameraKind, CameraModel, project, unproject
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Wheels:
-    """The wheels of a differential drive.
-
-    Attributes
-    ----------
-    rR, rL : m
-        Radii of the right and the left wheel.
-    b : m
-        Wheel separation (wheelbase in the paper): distance between the wheels' contact points.
-    """
-
-    rR: float
-    rL: float
-    b: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

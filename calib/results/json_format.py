@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from boxcal.calib.errors import CalibError
-from boxcal.calib.results.calibration import Calibration, Provenance, Quality, StopResult, Wheels
+from boxcal.calib.geometry.diff_drive import Wheels
+from boxcal.calib.results.calibration import Calibration, Provenance, Quality, StopResult
 from boxcal.calib.results.detail_json import detail_document, finite, read_detail, read_finding
 from boxcal.calib.results.diagnostics import CAMERA
 from boxcal.calib.results.rig_json import read_rig, rig_document

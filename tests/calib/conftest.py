@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 
 from boxcal.calib.four_steps.step1_camera import CameraStep
-from boxcal.calib.geometry.diff_drive import Legs
+from boxcal.calib.geometry.diff_drive import Legs, Wheels
 from boxcal.calib.geometry.so3_se3 import exp_so3, inverse, planar, rigid, rot_y, rot_z, wrap
-from boxcal.calib.results.calibration import Wheels
 from boxcal.detect.correspondences import Correspondences, StopObservation
 from boxcal.detect.log.wheel_samples import WheelSamples
 from boxcal.target.arrays import Array

@@ -34,16 +34,7 @@ def noisy(
 
 
 def truth_of(robot: Robot, drives: tuple[Drive, ...], slip: float) -> Truth:
-    return Truth(
-        camera=robot.camera,
-        rR=robot.rR,
-        rL=robot.rL,
-        b=robot.b,
-        T_body_cam=robot.T_body_cam,
-        stop_poses=tuple(d.stop_poses for d in drives),
-        slip=slip,
-        encoder_step=STEP,
-    )
+    return Truth.of(robot, *(d.stop_poses for d in drives), slip=slip, encoder_step=STEP)
 
 
 def normalised(found: Estimate, truth: Truth) -> Array:

@@ -36,16 +36,7 @@ def seen(drive: Drive, seed: int = 0) -> Correspondences:
 
 def worst_error(found: Estimate, drive: Drive) -> float:
     robot = khepera()
-    truth = Truth(
-        camera=robot.camera,
-        rR=robot.rR,
-        rL=robot.rL,
-        b=robot.b,
-        T_body_cam=robot.T_body_cam,
-        stop_poses=(drive.stop_poses,),
-        slip=3e-4,
-        encoder_step=STEP,
-    )
+    truth = Truth.of(robot, drive.stop_poses, slip=3e-4, encoder_step=STEP)
     return float(np.abs(errors(found, truth) / np.sqrt(np.diag(found.cov))).max())
 
 

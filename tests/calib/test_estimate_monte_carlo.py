@@ -26,16 +26,7 @@ def many(stops: int, slip: float, options: EstimateOptions) -> tuple[Array, Arra
         driving = DriveOptions(stops=stops, slip=slip, encoder_step=STEP, steps_per_sample=1, stand_s=(0.1, 0.2))
         drive = simulate_drive(robot, target, driving, rng)
         data = exact_correspondences(robot, target, drive, 0.25, rng)
-        truth = Truth(
-            camera=robot.camera,
-            rR=robot.rR,
-            rL=robot.rL,
-            b=robot.b,
-            T_body_cam=robot.T_body_cam,
-            stop_poses=(drive.stop_poses,),
-            slip=slip,
-            encoder_step=STEP,
-        )
+        truth = Truth.of(robot, drive.stop_poses, slip=slip, encoder_step=STEP)
         found = estimate([data], None, options)
         error = errors(found, truth)
         over_bound.append(error / np.sqrt(np.diag(cramer_rao([data], truth, options))))

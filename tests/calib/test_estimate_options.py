@@ -38,16 +38,7 @@ def seen_as(drive: Drive, corners: Array) -> Correspondences:
 
 
 def z_of(found: Estimate, drive: Drive) -> Array:
-    truth = Truth(
-        camera=ROBOT.camera,
-        rR=ROBOT.rR,
-        rL=ROBOT.rL,
-        b=ROBOT.b,
-        T_body_cam=ROBOT.T_body_cam,
-        stop_poses=(drive.stop_poses,),
-        slip=3e-4,
-        encoder_step=STEP,
-    )
+    truth = Truth.of(ROBOT, drive.stop_poses, slip=3e-4, encoder_step=STEP)
     return errors(found, truth) / np.sqrt(np.diag(found.cov))
 
 

@@ -38,10 +38,7 @@ def driven(seed: int, lean_deg: float = 0.0, stops: int = 12) -> tuple[Correspon
 
 
 def truth_of(drive: Drive) -> Truth:
-    return Truth(
-        camera=ROBOT.camera, rR=ROBOT.rR, rL=ROBOT.rL, b=ROBOT.b, T_body_cam=ROBOT.T_body_cam,
-        stop_poses=(drive.stop_poses,), slip=3e-4, encoder_step=STEP,
-    )  # fmt: skip
+    return Truth.of(ROBOT, drive.stop_poses, slip=3e-4, encoder_step=STEP)
 
 
 @pytest.mark.parametrize("seed", range(2))

@@ -36,10 +36,7 @@ def drive(seed: int, stops: int, step_deg: float = 0.1302, slip: float = 3e-4) -
         stops=stops, slip=slip, encoder_step=radians(step_deg), joint_period_s=0.08, steps_per_sample=2
     )
     driven = simulate_drive(robot, TARGET, options, rng)
-    truth = Truth(
-        camera=robot.camera, rR=robot.rR, rL=robot.rL, b=robot.b, T_body_cam=robot.T_body_cam,
-        stop_poses=(driven.stop_poses,), slip=slip, encoder_step=radians(step_deg),
-    )  # fmt: skip
+    truth = Truth.of(robot, driven.stop_poses, slip=slip, encoder_step=radians(step_deg))
     return exact_correspondences(robot, TARGET, driven, 0.2, rng), truth
 
 

@@ -11,11 +11,12 @@ import pytest
 from boxcal.calib.compare.ground_truth import compare, load_truth
 from boxcal.calib.errors import CalibError
 from boxcal.calib.exports.lens_models import ros_distortion
+from boxcal.calib.geometry.diff_drive import Wheels
 from boxcal.calib.geometry.parameters import ORDER
 from boxcal.calib.geometry.so3_se3 import exp_so3, rigid
 from boxcal.calib.likelihood.estimate import Direction, FlaggedCorner, FlaggedLeg, NoiseLevels
 from boxcal.calib.likelihood.finding import Finding
-from boxcal.calib.results.calibration import Calibration, Provenance, Quality, StopResult, Wheels
+from boxcal.calib.results.calibration import Calibration, Provenance, Quality, StopResult
 from boxcal.calib.results.diagnostics import Covariance, Detail, Ground, HeldOut, Leg
 from boxcal.calib.results.json_format import load_calibration, save_calibration
 from boxcal.calib.results.verdict import Level, Reason, Verdict

@@ -6,10 +6,11 @@ from typing import Any
 import numpy as np
 from hypothesis import strategies as st
 
+from boxcal.calib.geometry.diff_drive import Wheels
 from boxcal.calib.geometry.parameters import ORDER
 from boxcal.calib.geometry.so3_se3 import exp_so3, rigid
 from boxcal.calib.likelihood.estimate import NoiseLevels
-from boxcal.calib.results.calibration import Calibration, Provenance, Quality, StopResult, Wheels
+from boxcal.calib.results.calibration import Calibration, Provenance, Quality, StopResult
 from boxcal.calib.results.diagnostics import Covariance, Detail, Ground
 from boxcal.target.arrays import Array
 from boxcal.target.camera.camera_model import CameraKind, CameraModel

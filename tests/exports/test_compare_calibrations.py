@@ -13,11 +13,12 @@ from made_up import EVIL, SIGMA, calibration, camera, detail
 from boxcal.calib.compare.cli import main
 from boxcal.calib.compare.difference import difference, projection_shift
 from boxcal.calib.compare.text import comparison
+from boxcal.calib.geometry.diff_drive import Wheels
 from boxcal.calib.geometry.parameters import ORDER
 from boxcal.calib.geometry.so3_se3 import exp_so3, rigid
 from boxcal.calib.likelihood.finding import Finding
 from boxcal.calib.report.fleet_tables import PARAMETERS, robot_row
-from boxcal.calib.results.calibration import Calibration, Wheels
+from boxcal.calib.results.calibration import Calibration
 from boxcal.calib.results.json_format import save_calibration
 from boxcal.calib.results.verdict import Kind, Level, Reason, Verdict
 from boxcal.target.arrays import Array

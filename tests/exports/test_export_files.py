@@ -24,10 +24,10 @@ from boxcal.calib.exports.fleet_csv import fleet_csv, fleet_rows
 from boxcal.calib.exports.names import names_for
 from boxcal.calib.exports.ros_diff_drive import covariance_diagonals, diff_drive
 from boxcal.calib.exports.text import number, ros_name
-from boxcal.calib.geometry.diff_drive import Legs, unit_path
+from boxcal.calib.geometry.diff_drive import Legs, Wheels, unit_path
 from boxcal.calib.geometry.parameters import ORDER
 from boxcal.calib.geometry.so3_se3 import exp_so3, inverse, rigid
-from boxcal.calib.results.calibration import Calibration, Wheels
+from boxcal.calib.results.calibration import Calibration
 from boxcal.calib.results.verdict import Level, Reason, Verdict
 from boxcal.calib.settings import Nominal, Settings
 from boxcal.detect.log.source import Source

@@ -23,9 +23,10 @@ from boxcal.calib.exports.foxglove.results_mcap import results_mcap
 from boxcal.calib.exports.rerun import rerun_recording
 from boxcal.calib.exports.scene import Scene, make_scene, residual_colours
 from boxcal.calib.exports.stop_images import draw_stops, paint_stop, stop_jpegs
+from boxcal.calib.geometry.diff_drive import Wheels
 from boxcal.calib.geometry.so3_se3 import inverse
 from boxcal.calib.likelihood.estimate import FlaggedCorner
-from boxcal.calib.results.calibration import Calibration, StopResult, Wheels
+from boxcal.calib.results.calibration import Calibration, StopResult
 from boxcal.calib.simulate.drive import Drive, DriveOptions, exact_correspondences, simulate_drive
 from boxcal.calib.simulate.mcap_writer import LogWriter
 from boxcal.calib.simulate.robot import turtlebot
