@@ -12,6 +12,7 @@ import numpy as np
 from boxcal.detect.errors import DetectError
 from boxcal.detect.log.encoder_step import encoder_step
 from boxcal.detect.log.losses import MOST_STRAYS
+from boxcal.detect.log.unwrapping import unwrapped
 from boxcal.detect.log.wheel_samples import Flags, WheelSamples
 from boxcal.target.arrays import Array, Ids
 
@@ -23,8 +24,6 @@ _RESET_BESIDE = 4.0
 """And than so many times the motion just before and after it."""
 _RESET_ANGLE = 0.5
 """Smallest jump that counts as a reset of the counter, rad."""
-_FEWEST_COUNTS = 256
-"""Smallest range of a counter, steps."""
 _GAP_S, _GAP_SAMPLES = 0.5, 6.0
 """Readings are missing where the next comes later than this, s, and later than so many usual intervals."""
 _STILL = 0.01
@@ -32,8 +31,6 @@ _STILL = 0.01
 _STRAY_RUN = 3
 """Most readings in a row that can be strays."""
 _STRAY_STEPS = 4.0
-_MOVING_WRAPS = 0.6
-"""Part of the wraps that must happen while the wheel turns."""
 _BESIDE = 4
 """Travel is compared with so many readings on either side."""
 _STRAY_ANGLE = 0.02
@@ -105,7 +102,7 @@ def clean(t_ns: Ids, phi: Array, who: str, periods: Sequence[float] = (), step: 
     if not np.all(last):
         t_ns, phi = t_ns[last], phi[last]
     step = encoder_step(phi) if step is None else step
-    phi, period = _unwrapped(phi, step, periods)
+    phi, period = unwrapped(phi, step, periods)
     kept = ~strays(phi, step)
     dropped = int(np.sum(~kept))
     if dropped:
@@ -118,7 +115,7 @@ def clean(t_ns: Ids, phi: Array, who: str, periods: Sequence[float] = (), step: 
             remedy="check the driver",
         )
     if not period:
-        phi, period = _unwrapped(phi, step, periods)
+        phi, period = unwrapped(phi, step, periods)
     phi, resets, known = _resets_joined(t_ns, phi, step)
     covered = gaps_covered(t_ns, phi)
     covered[resets[~known] + 1] = False
@@ -249,57 +246,6 @@ def without_strays(wheels: WheelSamples) -> tuple[WheelSamples, int]:
         rows = np.arange(phi.size)
         angles.append(np.interp(rows, rows[~stray], phi[~stray]) if np.any(stray) else phi)
     return replace(wheels, phi_R=angles[0], phi_L=angles[1]), found
-
-
-def _unwrapped(phi: Array, step: float, periods: Sequence[float]) -> tuple[Array, float]:
-    """Return unwrapped angles and the period, 0 if they do not wrap."""
-    extent = float(np.ptp(phi))
-    delta = np.diff(phi)
-    tried = [*periods, 2 * float(np.pi)]
-    odd = _period_by_jumps(phi, delta, step, extent)
-    if step > 0 and extent > 0.75 * _FEWEST_COUNTS * step:
-        binary = step * 2.0 ** round(float(np.log2(extent / step + 1)))
-        tried.append(binary if odd == 0 or abs(odd - binary) < 2.5 * step else odd)
-    for period in tried:
-        jump = np.abs(delta) > period / 2
-        if not np.any(jump) or np.all(jump) or extent > period * (1 + 1e-9) + step / 2:
-            continue
-        rest = np.abs(delta[jump]) - period
-        usual = float(np.max(np.abs(delta[~jump])))
-        slack = 3 * usual + 2 * step
-        known = period in periods
-        full = known or extent >= period - slack
-        if usual < period / 4 and np.max(np.abs(rest)) <= slack and full and _in_motion(delta, np.flatnonzero(jump)):
-            return np.asarray(np.unwrap(phi, period=period)), period
-    return phi, 0.0
-
-
-def _in_motion(delta: Array, jumps: Ids) -> bool:
-    """Tell whether jumps happen while the wheel turns, as wraps do; a counter that is set anew may stand."""
-    beside = np.abs(delta[np.clip([jumps - 1, jumps + 1], 0, delta.size - 1)])
-    return bool(np.mean(np.max(beside, axis=0) > 0) >= _MOVING_WRAPS)
-
-
-def _period_by_jumps(phi: Array, delta: Array, step: float, extent: float) -> float:
-    """Return the range of a counter in whole steps, 0 if the readings do not show it.
-
-    Several jumps are needed that all lead from one end of the readings to the other; what a jump lacks of the period
-    is the travel of one sample, which the samples beside it tell.
-    """
-    jumps = np.flatnonzero(np.abs(delta) > extent / 2)
-    if step <= 0 or extent < _FEWEST_COUNTS * step or not 2 <= jumps.size <= phi.size // 4:
-        return 0.0
-    inner = jumps[(jumps > 0) & (jumps < delta.size - 1)]
-    if inner.size < 2:
-        return 0.0
-    found = np.abs(delta[inner] - (delta[inner - 1] + delta[inner + 1]) / 2)
-    usual = float(np.quantile(np.abs(np.delete(delta, jumps)), 0.99))
-    period = float(np.median(found))
-    if np.max(np.abs(found - period)) > 2 * usual + 3 * step:
-        return 0.0
-    steps = max(round(period / step), round(extent / step) + 1)
-    near = range(max(steps - 2, round(extent / step) + 1), steps + 3)
-    return next((n for n in near if n % 100 == 0), steps) * step  # such ranges are round numbers
 
 
 def _resets_joined(t_ns: Ids, phi: Array, step: float) -> tuple[Array, Ids, Flags]:
