@@ -70,6 +70,8 @@ def calibrate(
     sources = [source] if isinstance(source, (str, Path, Correspondences)) else list(source)
     if not sources:
         raise CalibError("no drive was given", remedy="give a recording or correspondences")
+    if settings is not None and settings.several_cameras:
+        raise CalibError("the settings ask for several cameras", remedy="call boxcal.calibrate_cameras")
     box = given_target(target)
     paths = tuple(Path(s.source.log or s.robot) if isinstance(s, Correspondences) else Path(s) for s in sources)
     first = sources[0]
@@ -89,7 +91,7 @@ def calibrate_cameras(
     source: str | Path | Mapping[str, Correspondences],
     target: Target | str | Path | None = None,
     *,
-    topics: Sequence[str] = (),
+    cameras: Sequence[str] = (),
     settings: Settings | None = None,
     robot: str | None = None,
 ) -> dict[str, Calibration]:
@@ -105,8 +107,8 @@ def calibrate_cameras(
         The recording; or one drive as each camera saw it, by the cameras' names.
     target
         The box, or its ``target.json``; the default box as designed if not given.
-    topics
-        Of the cameras, in a recording; every image topic that shows the box if not given.
+    cameras
+        Image topics of a recording's cameras; if not given those of the settings, or all that show the box.
     settings
         As for :func:`calibrate`.
     robot
@@ -127,7 +129,9 @@ def calibrate_cameras(
     >>> transforms = [(pair.a, pair.b, pair.T_a_b, pair.covariance) for rig in rigged for pair in rig.pairs]
     """
     box = given_target(target)
-    chosen = replace(settings or Settings(report=False), cameras=tuple(topics), all_cameras=not topics)
+    settings = settings or Settings(report=False)
+    cameras = tuple(cameras) or settings.cameras
+    chosen = replace(settings, cameras=cameras, all_cameras=not cameras)
     if isinstance(source, Mapping):
         if not source:
             raise CalibError("no drive was given", remedy="give one of each camera")

@@ -131,3 +131,10 @@ def test_settings_take_members_of_enumerations_by_their_names_and_refuse_others(
         boxcal.Settings(moving="never")  # type: ignore[arg-type]
     with pytest.raises(boxcal.BoxcalError, match="unit is inches, one of deg, m, rad, ticks, turns is needed"):
         boxcal.WheelUnits(unit="inches")  # type: ignore[arg-type]
+
+
+def test_one_camera_is_not_quietly_chosen_where_the_settings_ask_for_several() -> None:
+    drive = boxcal.simulate(stops=4, seed=1).correspondences
+    for settings in (boxcal.Settings(all_cameras=True), boxcal.Settings(cameras=("/front", "/rear"))):
+        with pytest.raises(boxcal.BoxcalError, match="the settings ask for several cameras"):
+            boxcal.calibrate(drive, settings=settings)

@@ -102,7 +102,7 @@ def test_camera_that_was_asked_for_and_sees_too_little_is_said_and_never_good(fr
     seen = views(front_and_rear, "front", "rear")
     short = replace(seen["rear"], stops=seen["rear"].stops[:2])
     asked = boxcal.calibrate_cameras(
-        {"front": seen["front"], "rear": short}, topics=("/front/image_raw", "/rear/image_raw")
+        {"front": seen["front"], "rear": short}, cameras=("/front/image_raw", "/rear/image_raw")
     )
     assert list(asked) == ["front"]
     assert "camera-missing" in causes(asked["front"])
