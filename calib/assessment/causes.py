@@ -30,6 +30,7 @@ FOLLOWS: dict[str, tuple[str, ...]] = {
     "camera-place": (),
     "held-out": (),
     "ruler": (),
+    "direction": (),
 }
 """What each rule explains of the others. Its order is that of causes: a rule follows only from one before it."""
 _OF_A_CAUSE = (*_FIT, *_SURE, "print", "misfit", "moves")

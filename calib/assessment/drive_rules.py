@@ -6,8 +6,11 @@ import numpy as np
 
 from boxcal.calib.assessment.limits import LIMITS, graded
 from boxcal.calib.results.calibration import Calibration
-from boxcal.calib.results.verdict import Reason
+from boxcal.calib.results.verdict import Kind, Level, Reason
 from boxcal.target.arrays import Array
+
+_LEVEL, _REAR = 0.3, 0.5
+"""A view has a direction on the floor if so much of it is level; to the rear is within 60 deg of straight back."""
 
 
 def _stops(c: Calibration) -> list[Reason]:
@@ -68,6 +71,18 @@ def _moves(c: Calibration) -> list[Reason]:
     if ratio < -LIMITS["moves"].good:
         text = f"All moves are much alike (singular value ratio {ratio:.3f}): the camera's place can hardly be told."
     return graded("moves", -ratio, text, "Mix the moves: straight legs, bends and turns on the spot, to both sides.")
+
+
+def direction_unchecked(c: Calibration) -> list[Reason]:
+    """Return what a camera that looks to the rear may be instead, where no description in the log tells."""
+    views = [c.T_body_cam, *(camera.T_body_cam for camera in (c.rig.cameras if c.rig is not None else ()))]
+    if any(view[0, 2] > -_REAR * np.hypot(view[0, 2], view[1, 2]) or np.hypot(*view[:2, 2]) < _LEVEL for view in views):
+        return []
+    text = (
+        "The camera looks to the rear. Where it looks ahead on the robot, the wheel joints are exchanged and both "
+        "count backwards, which no drive tells: give --left-joint, --right-joint, --reverse-left and --reverse-right."
+    )
+    return [Reason(rule="direction", level=Level.GOOD, text=text, kind=Kind.UNCHECKED)]
 
 
 def largest_gap_deg(T_box_cam: Array) -> float:

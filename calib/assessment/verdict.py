@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from boxcal.calib.assessment.causes import arrange
-from boxcal.calib.assessment.drive_rules import DRIVE_RULES
+from boxcal.calib.assessment.drive_rules import DRIVE_RULES, direction_unchecked
 from boxcal.calib.assessment.estimate_rules import DETAIL_RULES
 from boxcal.calib.assessment.findings import finding_reason
 from boxcal.calib.assessment.limits import LIMITS, graded, percent
@@ -55,6 +55,8 @@ def judge(calibration: Calibration, drives: Drives, target: Target, *, compute_s
     scale = find_print_scale(calibration, seen, target)
     told = scale is not None or target.measured is not None
     unchecked = () if told else (_print_unchecked(seen),)
+    if not any(drive.source.nominal_T_base_cam for drive in all_drives):
+        unchecked = (*unchecked, *direction_unchecked(calibration))
     found = verdict(calibration, scale, unchecked=unchecked)
     if not (compute_stops and calls_for_stops(found.reasons)):
         return found
@@ -90,7 +92,8 @@ def verdict(
         found += [reason for rule in DETAIL_RULES for reason in rule(calibration, detail)]
     found += [finding_reason(finding) for finding in calibration.findings]
     found += _ruler(detail)
-    found += [reason for reason in _print(detail, print_scale) if reason.kind is not Kind.CHECK or not unchecked]
+    no_size = any(reason.rule == "print" for reason in unchecked)
+    found += [reason for reason in _print(detail, print_scale) if reason.kind is not Kind.CHECK or not no_size]
     reasons = arrange([*advised(found, more_stops), *unchecked])
     level = max((r.level for r in reasons), key=lambda level: level.rank)
     steps = dict.fromkeys(r.advice for r in reasons if r.advice and not r.because)

@@ -4,6 +4,7 @@ import numpy as np
 
 from boxcal.calib.diagnosis.clock import clock_finding, moving_pictures
 from boxcal.calib.diagnosis.counters import WRAPS, counter_finding
+from boxcal.calib.diagnosis.described_direction import elsewhere_than_described
 from boxcal.calib.diagnosis.described_height import unlike_described
 from boxcal.calib.diagnosis.first_look import LAYOUT_RMS_PX, FirstLook
 from boxcal.calib.diagnosis.joint_units import judge_units
@@ -40,6 +41,7 @@ def last_look(look: FirstLook, found: Estimate) -> tuple[Finding, ...]:
         low = below_axle(height, min(found.rR, found.rL))
         if low is None and sources:
             low = unlike_described(height, max(found.rR, found.rL), sources[0])
+            out.append(elsewhere_than_described(found.T_body_cam, sources[0]))
     out.append(low)
     rms_px = max(step.camera.rms_px for step in look.steps)
     if rms_px > LAYOUT_RMS_PX:

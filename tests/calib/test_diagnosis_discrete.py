@@ -396,3 +396,33 @@ def test_the_offset_of_the_cameras_clock_is_found(late: float) -> None:
     finding = clock_finding(offset, (), len(seen.stops))
     assert finding is not None
     assert ("late" if late > 0 else "early") in finding.text
+
+
+def _exchanged_and_reversed(seen: Correspondences) -> Correspondences:
+    """The same drive as of a robot that drives backward."""
+    wheels = replace(seen.wheels, phi_R=-seen.wheels.phi_L, phi_L=-seen.wheels.phi_R)
+    stops = tuple(replace(stop, phi_R=-stop.phi_L, phi_L=-stop.phi_R) for stop in seen.stops)
+    return replace(seen, wheels=wheels, stops=stops)
+
+
+@pytest.mark.parametrize("frame", ["optical", "link"])
+@pytest.mark.parametrize("exchanged", [False, True])
+def test_wheels_that_are_exchanged_and_reversed_are_told_by_the_described_camera(frame: str, exchanged: bool) -> None:
+    seen = drive(turtlebot(), Imperfections())
+    T = turtlebot().T_body_cam.copy()
+    if frame == "link":
+        T[:3, :3] = T[:3, :3] @ np.array([[0, -1, 0], [0, 0, -1], [1, 0, 0]])  # x along the view, z up
+    source = replace(seen.source, base_frame="base_footprint", nominal_T_base_cam=tuple(T.ravel().tolist()))
+    seen = replace(_exchanged_and_reversed(seen) if exchanged else seen, source=source)
+    found = calibrate(seen, TARGET)
+    assert found.verdict is not None
+    assert found.verdict.level == (Level.USABLE if exchanged else Level.GOOD)
+    assert [f.cause for f in found.findings if f.cause == "camera-direction"] == ["camera-direction"] * exchanged
+
+
+@pytest.mark.parametrize("exchanged", [False, True])
+def test_a_camera_that_looks_to_the_rear_is_said_to_be_unchecked(exchanged: bool) -> None:
+    seen = drive(turtlebot(), Imperfections())
+    found = calibrate(_exchanged_and_reversed(seen) if exchanged else seen, TARGET)
+    assert found.verdict is not None
+    assert [r.rule for r in found.verdict.reasons if r.rule == "direction"] == ["direction"] * exchanged
