@@ -239,6 +239,7 @@ def _conclude(
     args: argparse.Namespace, run: "Run", outcomes: "list[Outcome]", place: "ResultsPlace", early: str
 ) -> int:
     """Write what is about the whole folder, then print results, errors against truth and failures."""
+    from boxcal.calib.fleet.copies import said_of_copies
     from boxcal.calib.fleet.store import natural
 
     outcomes.sort(key=lambda o: natural(o.job.robot))
@@ -250,6 +251,8 @@ def _conclude(
         _print_results(place, good, [o.job.robot for o in failed])
     if args.truth:
         whole = _print_errors(outcomes) and whole
+    for line in said_of_copies(good):
+        _tell(f"fleet-calibrate: {line}")
     for o in failed:
         _tell(f"fleet-calibrate: {o.error}")
         if o.details:

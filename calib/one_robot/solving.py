@@ -28,6 +28,8 @@ _SAME_FOCAL, _SAME_SEPARATION = 0.03, 0.4
 """How far focal length and wheel separation of one robot's drives may differ, relative; slip makes the closed form's
 wheels rough."""
 
+_SAME_DRIVE = 0.5
+"""Share of the shorter drive's wheel samples that agree in time and angles from which on two are one drive."""
 _NOT_TOLD = 0.3
 """Relative standard deviation of a wheel's size from which on an estimate tells nothing of the wheels."""
 
@@ -40,6 +42,7 @@ def solve(job: Job, look: FirstLook) -> Calibration:
     CalibError
         If they do not determine it.
     """
+    check_drives_differ(job, look.drives)
     check_one_robot(job, look.steps)
     if job.settings.closed_form:
         return closed_form(job.robot, look.drives, look.steps, _origin(job, look), findings=look.findings)
@@ -144,6 +147,21 @@ def options_of(job: Job) -> EstimateOptions:
         slip=settings.slip,
         target=job.target,
     )
+
+
+def check_drives_differ(job: Job, drives: Sequence[Correspondences]) -> None:
+    """Refuse a drive that is given twice, whole or in part: counted twice it makes all look surer than it is."""
+    for j, drive in enumerate(drives):
+        for i, before in enumerate(drives[:j]):
+            a, b = before.wheels, drive.wheels
+            _, at_a, at_b = np.intersect1d(a.t_ns, b.t_ns, assume_unique=True, return_indices=True)
+            same = np.sum((a.phi_R[at_a] == b.phi_R[at_b]) & (a.phi_L[at_a] == b.phi_L[at_b]))
+            if same > _SAME_DRIVE * min(len(a), len(b)):
+                raise CalibError(
+                    f"the same drive as {listed([job.logs[i]])}",
+                    source=listed([job.logs[j]]),
+                    remedy="give each drive once",
+                )
 
 
 def check_one_robot(job: Job, steps: Sequence[FourSteps]) -> None:

@@ -525,3 +525,18 @@ def test_logs_that_nobody_here_wrote_are_calibrated(
         assert max(abs(e.tx), abs(e.ty)) < 0.006
         assert max(abs(e.fu), abs(e.fv)) < 0.003
         assert result.quality.stops == 20
+
+
+def test_a_drive_that_is_given_twice_is_refused_and_said_where_it_is_named_as_two_robots(
+    good: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    copy = tmp_path / "copy.mcap"
+    shutil.copy(good, copy)
+    status, _, err = _run(capsys, good, copy, "--out", tmp_path / "two", "--quiet")
+    assert status == 0
+    assert "copy, good were calibrated from one recording" in err
+    saved = tmp_path / "two" / "good" / "correspondences.npz"
+    for again in (copy, saved):
+        status, _, err = _run(capsys, good, again, "--same-robot", "--out", tmp_path / "one", "--quiet")
+        assert status == 1
+        assert f"{again.name}: the same drive as good.mcap; give each drive once" in err
