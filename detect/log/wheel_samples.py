@@ -78,7 +78,7 @@ class WheelUnits:
     Attributes
     ----------
     unit
-        Unit of both wheels' readings; its name (``"deg"``) will do.
+        Unit of both wheels' readings.
     ticks_per_turn
         Readings in a turn of the wheel; needed for ticks.
     reverse_left, reverse_right
