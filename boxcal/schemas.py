@@ -284,7 +284,7 @@ def _of_likelihood() -> dict[str, Schema]:
 def _of_several_cameras() -> dict[str, Schema]:
     """Return the schemas of the fields that a robot with several cameras adds to a calibration."""
     from boxcal.calib.geometry.parameters import MOUNTING, ORDER
-    from boxcal.calib.results.diagnostics import CAMERA
+    from boxcal.calib.results.diagnostics import CAMERA, SIDE
     from boxcal.calib.results.rig import CameraPair, Rig, RigCamera
     from boxcal.calib.results.rig_json import PAIR_SIDE
     from boxcal.target.camera.camera_model import CameraModel
@@ -292,9 +292,11 @@ def _of_several_cameras() -> dict[str, Schema]:
     rig, pair, texts = attributes(Rig), attributes(CameraPair), {"type": "array", "items": {"type": "string"}}
     rows = {"type": "array", "items": {"type": "array", "items": NUMBER_OR_NULL}}
     parts = {"camera": of_dataclass(CameraModel, only=CAMERA), "T_body_cam": matrix(4, 4, "m")}
-    camera = of_dataclass(RigCamera, parts | {"image_size": _image_size()})
+    own = record({"order": {"const": list(ORDER)}, "side": {"const": SIDE}, "matrix": rows}, "")
+    parts |= {"image_size": _image_size(), "covariance": own}
+    camera = of_dataclass(RigCamera, parts)
     camera["properties"]["lens"] = _lens()
-    camera["required"] = sorted(camera["properties"])
+    camera["required"] = sorted(set(camera["properties"]) - {"landmarks", "verdict", "why", "covariance"})
     of_pair = {
         "a": _text(pair["a"]),
         "b": _text(pair["b"]),

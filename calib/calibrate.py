@@ -99,7 +99,7 @@ def calibrate_cameras(
 
     Each has its own lens and extrinsics; wheels, stops and box are those of all. Every calibration's ``rig`` has all
     cameras, and the transform between any two with its covariance. Where one camera only sees the box, the result is
-    as of :func:`calibrate`, without a rig.
+    as of :func:`calibrate`, and its ``rig`` says what was left out.
 
     Parameters
     ----------
@@ -123,10 +123,9 @@ def calibrate_cameras(
     --------
     >>> import boxcal
     >>> found = boxcal.calibrate_cameras("robots/r01.mcap", "box/target.json")  # a robot with one camera
-    >>> sorted(found), found["camera"].rig
-    (['camera'], None)
-    >>> rigged = [calibration.rig for calibration in found.values() if calibration.rig is not None]
-    >>> transforms = [(pair.a, pair.b, pair.T_a_b, pair.covariance) for rig in rigged for pair in rig.pairs]
+    >>> sorted(found), found["camera"].rig.names
+    (['camera'], ('camera',))
+    >>> transforms = [(pair.a, pair.b, pair.T_a_b, pair.covariance) for pair in found["camera"].rig.pairs]
     """
     box = given_target(target)
     settings = settings or Settings(report=False)

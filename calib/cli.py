@@ -309,9 +309,10 @@ def _record(args: argparse.Namespace, calibrations: "list[Calibration]") -> bool
 
 
 def _print_results(place: "ResultsPlace", results: "list[Calibration]", failed: list[str]) -> None:
-    from boxcal.calib.console.cameras import cameras_table
+    from boxcal.calib.console.cameras import cameras_table, of_further_cameras
     from boxcal.calib.console.judgement import judgement, own_notes
     from boxcal.calib.console.tables import results_tables, verdict_table
+    from boxcal.calib.fleet.store import CAMERA_TABLES
 
     print(verdict_table(results, failed=failed) + "\n")
     for c in results:
@@ -319,20 +320,25 @@ def _print_results(place: "ResultsPlace", results: "list[Calibration]", failed: 
             print(judgement(c.robot, c.verdict))
             for note in own_notes(c):
                 print(note)
+            for line in of_further_cameras(c):
+                print(line)
     print("\n" + results_tables(results))
     if several := cameras_table(results):
         print("\n" + several)
+    more = "".join(
+        f",\n         {place.said}/{name}" for name in CAMERA_TABLES.values() if (place.folder / name).exists()
+    )
     print(f"\nwritten: {place.said}/<robot>/calibration.json and files for ROS and Kalibr")
     if (place.folder / "fleet.html").exists():
-        print(f"fleet:   {place.said}/fleet.html, {place.said}/fleet.xlsx, {place.said}/fleet.csv")
+        print(f"fleet:   {place.said}/fleet.html, {place.said}/fleet.xlsx, {place.said}/fleet.csv{more}")
         print(f"reports: {place.said}/<robot>/report.html")
     else:
-        print(f"fleet:   {place.said}/fleet.csv, {place.said}/fleet.json")
+        print(f"fleet:   {place.said}/fleet.csv, {place.said}/fleet.json{more}")
 
 
 def _print_errors(outcomes: "list[Outcome]") -> bool:
     """Print how far every calibration is from its truth; tell whether there was a truth for each."""
-    from boxcal.calib.compare.ground_truth import compare, load_truth, truth_path
+    from boxcal.calib.compare.ground_truth import compare, load_truth, truth_path, with_truth
     from boxcal.calib.compare.text import errors_table
     from boxcal.calib.errors import CalibError
 
@@ -345,7 +351,7 @@ def _print_errors(outcomes: "list[Outcome]") -> bool:
             missing.append(path)
             continue
         try:
-            errors.append((o.calibration.robot, compare(o.calibration, load_truth(path))))
+            errors += [(c.robot, compare(c, truth)) for c, truth in with_truth(o.calibration, load_truth(path))]
         except CalibError as error:
             whole = False
             _tell(f"fleet-calibrate: {error}")

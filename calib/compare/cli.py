@@ -14,7 +14,9 @@ example:
 Says how calibration B of a robot differs from calibration A: each parameter, in units and in standard deviations; what
 that means on the ground and in the image; and whether chance explains it. That last is a chi-square test of all
 parameters together, with the sum of both covariances: it takes the two for calibrations from different drives, whose
-errors are independent. At a level of 0.05, one pair in twenty of a robot that did not change differs "beyond chance".
+errors are independent. Of a robot with several cameras each camera and each pair of cameras is tested too, and the
+chance is that of all tests together. At a level of 0.05, one pair in twenty of a robot that did not change differs
+"beyond chance".
 
 exit status: 0 no difference beyond chance, 1 a difference beyond chance, 2 no verdict (a file cannot be used, a
 covariance is missing, wrong usage)
@@ -38,6 +40,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _run(args: argparse.Namespace) -> int:
+    from boxcal.calib.compare.cameras import chance_of_all, further, same_first
     from boxcal.calib.compare.difference import difference
     from boxcal.calib.compare.text import comparison, verdict
     from boxcal.calib.errors import CalibError
@@ -52,16 +55,19 @@ def _run(args: argparse.Namespace) -> int:
                 "robot are needed",
                 remedy="give --any-robot if they are one",
             )
+        others = further(a, b)
+        a, b = same_first(a, b)
         found = difference(a, b)
     except CalibError as error:
         print(f"compare-calibrations: {error}", file=sys.stderr)
         return 2
-    print(comparison(a, b, found))
-    if found.p_value is None:
+    print(comparison(a, b, found, others))
+    p_value = chance_of_all(found.p_value, others)
+    if p_value is None:
         print(f"compare-calibrations: {verdict(found, args.level)}", file=sys.stderr)
         return 2
-    print(f"\n{verdict(found, args.level)}")
-    return 1 if found.p_value < args.level else 0
+    print(f"\n{verdict(found, args.level, others)}")
+    return 1 if p_value < args.level else 0
 
 
 if __name__ == "__main__":

@@ -1,7 +1,9 @@
 """Errors of a calibration against a simulated robot's true parameters."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -9,7 +11,9 @@ from boxcal.calib.errors import CalibError
 from boxcal.calib.geometry.diff_drive import Wheels
 from boxcal.calib.geometry.so3_se3 import log_so3
 from boxcal.calib.results.calibration import Calibration
+from boxcal.calib.results.each_camera import each_camera
 from boxcal.detect.log.opener import robot_name_of
+from boxcal.detect.log.topics import same_topic, without_transport
 from boxcal.target.arrays import Array
 from boxcal.target.camera.camera_model import CameraKind, CameraModel
 from boxcal.target.files.json_document import read_json
@@ -25,11 +29,17 @@ class Truth:
         Intrinsics; radii and wheelbase.
     T_body_cam : (4, 4), m
         The mounting, body origin on the floor.
+    topic
+        Of the camera's images; empty in files that do not say.
+    others
+        Of further cameras, with the same wheels.
     """
 
     camera: CameraModel
     wheels: Wheels
     T_body_cam: Array
+    topic: str = ""
+    others: "tuple[Truth, ...]" = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -79,17 +89,37 @@ def load_truth(path: Path) -> Truth:
     """
     document = read_json(path, "a truth file", error=CalibError, remedy="leave out --truth")
     try:
-        camera = {name: float(document["camera"][name]) for name in ("fu", "fv", "cu", "cv", "kr")}
-        T = np.array(document["T_vehicle_camera"], dtype=np.float64)
-        if T.shape != (4, 4):
-            raise ValueError("T_vehicle_camera is not 4x4")
-        return Truth(
-            camera=CameraModel.from_names(CameraKind.RADIAL, camera, {}),
-            wheels=Wheels(rR=float(document["rR"]), rL=float(document["rL"]), b=float(document["b"])),
-            T_body_cam=T,
+        wheels = Wheels(rR=float(document["rR"]), rL=float(document["rL"]), b=float(document["b"]))
+        return replace(
+            _of_camera(document["camera"], document["T_vehicle_camera"], document.get("camera_topic"), wheels),
+            others=tuple(
+                _of_camera(other, other["T_vehicle_camera"], other.get("topic"), wheels)
+                for other in document.get("cameras", ())
+            ),
         )
     except (ValueError, KeyError, TypeError) as error:
         raise CalibError(f"not a truth file ({error!r})", source=path.name, remedy="leave out --truth") from error
+
+
+def with_truth(result: Calibration, truth: Truth) -> list[tuple[Calibration, Truth]]:
+    """Return a robot's cameras, each with its own truth, found by its topic; those without one are left out."""
+    if result.rig is None:
+        return [(result, truth)]
+    every = (truth, *truth.others)
+    pairs = [
+        (one, next((t for t in every if same_topic(without_transport(t.topic), without_transport(camera.topic))), None))
+        for one, camera in zip(each_camera(result), result.rig.cameras, strict=True)
+    ]
+    return [(one, found) for one, found in pairs if found is not None]
+
+
+def _of_camera(camera: Mapping[str, Any], T_body_cam: object, topic: object, wheels: Wheels) -> Truth:
+    values = {name: float(camera[name]) for name in ("fu", "fv", "cu", "cv", "kr")}
+    T = np.array(T_body_cam, dtype=np.float64)
+    if T.shape != (4, 4):
+        raise ValueError("T_vehicle_camera is not 4x4")
+    model = CameraModel.from_names(CameraKind.RADIAL, values, {})
+    return Truth(camera=model, wheels=wheels, T_body_cam=T, topic=str(topic or ""))
 
 
 def compare(result: Calibration, truth: Truth) -> Errors:

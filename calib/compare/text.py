@@ -4,10 +4,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from boxcal.calib.compare.cameras import pair_lines
+from boxcal.calib.compare.cameras import Further, chance_of_all, only_in_one
 from boxcal.calib.compare.difference import STRAIGHT, Difference
 from boxcal.calib.compare.ground_truth import Errors
-from boxcal.calib.console.judgement import judgement
+from boxcal.calib.console.judgement import judgement, wrapped
 from boxcal.calib.console.tables import shortened, table
 from boxcal.calib.geometry.parameters import ORDER
 from boxcal.calib.results.calibration import Calibration
@@ -25,8 +25,8 @@ _SHOWN = (
 """Unit, factor and digits of each parameter in ``ORDER``."""
 
 
-def comparison(a: Calibration, b: Calibration, found: Difference) -> str:
-    """Return the difference of two calibrations as text, without the verdict."""
+def comparison(a: Calibration, b: Calibration, found: Difference, others: Sequence[Further] = ()) -> str:
+    """Return the difference of two calibrations as text, that of further cameras too, without the verdict."""
     looks = [_listed(np.degrees(c.yaw_pitch_roll).tolist()) for c in (a, b)]
     g = found.ground
     lines = [
@@ -43,7 +43,10 @@ def comparison(a: Calibration, b: Calibration, found: Difference) -> str:
         f"a point {g.distance:g} m from the camera appears {g.projection_mean_px:.2f} px away in the mean over the "
         f"image, {g.projection_worst_px:.2f} px at worst",
     ]
-    lines += pair_lines(a, b)
+    if others:
+        lines += ["", f"all of the above is of camera {a.rig.names[0] if a.rig is not None else ''}"]
+    lines += [line for other in others for line in wrapped("", other.text)]
+    lines += only_in_one(a, b)
     for which, c in (("A", a), ("B", b)):
         if c.verdict is not None and (c.verdict.causes or c.findings):
             lines += ["", judgement(which, c.verdict)]
@@ -57,14 +60,16 @@ def _models(a: Calibration, b: Calibration) -> list[str]:
     return [f"camera models differ (A {a.camera.kind}, B {b.camera.kind}): the cameras are compared by what they see"]
 
 
-def verdict(found: Difference, level: float) -> str:
-    """Return whether chance explains the difference at a level of the test."""
-    if found.p_value is None:
+def verdict(found: Difference, level: float, others: Sequence[Further] = ()) -> str:
+    """Return whether chance explains the difference at a level of the test, over all cameras."""
+    p_value = chance_of_all(found.p_value, others)
+    if found.p_value is None or p_value is None:
         return f"{found.why_not}: chance cannot be judged"
-    differ = found.p_value < level
+    differ = p_value < level
     lines = [
         f"chi-square {found.chi2:.1f} of {found.dof} parameters: chance alone differs as much with probability "
         f"{found.p_value:.2g}",
+        *_over_all(p_value, others),
         f"{'the calibrations differ beyond chance' if differ else 'no difference beyond chance'} at the level of "
         f"{level:g}, if they come from independent drives",
     ]
@@ -72,6 +77,11 @@ def verdict(found: Difference, level: float) -> str:
         z = np.abs(found.values / found.sigma)
         lines.append("largest, in sigmas: " + ", ".join(f"{ORDER[i]} {z[i]:.1f}" for i in np.argsort(-z)[:_LARGEST]))
     return "\n".join(lines)
+
+
+def _over_all(p_value: float, others: Sequence[Further]) -> list[str]:
+    tests = 1 + sum(other.p_value is not None for other in others)
+    return [f"over all {tests} tests, of cameras and pairs: probability {p_value:.2g}"] if tests > 1 else []
 
 
 def _parameters(a: Calibration, b: Calibration, found: Difference) -> str:

@@ -5,11 +5,10 @@ from math import isfinite
 
 import numpy as np
 
+from boxcal.calib.console.judgement import wrapped
 from boxcal.calib.console.tables import shortened, table
-from boxcal.calib.geometry.so3_se3 import log_so3
 from boxcal.calib.results.calibration import Calibration
 from boxcal.calib.results.rig import CameraPair
-from boxcal.target.arrays import Array
 
 _DEG = float(np.degrees(1.0))
 HEADER = ("from", "to", "x mm", "y mm", "z mm", "apart mm", "turned deg")
@@ -22,12 +21,23 @@ def cameras_table(results: Sequence[Calibration]) -> str:
     return table(["cameras", *HEADER], rows) if rows else ""
 
 
+def of_further_cameras(c: Calibration) -> list[str]:
+    """Return lines on each camera after a robot's first whose verdict is not good for reasons of its own."""
+    if c.rig is None:
+        return []
+    said = " ".join(cause.text for cause in c.verdict.causes) if c.verdict is not None else ""
+    return [
+        line
+        for camera in c.rig.cameras[1:]
+        if camera.why and camera.why != said
+        for line in wrapped("  ", f"camera {camera.name} is {camera.verdict}: {camera.why}")
+    ]
+
+
 def pair_cells(pair: CameraPair) -> tuple[str, ...]:
     """Return a pair's cameras, the place of the second in the first's frame, its distance and turn, with sigmas."""
-    t, cov = pair.T_a_b[:3, 3], pair.covariance
-    apart, along = _length(t, cov[3:, 3:])
-    turned, about = _length(log_so3(pair.T_a_b[:3, :3]), cov[:3, :3])
-    cells = [_with_sigma(1e3 * v, 1e3 * s) for v, s in zip(t, np.sqrt(np.diag(cov))[3:], strict=True)]
+    t, (apart, along), (turned, about) = pair.T_a_b[:3, 3], pair.distance, pair.angle
+    cells = [_with_sigma(1e3 * v, 1e3 * s) for v, s in zip(t, np.sqrt(np.diag(pair.covariance))[3:], strict=True)]
     return (
         shortened(pair.a, 14),
         shortened(pair.b, 14),
@@ -35,13 +45,6 @@ def pair_cells(pair: CameraPair) -> tuple[str, ...]:
         _with_sigma(1e3 * apart, 1e3 * along),
         _with_sigma(turned * _DEG, about * _DEG),
     )
-
-
-def _length(v: Array, cov: Array) -> tuple[float, float]:
-    """Return the length of a vector (3,), and its standard deviation."""
-    length = float(np.linalg.norm(v))
-    along = v / length if length > 0 else np.zeros(3)
-    return length, float(np.sqrt(max(float(along @ cov @ along), 0.0)))
 
 
 def _with_sigma(value: float, sigma: float) -> str:

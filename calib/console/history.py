@@ -79,7 +79,7 @@ def due_text(robot: RobotHistory) -> str:
     """Return by when to calibrate a robot again."""
     if robot.due_now:
         return "now"
-    return robot.due or f"> {HORIZON:g} years"
+    return robot.due or ("with its robot" if robot.of_camera else f"> {HORIZON:g} years")
 
 
 def fleet_text(history: FleetHistory) -> str:

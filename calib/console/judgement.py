@@ -16,10 +16,10 @@ _LABEL = {"why": "why: ", "hence": "  so: ", "do": "do: ", "note": "note: ", "no
 
 def judgement(robot: str, verdict: Verdict, *, width: int = WIDTH) -> str:
     """Return a verdict with its reasons, causes first, and with what to do, wrapped to a width."""
-    lines = _wrapped(f"{robot}: ", f"{_MARK[verdict.level]} - {verdict.headline} ({verdict.count})", width)
+    lines = wrapped(f"{robot}: ", f"{_MARK[verdict.level]} - {verdict.headline} ({verdict.count})", width)
     for label, text in verdict.lines():
         if label != "do" or verdict.level is not Level.GOOD:
-            lines += _wrapped(f"  {_LABEL[label]}", text, width)
+            lines += wrapped(f"  {_LABEL[label]}", text, width)
     return "\n".join(lines)
 
 
@@ -30,7 +30,7 @@ def own_notes(calibration: Calibration, *, width: int = WIDTH) -> Iterator[str]:
     told = told if calibration.verdict else set()
     for note in calibration.notes:
         if note not in told and not note.startswith(_TOLD):
-            yield from _wrapped("  ", note, width)
+            yield from wrapped("  ", note, width)
 
 
 def header_lines(verdict: Verdict | None) -> Iterator[str]:
@@ -47,7 +47,8 @@ def header_lines(verdict: Verdict | None) -> Iterator[str]:
         yield f"do: {step}"
 
 
-def _wrapped(label: str, text: str, width: int) -> list[str]:
+def wrapped(label: str, text: str, width: int = WIDTH) -> list[str]:
+    """Return lines of a text after a label, wrapped to a width."""
     return textwrap.wrap(
         text, max(width, 40), initial_indent=label, subsequent_indent=" " * min(len(label), 8), break_on_hyphens=False
     )

@@ -9,6 +9,7 @@ import numpy as np
 from boxcal.calib.assessment.limits import angle, length
 from boxcal.calib.console.judgement import WIDTH
 from boxcal.calib.results.calibration import Calibration
+from boxcal.calib.results.each_camera import each_camera
 
 _LONGEST_NAME = 24
 """Columns that a robot's name takes at most; a longer one is cut in its middle."""
@@ -59,23 +60,42 @@ def verdict_table(results: Sequence[Calibration], *, failed: Sequence[str] = ())
                 angle(ground.turn_heading * _DEG) if ground and isfinite(ground.turn_heading) else "",
             ]
         )
+        rows += _further_cameras(c)
     rows += [[shortened(robot), "FAILED", *[""] * 5] for robot in failed]
     return table(header, rows)
 
 
+def _further_cameras(c: Calibration) -> list[list[str]]:
+    """Return a row for each camera of a robot after its first: verdict, stops and fit; the ground is the robot's."""
+    of_each = zip(each_camera(c), c.rig.cameras if c.rig is not None else (), strict=False)
+    return [
+        [
+            shortened(one.robot),
+            camera.verdict,
+            str(camera.stops),
+            str(camera.landmarks),
+            f"{camera.reprojection_rms_px:.3f}",
+            "",
+            "",
+        ]
+        for one, camera in list(of_each)[1:]
+    ]
+
+
 def results_tables(results: Sequence[Calibration]) -> str:
-    """Return wheels, camera place, viewing direction and focal lengths of every robot, with standard deviations."""
+    """Return wheels of every robot, and place, direction and focal lengths of its cameras, with standard deviations."""
+    cameras = [one for c in results for one in each_camera(c)]
     groups = (
-        ("wheels", ("rL mm", "rR mm", "b mm"), _wheels),
-        ("camera at", ("x mm", "y mm", "z mm"), _place),
-        ("camera looks", ("yaw deg", "pitch deg", "roll deg"), _direction),
-        ("camera", ("fu px", "fv px", "cu px", "cv px"), _camera),
+        ("wheels", ("rL mm", "rR mm", "b mm"), _wheels, results),
+        ("camera at", ("x mm", "y mm", "z mm"), _place, cameras),
+        ("camera looks", ("yaw deg", "pitch deg", "roll deg"), _direction, cameras),
+        ("camera", ("fu px", "fv px", "cu px", "cv px"), _camera, cameras),
     )
     out = []
-    for title, names, cells in groups:
-        found = table([title, *names], [[shortened(c.robot), *cells(c)] for c in results])
+    for title, names, cells, rows in groups:
+        found = table([title, *names], [[shortened(c.robot), *cells(c)] for c in rows])
         if max(len(line) for line in found.splitlines()) > WIDTH:  # long names and many digits
-            found = table([title, *names], [[shortened(c.robot, 12), *cells(c)] for c in results])
+            found = table([title, *names], [[shortened(c.robot, 12), *cells(c)] for c in rows])
         out.append(found)
     return "\n\n".join(out)
 

@@ -54,7 +54,12 @@ _SURE = {
     "straight_heading_rad": "heading error after 10 m straight ahead, rad",
     "turn_heading_rad": "heading error after one turn on the spot, rad",
 }
-_END = {"notes": "what the calibration noted", "created": "when, ISO 8601 (UTC)", "version": "of boxcal"}
+_END = {
+    "notes": "what the calibration noted",
+    "created": "when, ISO 8601 (UTC)",
+    "version": "of boxcal",
+    "cameras": "the robot's cameras where it has several; the row is of the first, fleet-cameras.csv has all",
+}
 COLUMNS: Mapping[str, str] = {**_JUDGED, **_FIGURES, **_SURE, **_END}
 """Name of each column, with its meaning and unit."""
 TEXTS = frozenset({*_JUDGED, *_END, "camera_model"})
@@ -92,14 +97,14 @@ def each_row(
             yield {"robot": cell(robot), "verdict": "failed", "error": cell(errors[robot])}
 
 
-def fleet_csv(rows: Iterable[Mapping[str, str]]) -> bytes:
-    """Return the table of a fleet (RFC 4180, UTF-8), its header in line 1."""
-    return _written(chain([list(COLUMNS)], ([row.get(name, "") for name in COLUMNS] for row in rows)))
+def fleet_csv(rows: Iterable[Mapping[str, str]], columns: Mapping[str, str] = COLUMNS) -> bytes:
+    """Return the table of a fleet, or one with other columns (RFC 4180, UTF-8), its header in line 1."""
+    return _written(chain([list(columns)], ([row.get(name, "") for name in columns] for row in rows)))
 
 
-def columns_csv() -> bytes:
-    """Return the legend of the table: column, meaning."""
-    return _written([["column", "meaning"], *([name, text] for name, text in COLUMNS.items())])
+def columns_csv(columns: Mapping[str, str] = COLUMNS) -> bytes:
+    """Return the legend of a table: column, meaning."""
+    return _written([["column", "meaning"], *([name, text] for name, text in columns.items())])
 
 
 def cell(text: str) -> str:
@@ -114,7 +119,8 @@ def _written(rows: Iterable[list[str]]) -> bytes:
     return out.getvalue().encode("utf-8", "replace")
 
 
-def _row(c: Calibration, error: str, stale: str) -> dict[str, str]:
+def figures(c: Calibration) -> dict[str, str]:
+    """Return the cells of a result's figures and their standard deviations, by column."""
     k, w, t, R = c.camera, c.wheels, c.T_body_cam[:3, 3].tolist(), c.T_body_cam[:3, :3]
     figures = [c.quality.reprojection_rms_px, k.fu, k.fv, k.cu, k.cv, k.kr, w.rR, w.rL, w.b, *t]
     figures += [*quaternion(R), *c.yaw_pitch_roll]
@@ -126,7 +132,13 @@ def _row(c: Calibration, error: str, stale: str) -> dict[str, str]:
         sigma, ground = c.detail.covariance.sigma, c.detail.ground
         sure = [*(sigma[name] for name in ORDER), ground.straight_position, ground.straight_heading]
         row |= {name: number(v) for name, v in zip(_SURE, [*sure, ground.turn_heading], strict=True)}
+    return row
+
+
+def _row(c: Calibration, error: str, stale: str) -> dict[str, str]:
+    row = figures(c)
     row |= {"robot": cell(c.robot), "notes": cell("; ".join(c.notes)), "error": cell(error), "stale": cell(stale)}
+    row |= {"cameras": "" if c.rig is None else cell(" ".join(c.rig.names))}
     return row | {"created": cell(c.provenance.created), "version": cell(c.provenance.version)} | _judged(c)
 
 

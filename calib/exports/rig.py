@@ -41,7 +41,7 @@ def named_cameras(calibration: Calibration, names: Names | None = None) -> Seque
         Of its first camera; frames and topics of the others are their logs' own.
     """
     names, rig = names or Names(), calibration.rig
-    if rig is None or not np.array_equal(rig.cameras[0].T_body_cam, calibration.T_body_cam):
+    if rig is None or len(rig.cameras) == 1 or not np.array_equal(rig.cameras[0].T_body_cam, calibration.T_body_cam):
         return [NamedCamera(name="", calibration=calibration, names=names)]
     found = [NamedCamera(name=rig.names[0], calibration=calibration, names=names)]
     for camera in rig.cameras[1:]:

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from boxcal.calib.fleet.store import FLEET, PAGES
+from boxcal.calib.fleet.store import CAMERA_TABLES, FLEET, PAGES
 from boxcal.calib.results.json_format import CALIBRATION
 from boxcal.detect.log.remote.store import Store, store_of
 from boxcal.detect.log.remote.urls import url_of
@@ -49,7 +49,7 @@ class ResultsPlace:
             kept = [p for p in self.folder.rglob("*") if p.is_file() and p.name != CALIBRATION]
             for path in sorted(kept, key=lambda p: p.name == FLEET):
                 store.put(path.relative_to(self.folder).as_posix(), path.read_bytes())
-            for name in PAGES:
+            for name in (*PAGES, *CAMERA_TABLES.values()):
                 if not (self.folder / name).exists():
                     store.remove(name)
 

@@ -28,6 +28,8 @@ FLEET = "fleet.json"
 """What a folder of results says of itself."""
 PAGES = ("fleet.html", "fleet.xlsx")
 """Written with reports only; those of an earlier run do not know of this one and are removed."""
+CAMERA_TABLES = {"cameras": "fleet-cameras.csv", "camera pairs": "fleet-camera-pairs.csv"}
+"""Tables of robots with several cameras, by what is in them; removed where there are none."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

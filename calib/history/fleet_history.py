@@ -7,6 +7,7 @@ from math import sqrt
 
 import numpy as np
 
+from boxcal.calib.geometry.parameters import WHEELS
 from boxcal.calib.history.boxes import of_one_size
 from boxcal.calib.history.channels import CHANNELS, EXTRINSICS, KEYS, Series, series_of
 from boxcal.calib.history.drift import HORIZON, Trend, own_trend, shrunk, years_until
@@ -82,6 +83,8 @@ class RobotHistory:
         Day by which to calibrate again; empty if the trend reaches no limit within five years.
     due_now
         Whether that day has come already by what one calibration leaves open.
+    of_camera
+        Whether this is the history of a further camera of a robot, whose wheels stand with the robot itself.
     """
 
     robot: str
@@ -94,6 +97,7 @@ class RobotHistory:
     trends: Mapping[str, Trend]
     due: str
     due_now: bool
+    of_camera: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -242,6 +246,8 @@ def _told(robot: _Robot, *, scatter: Array, component: Array, far_m: float) -> R
     years = years_until(
         trends["r"], trends["d"], (float(total[r]), float(total[d])), float(sessions[last].wheels[2]), far_m
     )
+    told = [np.isfinite(np.diag(sessions[k].covariance)[WHEELS]).any() for k in counting]
+    of_camera = bool(counting) and not any(told)
     day = datetime.fromtimestamp(sessions[last].t_ns / 1e9, UTC) + timedelta(days=365.25 * years)
     return RobotHistory(
         robot=series.robot,
@@ -252,8 +258,9 @@ def _told(robot: _Robot, *, scatter: Array, component: Array, far_m: float) -> R
         events=tuple(_event(c, robot, component) for c in watched.changes),
         scatter=scatter,
         trends=trends,
-        due="" if years >= HORIZON else day.date().isoformat(),
-        due_now=years <= 0,
+        due="" if years >= HORIZON or of_camera else day.date().isoformat(),
+        due_now=years <= 0 and not of_camera,
+        of_camera=of_camera,
     )
 
 

@@ -2,12 +2,14 @@
 
 import hashlib
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 
 import numpy as np
 
+from boxcal.calib.geometry.parameters import WHEELS
 from boxcal.calib.results.calibration import Calibration
+from boxcal.calib.results.each_camera import each_camera
 from boxcal.calib.results.verdict import Level
 from boxcal.target.arrays import Array
 
@@ -114,6 +116,28 @@ def session_of(calibration: Calibration) -> Session:
         version=p.version,
         notes=notes,
     )
+
+
+def sessions_of(calibration: Calibration) -> tuple[Session, ...]:
+    """Return the sessions of a calibration: the robot's own, and one for each further camera, named ``robot/camera``.
+
+    A further camera's session tells of that camera alone: its wheels are the robot's, which are watched once.
+    """
+    first, *others = each_camera(calibration)
+    own, rig = session_of(first), calibration.rig
+    if rig is None:
+        return (own,)
+    if not others and not np.array_equal(rig.cameras[0].T_body_cam, calibration.T_body_cam):
+        return (_of_camera_alone(own),)
+    further = zip(others, rig.cameras[1:], strict=True)
+    return (own, *(_of_camera_alone(replace(session_of(one), verdict=c.verdict)) for one, c in further))
+
+
+def _of_camera_alone(s: Session) -> Session:
+    cov = s.covariance.copy()
+    cov[WHEELS], cov[:, WHEELS] = 0.0, 0.0
+    cov[WHEELS, WHEELS] = np.diag(np.full(3, np.inf))
+    return replace(s, covariance=cov)
 
 
 def drive_key(inputs: Mapping[str, str], stops: list[tuple[int, int]]) -> str:

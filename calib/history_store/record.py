@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 
-from boxcal.calib.history.session import session_of
+from boxcal.calib.history.session import sessions_of
 from boxcal.calib.history_store.connection import StoreError, open_store
 from boxcal.calib.history_store.place import store_url
 from boxcal.calib.results.calibration import Calibration
@@ -47,4 +47,4 @@ def record(given: str | None, calibrations: Iterable[Calibration]) -> list[str]:
     from boxcal.calib.history_store.sessions import put  # noqa: PLC0415  an extra
 
     with open_store(url) as connection:
-        return put(connection, [session_of(c) for c in calibrations])
+        return put(connection, [session for c in calibrations for session in sessions_of(c)])

@@ -10,11 +10,11 @@ from boxcal.calib.diagnosis.cameras import one_place, swapped
 from boxcal.calib.diagnosis.explained_estimate import ExplainedEstimate
 from boxcal.calib.diagnosis.first_look import FirstLook, first_look
 from boxcal.calib.likelihood.cameras.estimates import Cameras, apart, solve_cameras
-from boxcal.calib.likelihood.estimate import Estimate
 from boxcal.calib.likelihood.finding import Finding
 from boxcal.calib.one_robot.cameras_read import CameraDrives, ReadCameras, job_of, one_camera
 from boxcal.calib.one_robot.solving import concluded, solve, solve_stops
 from boxcal.calib.results.calibration import Calibration
+from boxcal.calib.results.diagnostics import MOUNTING
 from boxcal.calib.results.provenance import plain_settings
 from boxcal.calib.results.rig import Rig, RigCamera
 from boxcal.calib.settings import Job
@@ -95,7 +95,10 @@ def _only(job: Job, camera: CameraDrives, look: FirstLook, left_out: Mapping[str
     missing, said = _said_of(job, left_out)
     found = solve(job_of(job, camera.topic), look)
     found = replace(found, notes=(*found.notes, *said), findings=(*found.findings, *missing))
-    return SolvedCamera(read=camera, look=look, calibration=found)
+    covariance = np.full((6, 6), np.nan) if found.detail is None else found.detail.covariance.block(MOUNTING)
+    solved = SolvedCamera(read=camera, look=look, calibration=found)
+    rig = Rig(cameras=(_rig_camera(solved),), covariance=covariance, left_out=tuple(sorted(left_out.items())))
+    return replace(solved, calibration=replace(found, rig=rig))
 
 
 def _said_of(job: Job, left_out: Mapping[str, str]) -> tuple[tuple[Finding, ...], tuple[str, ...]]:
@@ -199,25 +202,26 @@ def _pairs_said(cameras: Sequence[_Alone], together: Cameras) -> tuple[str, ...]
 
 
 def _rig(solved: Sequence[SolvedCamera], together: Cameras, left_out: Mapping[str, str]) -> Rig:
-    cameras = tuple(_rig_camera(s, e) for s, e in zip(solved, together.estimates, strict=True))
     return Rig(
-        cameras=cameras,
+        cameras=tuple(_rig_camera(s) for s in solved),
         covariance=np.array(together.mountings),
         left_out=tuple(sorted(left_out.items())),
         apart=together.apart,
     )
 
 
-def _rig_camera(solved: SolvedCamera, estimate: Estimate) -> RigCamera:
+def _rig_camera(solved: SolvedCamera) -> RigCamera:
     source, found = solved.look.drives[0].source, solved.calibration
     return RigCamera(
         name=solved.read.name,
         topic=source.camera_topic or solved.read.topic,
         frame=source.camera_frame,
         image_size=found.image_size,
-        camera=estimate.camera,
-        T_body_cam=estimate.T_body_cam,
+        camera=found.camera,
+        T_body_cam=found.T_body_cam,
         stops=found.quality.stops,
         reprojection_rms_px=found.quality.reprojection_rms_px,
         clock_offset=source.clock_offset,
+        landmarks=found.quality.landmarks,
+        covariance=None if found.detail is None else found.detail.covariance,
     )

@@ -81,7 +81,23 @@ def solved_and_judged(job: Job, given: ReadCameras) -> list[SolvedCamera]:
     )
     first = solved[0]
     findings = (*first.calibration.findings, *unusable)
-    return [_judged(replace(first, calibration=replace(first.calibration, findings=findings)), job.robot), *others]
+    robot = _judged(replace(first, calibration=replace(first.calibration, findings=findings)), job.robot)
+    return _with_verdicts([robot, *others])
+
+
+def _with_verdicts(cameras: list[SolvedCamera]) -> list[SolvedCamera]:
+    """Return the results, each with the verdicts on all cameras in its list of cameras."""
+    rig, verdicts = cameras[0].calibration.rig, [camera.calibration.verdict for camera in cameras]
+    if rig is None:
+        return cameras
+    listed = tuple(
+        camera
+        if verdict is None
+        else replace(camera, verdict=str(verdict.level), why=" ".join(cause.text for cause in verdict.causes))
+        for camera, verdict in zip(rig.cameras, verdicts, strict=True)
+    )
+    rig = replace(rig, cameras=listed)
+    return [replace(camera, calibration=replace(camera.calibration, rig=rig)) for camera in cameras]
 
 
 def _judged(camera: SolvedCamera, robot: str) -> SolvedCamera:

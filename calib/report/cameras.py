@@ -31,7 +31,7 @@ class CameraRow:
 def camera_rows(calibration: Calibration) -> list[CameraRow]:
     """Return a row a camera; none for a robot with one."""
     rig = calibration.rig
-    if rig is None:
+    if rig is None or len(rig.cameras) == 1:
         return []
     here = next((c.name for c in rig.cameras if np.array_equal(c.T_body_cam, calibration.T_body_cam)), "")
     first = rig.names[0]

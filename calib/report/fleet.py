@@ -1,14 +1,16 @@
 """The report of a fleet: which robots can be used, how alike they are, and what became of those that failed."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 
 from boxcal.calib.assessment.verdict import verdict
 from boxcal.calib.report.fleet_box import MOST_COLUMNS, shape_rows
+from boxcal.calib.report.fleet_cameras import CameraTable, camera_table, pair_table
 from boxcal.calib.report.fleet_data import fleet_data
 from boxcal.calib.report.fleet_spread import group_table, spread_rows
 from boxcal.calib.report.fleet_tables import (
     ENOUGH,
     PARAMETERS,
+    OddOne,
     hardware_of,
     odd_list,
     odd_ones,
@@ -55,7 +57,10 @@ def fleet_report(
     verdicts = [c.verdict or verdict(c) for c in results]
     values, sigmas = parameter_table(results)
     groups = hardware_of(results)
-    odd = odd_ones(values, sigmas, groups)
+    alike = _alike(results, groups)
+    odd = odd_ones(values, sigmas, alike)
+    cameras, pairs = camera_table(results, without_page), pair_table(results)
+    several = {key: table for key, table in (("cameras", cameras), ("pairs", pairs)) if table is not None}
     order = sorted(range(len(results)), key=lambda i: -verdicts[i].level.rank)
     rows = [
         robot_row(c, v, values[i], odd[i], stale.get(c.robot, ""), linked=c.robot not in without_page)
@@ -63,8 +68,8 @@ def fleet_report(
     ]
     return page(
         "fleet.html",
-        scripts=("draw.js", "table.js", "plot.js", "fleet.js", "spread.js"),
-        data=fleet_data(rows, order, values, sigmas, odd),
+        scripts=("draw.js", "table.js", "plot.js", "fleet.js", "spread.js", *(("cameras.js",) if several else ())),
+        data=fleet_data(rows, order, values, sigmas, odd) | {key: table.data for key, table in several.items()},
         counts={level.value: sum(v.level is level for v in verdicts) for level in Level},
         total=len(rows),
         robots=[rows[i] for i in order[:ROWS]],
@@ -74,7 +79,8 @@ def fleet_report(
         spread=spread_rows(values, sigmas, groups) if len(results) > 1 else [],
         hardware=sorted({g for g in groups if g}),
         groups=group_table(values, sigmas, groups),
-        odd=odd_list(results, values, odd, without_page),
+        odd=[*odd_list(results, values, odd, alike, without_page), *_further_odd(results, several.values())],
+        several=several,
         steps=steps(results, verdicts),
         shape=shape_rows(results),
         names=[c.robot for c in results] if len(results) <= MOST_COLUMNS else ["Mean", "Robots", "Who disagrees"],
@@ -82,3 +88,15 @@ def fleet_report(
         version=results[0].provenance.version if results else "",
         created=readable_time(max((c.provenance.created for c in results), default="")),
     )
+
+
+def _alike(results: Sequence[Calibration], hardware: Sequence[str]) -> list[str]:
+    """Return which robots are compared: of one hardware revision, their results of the same camera."""
+    first = ["" if c.rig is None else c.rig.names[0] for c in results]
+    return [f"{revision}\n{camera}" for revision, camera in zip(hardware, first, strict=True)]
+
+
+def _further_odd(results: Sequence[Calibration], tables: Iterable[CameraTable]) -> list[OddOne]:
+    """Return outliers among cameras and pairs, without those of the robots' first cameras, which are listed already."""
+    first = {(c.robot, c.rig.names[0]) for c in results if c.rig is not None}
+    return [o for table in tables for o in table.odd if (o.robot, o.name.rpartition(", ")[0]) not in first]

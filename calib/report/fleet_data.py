@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from boxcal.calib.report.fleet_tables import PARAMETERS, RobotRow
+from boxcal.calib.report.fleet_tables import PARAMETERS, Parameter, RobotRow
 from boxcal.target.arrays import Array, Mask
 
 _DIGITS = 10
@@ -19,36 +19,41 @@ def fleet_data(
     """Return what ``fleet.js``, ``spread.js`` and ``plot.js`` draw: robots in the order of ``rows``."""
     return {
         "robots": [r.robot for r in rows],
-        "panels": [
-            {
-                "key": p.key,
-                "name": p.name,
-                "unit": p.unit,
-                "digits": p.digits,
-                "value": [_number(v * p.scale, _DIGITS) for v in values[:, k]],
-                "sigma": [_number(s * p.scale, 3) for s in sigmas[:, k]],
-                "odd": np.flatnonzero(odd[:, k]).tolist(),
-            }
-            for k, p in enumerate(PARAMETERS)
-        ],
+        "panels": panels(PARAMETERS, values, sigmas, odd),
         "rows": {
             "order": list(order),
             "level": [r.rank for r in rows],
             "linked": [int(bool(r.link)) for r in rows],
-            "why": _once([r.why for r in rows]),
-            "stale": _once([r.stale for r in rows]),
-            "hardware": _once([r.hardware for r in rows]),
+            "why": once([r.why for r in rows]),
+            "stale": once([r.stale for r in rows]),
+            "hardware": once([r.hardware for r in rows]),
             "straight": [_number(r.straight, _DIGITS) for r in rows],
-            "straight_said": _once([r.straight_text if r.straight is None else "" for r in rows]),
+            "straight_said": once([r.straight_text if r.straight is None else "" for r in rows]),
             "turn": [_number(r.turn and r.turn * 180 / np.pi, _DIGITS) for r in rows],
-            "turn_said": _once([r.turn_text if r.turn is None else "" for r in rows]),
+            "turn_said": once([r.turn_text if r.turn is None else "" for r in rows]),
             "stops": [r.stops for r in rows],
             "rms": [_number(r.rms, 4) for r in rows],
         },
     }
 
 
-def _once(texts: Sequence[str]) -> list[list[Any]]:
+def panels(parameters: Sequence[Parameter], values: Array, sigmas: Array, odd: Mask) -> list[dict[str, Any]]:
+    """Return figures, their standard deviations and which are outliers, (N, n) each, a panel a parameter."""
+    return [
+        {
+            "key": p.key,
+            "name": p.name,
+            "unit": p.unit,
+            "digits": p.digits,
+            "value": [_number(v * p.scale, _DIGITS) for v in values[:, k]],
+            "sigma": [_number(s * p.scale, 3) for s in sigmas[:, k]],
+            "odd": np.flatnonzero(odd[:, k]).tolist(),
+        }
+        for k, p in enumerate(parameters)
+    ]
+
+
+def once(texts: Sequence[str]) -> list[list[Any]]:
     """Return the different texts, and for each place which it is."""
     different = list(dict.fromkeys(texts))
     number = {text: k for k, text in enumerate(different)}

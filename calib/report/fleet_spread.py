@@ -7,7 +7,7 @@ from math import isfinite
 import numpy as np
 from scipy import special
 
-from boxcal.calib.report.fleet_tables import PARAMETERS
+from boxcal.calib.report.fleet_tables import PARAMETERS, Parameter
 from boxcal.calib.uncertainty.random_effects import RandomEffects, random_effects
 from boxcal.target.arrays import Array
 
@@ -57,10 +57,12 @@ class GroupTable:
     rows: tuple[tuple[str, str, tuple[str, ...]], ...]
 
 
-def spread_rows(values: Array, sigmas: Array, groups: Sequence[str] = ()) -> list[SpreadRow]:
+def spread_rows(
+    values: Array, sigmas: Array, groups: Sequence[str] = (), parameters: Sequence[Parameter] = PARAMETERS
+) -> list[SpreadRow]:
     """Return the spread of every parameter (N, n) over the fleet, by hardware revision where robots have one."""
     rows = []
-    for k, p in enumerate(PARAMETERS):
+    for k, p in enumerate(parameters):
         column, sigma = values[:, k], sigmas[:, k]
         figures = (np.median(column), column.min(), column.max(), np.std(column, ddof=1))
         known = sigma[np.isfinite(sigma)]

@@ -191,10 +191,10 @@ def _taken_into_account(c: Calibration, v: Verdict) -> list[str]:
 
 
 def odd_list(
-    results: Sequence[Calibration], values: Array, odd: Mask, without_page: Collection[str] = ()
+    results: Sequence[Calibration], values: Array, odd: Mask, groups: Sequence[str], without_page: Collection[str] = ()
 ) -> list[OddOne]:
-    """Return every outlier in words, with the median of its hardware revision."""
-    kinds = np.array(hardware_of(results), dtype=object)
+    """Return every outlier in words, with the median of its group."""
+    kinds = np.array(groups, dtype=object)
     middles = {kind: np.median(values[kinds == kind], axis=0) for kind in set(kinds.tolist())}
     return [
         OddOne(

@@ -58,7 +58,8 @@ def file_name(robot: str) -> str:
 
 
 def _report_link(robot: str, results: Path | None, out: Path) -> str:
-    if results is None or robot in {"", ".", ".."} or "/" in robot or not (results / robot / REPORT).is_file():
+    parts = robot.split("/")  # a further camera of a robot: robot/camera
+    if results is None or len(parts) > 2 or {"", ".", ".."} & set(parts) or not (results / robot / REPORT).is_file():
         return ""
     return quote(os.path.relpath(results / robot / REPORT, out / "robots").replace(os.sep, "/"))
 

@@ -134,8 +134,8 @@ class Calibration:
     verdict
         Whether it can be used, and why; None where nobody judged it.
     rig
-        All cameras of the robot, where several were calibrated together; this calibration is of one of them. None for
-        a robot with one camera.
+        All cameras of the robot that could be used, where several were asked for; this calibration is of one of them.
+        None where one was.
 
     Examples
     --------

@@ -24,7 +24,7 @@ def detail_document(detail: Detail) -> dict[str, Any]:
             "sigma": detail.covariance.sigma,
             "covariance": {"order": ORDER, "side": SIDE, "matrix": detail.covariance.matrix.tolist()},
             "noise": asdict(detail.noise),
-            "camera_covariance": _covariance(detail.camera_covariance),
+            "camera_covariance": covariance_document(detail.camera_covariance),
             "leave_one_out": None if detail.leave_one_out is None else asdict(detail.leave_one_out),
             "effects": detail.effects,
             "scale_sigma": detail.scale_sigma,
@@ -58,7 +58,7 @@ def read_detail(document: Mapping[str, Any]) -> Detail | None:
     return Detail(
         covariance=Covariance(matrix=_square(covariance["matrix"], len(ORDER))),
         noise=_one(NoiseLevels, document["noise"]),
-        camera_covariance=_read_covariance(document.get("camera_covariance")),
+        camera_covariance=read_covariance(document.get("camera_covariance")),
         leave_one_out=_one(LeaveOneOut, document["leave_one_out"]) if document.get("leave_one_out") else None,
         effects={str(k): float(v) for k, v in document.get("effects", {}).items()},
         scale_sigma=None if document.get("scale_sigma") is None else float(document["scale_sigma"]),
@@ -74,11 +74,13 @@ def read_detail(document: Mapping[str, Any]) -> Detail | None:
     )
 
 
-def _covariance(cov: Covariance | None) -> dict[str, Any] | None:
+def covariance_document(cov: Covariance | None) -> dict[str, Any] | None:
+    """Return a covariance as JSON has it, with its order and its side; None where there is none."""
     return None if cov is None else {"order": cov.names, "side": SIDE, "matrix": cov.matrix.tolist()}
 
 
-def _read_covariance(document: Mapping[str, Any] | None) -> Covariance | None:
+def read_covariance(document: Mapping[str, Any] | None) -> Covariance | None:
+    """Return what :func:`covariance_document` made (KeyError, TypeError or ValueError if it did not)."""
     if document is None:
         return None
     names = tuple(str(name) for name in document["order"])

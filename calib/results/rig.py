@@ -6,7 +6,8 @@ from itertools import combinations
 import numpy as np
 
 from boxcal.calib.geometry.camera_pair import between, pair_jacobian
-from boxcal.calib.results.diagnostics import MOUNTING
+from boxcal.calib.geometry.so3_se3 import log_so3
+from boxcal.calib.results.diagnostics import MOUNTING, Covariance
 from boxcal.target.arrays import Array
 from boxcal.target.camera.camera_model import CameraModel
 
@@ -33,6 +34,12 @@ class RigCamera:
         Root mean square of its 2-D reprojection errors.
     clock_offset : s
         By how much its clock was ahead of the wheels' before its stamps were put right.
+    landmarks
+        Corners used, over all stops.
+    verdict, why
+        Level of its own verdict, and the causes of one that is not good; empty where nobody judged it.
+    covariance
+        Of its reported parameters, the wheels' among them, as in its own result; None in files of before 0.2.
     """
 
     name: str
@@ -44,6 +51,10 @@ class RigCamera:
     stops: int
     reprojection_rms_px: float
     clock_offset: float = 0.0
+    landmarks: int = 0
+    verdict: str = ""
+    why: str = ""
+    covariance: Covariance | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -69,6 +80,23 @@ class CameraPair:
     def sigma(self) -> dict[str, float]:
         """Standard deviations of rx, ry, rz (rad), tx, ty, tz (m)."""
         return dict(zip(MOUNTING, np.sqrt(np.diag(self.covariance)).tolist(), strict=True))
+
+    @property
+    def distance(self) -> tuple[float, float]:
+        """Distance between the two, m, and its standard deviation."""
+        return _length(self.T_a_b[:3, 3], self.covariance[3:, 3:])
+
+    @property
+    def angle(self) -> tuple[float, float]:
+        """Angle of the rotation between the two, rad, and its standard deviation."""
+        return _length(log_so3(self.T_a_b[:3, :3]), self.covariance[:3, :3])
+
+
+def _length(v: Array, cov: Array) -> tuple[float, float]:
+    """Return the length of a vector (3,), and its standard deviation."""
+    length = float(np.linalg.norm(v))
+    along = v / length if length > 0 else np.zeros(3)
+    return length, float(np.sqrt(max(float(along @ cov @ along), 0.0)))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

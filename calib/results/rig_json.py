@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from boxcal.calib.results.detail_json import finite
+from boxcal.calib.results.detail_json import covariance_document, finite, read_covariance
 from boxcal.calib.results.diagnostics import CAMERA, MOUNTING
 from boxcal.calib.results.rig import Rig, RigCamera
 from boxcal.target.arrays import Array
@@ -50,6 +50,10 @@ def _camera_document(camera: RigCamera) -> dict[str, Any]:
         "stops": camera.stops,
         "reprojection_rms_px": camera.reprojection_rms_px,
         "clock_offset": camera.clock_offset,
+        "landmarks": camera.landmarks,
+        "verdict": camera.verdict,
+        "why": camera.why,
+        "covariance": covariance_document(camera.covariance),
     }
 
 
@@ -85,6 +89,10 @@ def read_rig(
             stops=int(c["stops"]),
             reprojection_rms_px=float(c["reprojection_rms_px"]),
             clock_offset=float(c["clock_offset"]),
+            landmarks=int(c.get("landmarks", 0)),
+            verdict=str(c.get("verdict", "")),
+            why=str(c.get("why", "")),
+            covariance=read_covariance(c.get("covariance")),
         )
         for c in document["cameras"]
     )

@@ -7,6 +7,8 @@ from functools import cache
 
 from boxcal.calib.geometry.parameters import ORDER
 from boxcal.calib.results.calibration import Calibration
+from boxcal.calib.results.diagnostics import Covariance
+from boxcal.calib.results.rig import Rig
 from boxcal.calib.results.verdict import Kind, Level, Reason
 
 _KEPT = ("hardware",)
@@ -23,10 +25,9 @@ def without_drive(calibration: Calibration) -> Calibration:
     """
     detail = calibration.detail
     if detail is not None:
-        names = ORDER if detail.covariance.names == ORDER else detail.covariance.names
         detail = replace(
             detail,
-            covariance=replace(detail.covariance, names=names),
+            covariance=_shared_names(detail.covariance) or detail.covariance,
             camera_covariance=None,
             legs=(),
             flagged_corners=(),
@@ -45,7 +46,17 @@ def without_drive(calibration: Calibration) -> Calibration:
         verdict = replace(
             verdict, headline=sys.intern(verdict.headline), reasons=tuple(_shared(r) for r in verdict.reasons)
         )
-    return replace(calibration, stops=ends, verdict=verdict, detail=detail, provenance=origin)
+    rig = None if calibration.rig is None else _with_shared_names(calibration.rig)
+    return replace(calibration, stops=ends, verdict=verdict, detail=detail, provenance=origin, rig=rig)
+
+
+def _with_shared_names(rig: Rig) -> Rig:
+    """Return a robot's cameras with covariances whose names take memory once."""
+    return replace(rig, cameras=tuple(replace(c, covariance=_shared_names(c.covariance)) for c in rig.cameras))
+
+
+def _shared_names(covariance: Covariance | None) -> Covariance | None:
+    return covariance if covariance is None or covariance.names != ORDER else replace(covariance, names=ORDER)
 
 
 def _shared(reason: Reason) -> Reason:

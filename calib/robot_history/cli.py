@@ -11,6 +11,7 @@ from boxcal.calib.robot_history.options import parser
 
 if TYPE_CHECKING:
     from boxcal.calib.history.fleet_history import FleetHistory
+    from boxcal.calib.history.session import Session
 
 _LEAST = {"list": 0, "show": 1, "page": 1, "import": 1, "date": 3, "forget": 1}
 _MOST = {"date": 3, "forget": 2}
@@ -125,18 +126,20 @@ def _page(args: argparse.Namespace, history: "FleetHistory") -> int:
 
 def _import(args: argparse.Namespace, url: str) -> int:
     from boxcal.calib.errors import CalibError
-    from boxcal.calib.history.session import session_of
+    from boxcal.calib.history.session import sessions_of
     from boxcal.calib.history_store.connection import open_store
     from boxcal.calib.results.json_format import CALIBRATION, load_calibration
 
-    found, bad = [], 0
+    found: dict[tuple[str, str], Session] = {}
+    bad = read = 0
     for folder in args.words:
         paths = sorted(Path(folder).rglob(CALIBRATION)) if Path(folder).is_dir() else [Path(folder)]
         if not paths:
             raise CalibError(f"no {CALIBRATION} in it", source=folder, remedy="name a folder of results")
         for path in paths:
             try:
-                found.append(session_of(load_calibration(path)))
+                found |= {(s.robot, s.key): s for s in sessions_of(load_calibration(path))}
+                read += 1
             except CalibError as error:
                 bad += 1
                 print(f"robot-history: {error}", file=sys.stderr)
@@ -144,11 +147,11 @@ def _import(args: argparse.Namespace, url: str) -> int:
         from boxcal.calib.history_store.sessions import count, put
 
         before = count(connection)
-        lines = put(connection, found)
+        lines = put(connection, found.values())
         new = count(connection) - before
     for line in lines:
         print(f"robot-history: {line}", file=sys.stderr)
-    print(f"{len(found)} results read: {new} new drives, {len(found) - new} of drives that were there already")
+    print(f"{read} results read: {new} new drives, {len(found) - new} of drives that were there already")
     return 1 if bad else 0
 
 

@@ -12,6 +12,7 @@ from boxcal.calib.geometry.so3_se3 import exp_so3, rigid
 from boxcal.calib.likelihood.estimate import NoiseLevels
 from boxcal.calib.results.calibration import Calibration, Provenance, Quality, StopResult
 from boxcal.calib.results.diagnostics import Covariance, Detail, Ground
+from boxcal.calib.results.rig import Rig, RigCamera
 from boxcal.target.arrays import Array
 from boxcal.target.camera.camera_model import CameraKind, CameraModel
 
@@ -80,6 +81,29 @@ def detail(sigma: Array = SIGMA) -> Detail:
             projection_worst_px=0.6,
         ),
     )
+
+
+def with_cameras(**others: tuple[Array, CameraModel]) -> Calibration:
+    """The calibration of one robot whose first camera is called left, each camera as sure as the first."""
+    made = calibration(detail=detail())
+    every = {"left": (made.T_body_cam, made.camera), **others}
+    cameras = tuple(
+        RigCamera(
+            name=name,
+            topic=f"/{name}/image_raw",
+            frame=f"{name}_optical_frame",
+            image_size=made.image_size,
+            camera=model,
+            T_body_cam=T,
+            stops=9,
+            reprojection_rms_px=0.1,
+            landmarks=900,
+            verdict="good",
+            covariance=detail().covariance,
+        )
+        for name, (T, model) in every.items()
+    )
+    return replace(made, rig=Rig(cameras=cameras, covariance=1e-8 * np.eye(6 * len(cameras))))
 
 
 def _floats(low: float, high: float) -> st.SearchStrategy[float]:

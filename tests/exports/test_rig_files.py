@@ -13,31 +13,9 @@ from boxcal.calib.exports.files import exports
 from boxcal.calib.geometry.camera_pair import between
 from boxcal.calib.geometry.so3_se3 import exp_so3, inverse, rigid
 from boxcal.calib.results.calibration import Calibration
-from boxcal.calib.results.rig import Rig, RigCamera
-from boxcal.target.camera.camera_model import CameraModel
-from tests.exports.made_up import calibration, camera, detail
+from tests.exports.made_up import calibration, camera, with_cameras
 
 BASELINE = 0.06
-
-
-def with_cameras(**others: tuple[np.ndarray, CameraModel]) -> Calibration:
-    """The calibration of one robot whose first camera is called left."""
-    made = calibration(detail=detail())
-    every = {"left": (made.T_body_cam, made.camera), **others}
-    cameras = tuple(
-        RigCamera(
-            name=name,
-            topic=f"/{name}/image_raw",
-            frame=f"{name}_optical_frame",
-            image_size=made.image_size,
-            camera=model,
-            T_body_cam=T,
-            stops=9,
-            reprojection_rms_px=0.1,
-        )
-        for name, (T, model) in every.items()
-    )
-    return replace(made, rig=Rig(cameras=cameras, covariance=1e-8 * np.eye(6 * len(cameras))))
 
 
 @pytest.fixture(scope="module")

@@ -3,8 +3,7 @@
   const table = document.getElementById("robot-table");
   if (!table) return;
   const R = DATA.rows, LEVELS = ["good", "usable", "redo"];
-  const odd = DATA.panels.map((p) => new Set(p.odd)), anyOdd = new Set(DATA.panels.flatMap((p) => p.odd));
-  const marks = Object.fromEntries(LEVELS.map((l) => [l, document.querySelector(`.tile .mark.${l}`)]));
+  const anyOdd = new Set(DATA.panels.flatMap((p) => p.odd));
   const low = DATA.robots.map((r) => r.toLowerCase());
   const level = (i) => LEVELS[R.level[i]], text = (tokens) => (i) => tokens[0][tokens[1][i]];
   const why = text(R.why), stale = text(R.stale), hardware = text(R.hardware);
@@ -17,14 +16,10 @@
     return m < 1 ? `${(m * 100).toFixed(1)} cm` : `${m.toFixed(1)} m`;
   }
   function name(cell, i) {
-    if (!R.linked[i]) return plain(cell, DATA.robots[i]);
-    const a = document.createElement("a");
-    a.href = `./${encodeURIComponent(DATA.robots[i])}/report.html`;
-    a.textContent = DATA.robots[i];
-    cell.appendChild(a);
+    linkedName(cell, DATA.robots[i], R.linked[i] && `./${encodeURIComponent(DATA.robots[i])}/report.html`);
   }
   function verdict(cell, i) {
-    cell.append(marks[level(i)].cloneNode(true), level(i));
+    verdictCell(cell, level(i));
     if (!stale(i)) return;
     const tag = document.createElement("span");
     tag.className = "tag stale";
@@ -39,22 +34,6 @@
     }
     cell.append(why(i));
   }
-  function figure(p, k) {
-    return {
-      kind: "n", value: (i) => p.value[i],
-      fill: (cell, i) => {
-        cell.textContent = signed(p.value[i], p.digits);
-        if (!odd[k].has(i)) return;
-        cell.classList.add("odd");
-        const mark = document.createElement("span"), words = document.createElement("span");
-        mark.ariaHidden = "true";
-        mark.textContent = "\u25c6 ";
-        words.className = "hidden";
-        words.textContent = "odd: ";
-        cell.replaceChildren(mark, words, signed(p.value[i], p.digits));
-      },
-    };
-  }
   const angle = (a) => (a === null ? "" : a < 0.0995 ? `${a.toFixed(3)}\u00b0` : `${a.toFixed(2)}\u00b0`);
   const columns = [
     { head: true, value: (i) => DATA.robots[i], fill: name },
@@ -64,7 +43,7 @@
     { kind: "n", value: (i) => R.turn[i], fill: (cell, i) => plain(cell, angle(R.turn[i]) || unknown.turn(i)) },
     { kind: "n", value: (i) => R.stops[i], fill: (cell, i) => plain(cell, R.stops[i]) },
     { kind: "n", value: (i) => R.rms[i], fill: (cell, i) => plain(cell, R.rms[i].toFixed(2)) },
-    ...DATA.panels.map(figure),
+    ...DATA.panels.map(figureColumn),
   ];
   if (R.hardware[0].some((h) => h)) columns.push({ value: hardware, fill: (cell, i) => plain(cell, hardware(i)) });
 

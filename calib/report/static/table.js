@@ -1,7 +1,7 @@
 // A table of many rows: sorted and filtered as arrays, shown a page at a time. The page comes with its first rows.
 function pagedTable({ table, rows, order, columns, keep, says, noun, size = 50, changed }) {
   const body = table.tBodies[0], heads = [...table.tHead.rows[0].cells], labels = heads.map((h) => h.textContent.trim());
-  const pager = table.closest("section").querySelector(".pager");
+  const pager = table.closest(".paged, section").querySelector(".pager");
   const collator = new Intl.Collator(undefined, { numeric: true });
   const keys = [];
   let sorted = [...order], shown = sorted, page = 0;
@@ -90,4 +90,37 @@ function pagedTable({ table, rows, order, columns, keep, says, noun, size = 50, 
 
 function signed(value, digits) {
   return value === null || value === undefined ? "" : value.toFixed(digits).replace("-", "\u2212");
+}
+
+// A column of one figure, outliers marked.
+function figureColumn(panel) {
+  const odd = new Set(panel.odd);
+  return {
+    kind: "n", value: (i) => panel.value[i],
+    fill: (cell, i) => {
+      cell.textContent = signed(panel.value[i], panel.digits);
+      if (!odd.has(i)) return;
+      cell.classList.add("odd");
+      const mark = document.createElement("span"), words = document.createElement("span");
+      mark.ariaHidden = "true";
+      mark.textContent = "\u25c6 ";
+      words.className = "hidden";
+      words.textContent = "odd: ";
+      cell.replaceChildren(mark, words, signed(panel.value[i], panel.digits));
+    },
+  };
+}
+
+function verdictCell(cell, level) {
+  const mark = document.querySelector(`.mark.${level}`);
+  if (mark) cell.append(mark.cloneNode(true));
+  cell.append(level);
+}
+
+function linkedName(cell, name, address) {
+  if (!address) { cell.textContent = name; return; }
+  const a = document.createElement("a");
+  a.href = address;
+  a.textContent = name;
+  cell.appendChild(a);
 }

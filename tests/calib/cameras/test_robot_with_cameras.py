@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 import boxcal
+from boxcal.calib.compare.cameras import further
 from boxcal.calib.compare.difference import difference
 from boxcal.calib.compare.text import comparison
 from boxcal.calib.console.cameras import cameras_table
@@ -127,7 +128,8 @@ def test_report_and_comparison_know_the_cameras(
     page = robot_report(calibrated["rear"], front_and_rear.views[1], boxcal.make_target()).decode()
     assert "From camera to camera" in page
     assert 'href="../report.html"' in page
-    same = comparison(calibrated["front"], calibrated["front"], difference(calibrated["front"], calibrated["front"]))
+    one = calibrated["front"]
+    same = comparison(one, one, difference(one, one), further(one, one))
     assert "camera rear against front: moved by 0.00 mm, turned by 0.000 deg" in same
     assert "front" in cameras_table([calibrated["front"]])
     assert not cameras_table([replace(calibrated["front"], rig=None)])
