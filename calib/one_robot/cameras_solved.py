@@ -10,14 +10,17 @@ from boxcal.calib.diagnosis.cameras import one_place, swapped
 from boxcal.calib.diagnosis.explained_estimate import ExplainedEstimate
 from boxcal.calib.diagnosis.first_look import FirstLook, first_look
 from boxcal.calib.likelihood.cameras.estimates import Cameras, apart, solve_cameras
+from boxcal.calib.likelihood.cameras.moving.merge import with_frames_of_all
 from boxcal.calib.likelihood.finding import Finding
+from boxcal.calib.likelihood.moving.clock import LATE
+from boxcal.calib.likelihood.moving.merge import Moving
 from boxcal.calib.one_robot.cameras_read import CameraDrives, ReadCameras, job_of, one_camera
 from boxcal.calib.one_robot.solving import concluded, solve, solve_stops
 from boxcal.calib.results.calibration import Calibration
 from boxcal.calib.results.diagnostics import MOUNTING
 from boxcal.calib.results.provenance import plain_settings
 from boxcal.calib.results.rig import Rig, RigCamera
-from boxcal.calib.settings import Job
+from boxcal.calib.settings import Job, Settings
 from boxcal.detect.log.safe_text import printable
 from boxcal.target.errors import BoxcalError
 from boxcal.target.files.target_json import target_sha256
@@ -74,7 +77,8 @@ def _solved(job: Job, given: ReadCameras) -> list[SolvedCamera]:
     if len(alone) == 1:
         return [_only(job, alone[0].read, alone[0].look, left_out)]
     missing, said = _said_of(job, left_out)
-    together = _together(alone, job.settings.slip)
+    together = _together(alone, job.settings)
+    together = replace(together, notes=tuple(_named(note, alone) for note in together.notes))
     doubts = (*missing, *_doubts(alone, together))
     solved = []
     for camera, estimate in zip(alone, together.estimates, strict=True):
@@ -144,13 +148,17 @@ def _one_place(a: _Alone, b: _Alone) -> bool:
     return one_place(a.explained.fit, b.explained.fit, (a.look.drives, b.look.drives))
 
 
-def _together(cameras: Sequence[_Alone], slip: float | None) -> Cameras:
+def _together(cameras: Sequence[_Alone], settings: Settings) -> Cameras:
     found = [camera.explained.found for camera in cameras]
     boxes = {target_sha256(camera.look.target) for camera in cameras}
     if len(boxes) > 1:
         return apart(found, "they do not agree on how the box's sheets are glued")
     fits = [camera.explained.fit for camera in cameras]
-    return solve_cameras(found, fits, [camera.look.drives for camera in cameras], slip)
+    drives = [camera.look.drives for camera in cameras]
+    together = solve_cameras(found, fits, drives, settings.slip)
+    if settings.moving is Moving.OFF:
+        return together
+    return with_frames_of_all(together, list(zip(found, fits, drives, strict=True)))
 
 
 def _doubts(cameras: Sequence[_Alone], together: Cameras) -> list[Finding]:
@@ -198,7 +206,7 @@ def _pairs_said(cameras: Sequence[_Alone], together: Cameras) -> tuple[str, ...]
     names = ", ".join(camera.read.name for camera in cameras)
     if together.apart:
         return (f"{len(cameras)} cameras ({names}), each by itself: {together.apart}; sigmas between them are bounds",)
-    return (f"{len(cameras)} cameras ({names}) were calibrated together; frames on the move are not used for several",)
+    return (f"{len(cameras)} cameras ({names}) were calibrated together",)
 
 
 def _rig(solved: Sequence[SolvedCamera], together: Cameras, left_out: Mapping[str, str]) -> Rig:
@@ -212,6 +220,7 @@ def _rig(solved: Sequence[SolvedCamera], together: Cameras, left_out: Mapping[st
 
 def _rig_camera(solved: SolvedCamera) -> RigCamera:
     source, found = solved.look.drives[0].source, solved.calibration
+    late_s = found.detail.extra.get(LATE, 0.0) if found.detail is not None else 0.0
     return RigCamera(
         name=solved.read.name,
         topic=source.camera_topic or solved.read.topic,
@@ -221,7 +230,7 @@ def _rig_camera(solved: SolvedCamera) -> RigCamera:
         T_body_cam=found.T_body_cam,
         stops=found.quality.stops,
         reprojection_rms_px=found.quality.reprojection_rms_px,
-        clock_offset=source.clock_offset,
+        clock_offset=source.clock_offset + late_s,
         landmarks=found.quality.landmarks,
         covariance=None if found.detail is None else found.detail.covariance,
     )

@@ -33,7 +33,8 @@ class RigCamera:
     reprojection_rms_px
         Root mean square of its 2-D reprojection errors.
     clock_offset : s
-        By how much its clock was ahead of the wheels' before its stamps were put right.
+        By how much its clock was ahead of the wheels' before its stamps were put right, by what frames on the move
+        tell where they were used.
     landmarks
         Corners used, over all stops.
     verdict, why

@@ -10,6 +10,7 @@ from boxcal.calib.likelihood.cameras.state import RobotState
 from boxcal.calib.likelihood.components import VarianceComponents
 from boxcal.calib.likelihood.explanation import Columns, stacked
 from boxcal.calib.likelihood.levenberg_marquardt import Linearization
+from boxcal.calib.likelihood.moving.rolling import with_rolling
 from boxcal.calib.likelihood.normal_equations import Local, Normal
 from boxcal.calib.likelihood.problem import Problem
 from boxcal.calib.likelihood.residuals import Corners, corner_equations, corner_residuals, leg_residuals
@@ -116,7 +117,10 @@ def rescaled(found: About, scales: Sequence[float]) -> About:
 
 
 def _camera(robot: Together, part: Part, state: State, number: int) -> CameraEquations:
-    corners = _among_all(robot, part, corner_residuals(part.problem, state, Columns()), number)
+    own = corner_residuals(part.problem, state, Columns())
+    if part.rates is not None:
+        own = with_rolling(part.problem, state, own, part.rates, part.height)
+    corners = _among_all(robot, part, own, number)
     normal, local, squares = corner_equations(robot.problem, corners, part.corners)
     return CameraEquations(corners=corners, normal=normal, local=local, squares=squares)
 

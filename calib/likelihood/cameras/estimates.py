@@ -38,6 +38,8 @@ class Cameras:
         What speaks against the cameras' belonging to one robot and one drive; empty if nothing does.
     notes
         What the user should know of the common solution.
+    fit, drives
+        That solution, and the drives with the stops of all cameras; None, and none, where there is no such solution.
     """
 
     estimates: tuple[Estimate, ...]
@@ -45,6 +47,8 @@ class Cameras:
     apart: str = ""
     doubt: str = ""
     notes: tuple[str, ...] = ()
+    fit: RobotFit | None = None
+    drives: tuple[Correspondences, ...] = ()
 
 
 def solve_cameras(
@@ -136,6 +140,8 @@ def _reported(
         mountings=cov[np.ix_(mounted, mounted)],
         doubt=disagreement(fits, fit),
         notes=notes,
+        fit=fit,
+        drives=tuple(drives),
     )
 
 

@@ -36,12 +36,21 @@ class Part:
         Where its stops stand among all.
     columns : (n_c,)
         Where its problem's shared unknowns stand among all.
+    rates : (P_c, 2), rad/s, optional
+        How fast the wheels turn at its stops and frames on the move; None where it has no such frames.
+    height : px
+        Of its images.
+    readout
+        Place of its readout time among the causes, which is then the last unknown of its problem.
     """
 
     problem: Problem
     corners: Array
     places: Ids
     columns: Ids
+    rates: Array | None = None
+    height: int = 0
+    readout: int = -1
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -14,6 +14,7 @@ from scipy.special import chdtri
 from boxcal.calib.geometry.parameters import COUNT, TRANSLATION
 from boxcal.calib.likelihood.fit import Fit
 from boxcal.calib.likelihood.moving.levels import Settled
+from boxcal.calib.likelihood.moving.solve import sigmas
 from boxcal.calib.likelihood.moving.system import System, system
 from boxcal.calib.likelihood.moving.weave import Woven
 from boxcal.calib.likelihood.normal_equations import Normal, Solution, solve_chain
@@ -89,7 +90,8 @@ def leave_out(fit: Fit, found: Settled) -> LeaveOut:
     """
     joint, levels = found.joint, found.levels
     level = (levels.slip[[found.best]], levels.jitter_s[[found.best]])
-    whole = system(joint.problem, joint.woven, joint.at, fit.components, joint.weights, found.noise, level[0], level[1])
+    sigma = sigmas(fit, joint, found.noise)
+    whole = system(joint.problem, joint.woven, joint.at, fit.components, joint.weights, sigma, level[0], level[1])
     all_of_it = solve_chain(whole.normal, whole.eliminated)
     R = joint.state.T_body_cam[:3, :3]
     changes, expected = [], []

@@ -6,12 +6,13 @@ from functools import partial
 import numpy as np
 
 from boxcal.calib.likelihood.fit import Fit
-from boxcal.calib.likelihood.levenberg_marquardt import Weights
+from boxcal.calib.likelihood.levenberg_marquardt import Linearization, Weights
 from boxcal.calib.likelihood.moving.grid import Axis, over_levels
 from boxcal.calib.likelihood.moving.noise import FrameNoise
 from boxcal.calib.likelihood.moving.solve import Joint, maximised, solved, stepped
 from boxcal.calib.likelihood.moving.system import Levels
 from boxcal.calib.likelihood.outliers import flag_corners
+from boxcal.calib.likelihood.problem import Problem
 from boxcal.calib.likelihood.slip_profile import LARGEST_SLIP, quiet_slip
 from boxcal.detect.correspondences import Correspondences
 from boxcal.target.arrays import Array
@@ -123,24 +124,26 @@ def _updated(fit: Fit, joint: Joint, noise: FrameNoise, near: Levels | None) -> 
 
     ``near`` are levels that were probable nearby; without them all are looked at.
     """
-    levels, weight = over_levels(partial(solved, fit, joint, noise), _slips(fit, joint), _jitters(), near)
+    slips = slip_axis(joint.problem, joint.at, fit.components.slip, fit.options.slip)
+    levels, weight = over_levels(partial(solved, fit, joint, noise), slips, jitter_axis(), near)
     slip_2, jitter_2 = weight @ levels.slip**2, weight @ levels.jitter_s**2
     return replace(noise, slip=float(np.sqrt(slip_2)), jitter_s=float(np.sqrt(jitter_2))), levels, weight
 
 
-def _slips(fit: Fit, joint: Joint) -> Axis:
-    """Return the levels of slip that are looked at: all, or the one that was given."""
-    quiet = quiet_slip(joint.problem, joint.at)
-    least = max(_LEAST_OF_QUIET * quiet, _LEAST_OF_STOPS * fit.components.slip)
-    if fit.options.slip is not None:
-        coarse = np.array([max(fit.options.slip, least)])
+def slip_axis(problem: Problem, at: Linearization, of_stops: float, given: float | None) -> Axis:
+    """Return the levels of slip that are looked at: all, or the one that was given; ``of_stops`` is what stops show."""
+    quiet = quiet_slip(problem, at)
+    least = max(_LEAST_OF_QUIET * quiet, _LEAST_OF_STOPS * of_stops)
+    if given is not None:
+        coarse = np.array([max(given, least)])
     else:
         u = np.linspace(2 * np.log(quiet), np.log(LARGEST_SLIP**2 + quiet**2), _SLIPS)
         coarse = np.sqrt(np.maximum(np.exp(u) - quiet**2, least**2))
     return Axis(quiet=quiet, least=least, coarse=coarse, fine=_FINE_SLIPS)
 
 
-def _jitters() -> Axis:
+def jitter_axis() -> Axis:
+    """Return the levels of jitter that are looked at."""
     quiet = _QUIET_JITTER_S
     u = np.linspace(2 * np.log(quiet), np.log(_MOST_JITTER_S**2 + quiet**2), _JITTERS)
     coarse = np.sqrt(np.maximum(np.exp(u) - quiet**2, _LEAST_JITTER_S**2))

@@ -68,7 +68,7 @@ def with_moving_frames(
 
 def _with_frames(found: Estimate, fit: Fit, drives: Sequence[Correspondences], moving: Moving) -> Estimate | str:
     """Return the estimate with frames on the move, or why they cannot be used."""
-    why = _unsuitable(found, fit, drives)
+    why = unsuitable(found, fit, drives)
     if why:
         return why
     drive = drives[0]
@@ -101,7 +101,7 @@ def _less_sure(fit: Fit, settled: Settled, among: LeaveOut, cov: Array) -> bool:
     return bool(np.any((among.inflation[:COUNT] > 1) & (both >= stops)))
 
 
-def _unsuitable(found: Estimate, fit: Fit, drives: Sequence[Correspondences]) -> str:
+def unsuitable(found: Estimate, fit: Fit, drives: Sequence[Correspondences]) -> str:
     """Return why frames on the move cannot be used here; empty if they can."""
     if len(drives) > 1:
         return "they are used with single drives only"

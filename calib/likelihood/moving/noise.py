@@ -37,6 +37,8 @@ class FrameNoise:
 def local_sigmas(components: VarianceComponents, noise: FrameNoise, count: int, moving: Ids) -> Array:
     """Return the standard deviations of each stop's and frame's local unknowns, (P, 4): rad, rad, m, px.
 
+    Of several cameras each has its own growth, (P, 3 + C).
+
     Parameters
     ----------
     components
@@ -49,8 +51,8 @@ def local_sigmas(components: VarianceComponents, noise: FrameNoise, count: int, 
         Which of them are frames.
     """
     at_rest = components.local_sigma
-    usual = noise.sway * np.array([USUAL["lean"], USUAL["lean"], USUAL["height"], 0.0])
-    usual[3] = GROWTH_PX
+    usual = np.full(len(at_rest), GROWTH_PX)
+    usual[:3] = noise.sway * np.array([USUAL["lean"], USUAL["lean"], USUAL["height"]])
     out = np.tile(at_rest, (count, 1))
     out[moving] = np.hypot(at_rest, usual)
     return out

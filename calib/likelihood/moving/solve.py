@@ -11,7 +11,7 @@ from boxcal.calib.likelihood.fit import Fit
 from boxcal.calib.likelihood.leg_model import leg_model
 from boxcal.calib.likelihood.levenberg_marquardt import Linearization, Weights
 from boxcal.calib.likelihood.moving.clock import CameraLate
-from boxcal.calib.likelihood.moving.noise import FrameNoise
+from boxcal.calib.likelihood.moving.noise import FrameNoise, local_sigmas
 from boxcal.calib.likelihood.moving.rolling import Readout, with_rolling
 from boxcal.calib.likelihood.moving.system import Levels, solved_at
 from boxcal.calib.likelihood.moving.weave import Woven, weave
@@ -22,16 +22,16 @@ from boxcal.detect.correspondences import Correspondences
 from boxcal.target.arrays import Array, Ids
 
 FIRST_JITTER_S = 1e-3
-_REWOVEN_S = 2e-4
+REWOVEN_S = 2e-4
 """A change of the offset beyond this (s) sets the frames to new places on the path."""
-_FINEST_STEP = 1e-6
+FINEST_STEP = 1e-6
 """Encoder step (rad) of readings that show none, so that errors in time reach them."""
-_STEPS = 10
-_DIVERGED = 3.0
+STEPS = 10
+DIVERGED = 3.0
 """Corners' squares so many times those at the start are of a solver that runs away."""
 LONGEST_S = 1.0
 """Longer changes of the offset (s) leave the leg that a frame belongs to."""
-_CLOSE = 1e-2
+CLOSE = 1e-2
 """Promised decrease of the sum of squares at which the solver ends: a tenth of a standard deviation."""
 
 
@@ -105,7 +105,7 @@ def _about(  # noqa: PLR0917 - stops and frames, and about what
 def _problem(fit: Fit, woven: Woven) -> Problem:
     explanations: tuple[Explanation, ...] = (*fit.problem.explanations, CameraLate(rates=woven.rates), Readout())
     options = replace(fit.options, lens=fit.problem.lens, explanations=explanations)
-    step = max(fit.problem.step, _FINEST_STEP)
+    step = max(fit.problem.step, FINEST_STEP)
     problem = build_problem([woven.drive], [tuple(range(len(woven.frame)))], options, step)
     return with_floor(problem, fit.problem.floor_px)
 
@@ -119,14 +119,7 @@ def _first_state(fit: Fit, woven: Woven, problem: Problem) -> State:
     if len(woven.moving) == count:
         return _taken(fit.state, np.searchsorted(fit.problem.stop, woven.frame), np.append(fit.state.explained, [0, 0]))
     stops = np.flatnonzero(woven.frame < 0)
-    model = leg_model(problem.path, fit.state.wheels, np.zeros((count - 1, 2)), np.zeros((count - 1, 2)))
-    poses = np.zeros((count, 3))
-    poses[stops] = fit.state.poses
-    for k in woven.moving.tolist():
-        x, y, theta = poses[k - 1]
-        dx, dy, turn = model.displacement[k - 1]
-        c, s = np.cos(theta), np.sin(theta)
-        poses[k] = x + c * dx - s * dy, y + s * dx + c * dy, theta + turn
+    poses = led_by_wheels(problem, woven, fit.state)
 
     def of_stops(values: Array) -> Array:
         out = np.zeros((count, *values.shape[1:]))
@@ -141,6 +134,20 @@ def _first_state(fit: Fit, woven: Woven, problem: Problem) -> State:
         growth=of_stops(fit.state.growth),
         encoder_errors=of_stops(fit.state.encoder_errors),
     )
+
+
+def led_by_wheels(problem: Problem, woven: Woven, at_stops: State) -> Array:
+    """Return poses, (P, 3): the stops' own, and for frames where the wheels lead from the stops before them."""
+    count = len(woven.frame)
+    model = leg_model(problem.path, at_stops.wheels, np.zeros((count - 1, 2)), np.zeros((count - 1, 2)))
+    poses = np.zeros((count, 3))
+    poses[woven.frame < 0] = at_stops.poses
+    for k in woven.moving.tolist():
+        x, y, theta = poses[k - 1]
+        dx, dy, turn = model.displacement[k - 1]
+        c, s = np.cos(theta), np.sin(theta)
+        poses[k] = x + c * dx - s * dy, y + s * dx + c * dy, theta + turn
+    return poses
 
 
 def _weights(fit: Fit, woven: Woven, problem: Problem, noise: FrameNoise) -> Weights:
@@ -226,18 +233,18 @@ def _rewoven(fit: Fit, drive: Correspondences, joint: Joint, state: State, noise
 def maximised(fit: Fit, drive: Correspondences, joint: Joint, noise: FrameNoise) -> Joint | None:
     """Return the likelihood at its maximum for given noise; None if the solver does not get there."""
     slip, jitter = np.array([noise.slip]), np.array([noise.jitter_s])
-    most = _DIVERGED * float(joint.at.corner_squares.sum())
-    for _ in range(_STEPS):
+    most = DIVERGED * float(joint.at.corner_squares.sum())
+    for _ in range(STEPS):
         if not (joint.at.valid and joint.at.corner_squares.sum() <= most):
             return None
         levels = solved(fit, joint, noise, slip, jitter)
         promised = float(levels.solution.decrease[0])
-        if promised < _CLOSE:
+        if promised < CLOSE:
             return joint
         state = _after(joint, levels, np.ones(1))
         if abs(state.explained[-2]) > LONGEST_S:
             return None
-        if abs(state.explained[-2]) > _REWOVEN_S:
+        if abs(state.explained[-2]) > REWOVEN_S:
             joint = _rewoven(fit, drive, joint, state, noise)
         else:
             joint = replace(joint, at=linearized(joint, state))
@@ -247,4 +254,10 @@ def maximised(fit: Fit, drive: Correspondences, joint: Joint, noise: FrameNoise)
 def solved(fit: Fit, joint: Joint, noise: FrameNoise, slip: Array, jitter_s: Array) -> Levels:
     """Return the solutions about the state at levels of slip and jitter (K,); see :func:`solved_at`."""
     at, weights = joint.at, joint.weights
-    return solved_at(joint.problem, joint.woven, at, fit.components, weights, noise, slip, jitter_s)
+    sigma = sigmas(fit, joint, noise)
+    return solved_at(joint.problem, joint.woven, at, fit.components, weights, sigma, slip, jitter_s)
+
+
+def sigmas(fit: Fit, joint: Joint, noise: FrameNoise) -> Array:
+    """Return the standard deviations of the local unknowns of stops and frames, (P, 4)."""
+    return local_sigmas(fit.components, noise, len(joint.woven.frame), joint.woven.moving)

@@ -6,7 +6,6 @@ import numpy as np
 
 from boxcal.calib.likelihood.components import VarianceComponents
 from boxcal.calib.likelihood.levenberg_marquardt import Linearization, Weights, picture_equations
-from boxcal.calib.likelihood.moving.noise import FrameNoise, local_sigmas
 from boxcal.calib.likelihood.moving.weave import Woven
 from boxcal.calib.likelihood.normal_equations import Eliminated, Normal, Solution, eliminate, solve_chain
 from boxcal.calib.likelihood.problem import Problem
@@ -70,13 +69,12 @@ def system(  # noqa: PLR0917 - a state and what holds there
     at: Linearization,
     components: VarianceComponents,
     weights: Weights,
-    noise: FrameNoise,
+    local_sigma: Array,
     slip: Array,
     jitter_s: Array,
 ) -> System:
     """Return the equations of stops and frames about a state; see :func:`solved_at`."""
-    sigma = local_sigmas(components, noise, len(woven.frame), woven.moving)
-    pictures, squares = picture_equations(problem, at, components, sigma)
+    pictures, squares = picture_equations(problem, at, components, local_sigma)
     reduced, eliminated = eliminate(pictures)
     C = leg_covariance(problem, at.legs.model, slip)
     information = np.linalg.inv(C) * weights.legs[:, None, None]
@@ -90,7 +88,7 @@ def system(  # noqa: PLR0917 - a state and what holds there
         leg_information=information,
         squares=squares + leg_squares + reading_squares,
         log_noise=np.sum(np.linalg.slogdet(C)[1] * (weights.legs > 0), axis=-1) + log_readings,
-        local_sigma=sigma,
+        local_sigma=local_sigma,
     )
 
 
@@ -100,7 +98,7 @@ def solved_at(  # noqa: PLR0917 - a state and what holds there
     at: Linearization,
     components: VarianceComponents,
     weights: Weights,
-    noise: FrameNoise,
+    local_sigma: Array,
     slip: Array,
     jitter_s: Array,
 ) -> Levels:
@@ -112,12 +110,12 @@ def solved_at(  # noqa: PLR0917 - a state and what holds there
         Stops and frames, and the likelihood about a state; weights of frames' corners hold what their noise is.
     components
         Of the stops.
-    noise
-        Of the frames: sway is taken from it.
+    local_sigma : (P, 4)
+        Standard deviations of the local unknowns.
     slip, jitter_s
         The levels.
     """
-    s = system(problem, woven, at, components, weights, noise, slip, jitter_s)
+    s = system(problem, woven, at, components, weights, local_sigma, slip, jitter_s)
     solution = solve_chain(s.normal, s.eliminated)
     left = s.squares - solution.decrease
     told = (left > 0) & (_rounding(s, solution) < _MOST_ROUNDING)

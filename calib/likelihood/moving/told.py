@@ -92,6 +92,14 @@ def _said(settled: Settled, doubts: tuple[int, LeaveOut], values: Array, sigma: 
     return text
 
 
+def said_of_clock(count: int, camera: str, late_s: float, sigma_s: float) -> str:
+    """Return how many frames of one of several cameras were used, and how late its stamps are."""
+    return (
+        f"{count} frames taken on the move by {camera} were used: its stamps are {abs(1e3 * late_s):.1f} +- "
+        f"{1e3 * sigma_s:.1f} ms {'late' if late_s > 0 else 'early'} against the wheels', which was allowed for"
+    )
+
+
 SAID_JITTER_S, SAID_READOUT_S, SAID_SIGMAS = 2e-3, 1e-3, 4.0
 """From what on jitter and a rolling shutter are said: s, s, and standard deviations."""
 

@@ -13,7 +13,7 @@ from boxcal.target.arrays import Array, Ids, Mask
 
 _LEAST_RATE = 0.05
 """Wheel rate (rad/s) below which a frame tells nothing of the clocks, and may belong to a stand."""
-_APART_S = 0.005
+APART_S = 0.005
 """Frames nearer in time than this to a stop or to each other are not used: hardly anything rolls between."""
 _RATE_SAMPLES = 2
 
@@ -73,7 +73,7 @@ def weave(drive: Correspondences, kept: Ids, frames: Ids, late_s: float) -> Wove
     low, high = np.maximum(after - _RATE_SAMPLES, 0), np.minimum(after + _RATE_SAMPLES - 1, len(t) - 1)
     rates = (phi[high] - phi[low]) / np.maximum(t[high] - t[low], 1e-9)[:, None]
     usable &= ((np.abs(rates).max(axis=1) > _LEAST_RATE) | (len(kept) == 0)) & wheels.covered[after]
-    usable &= np.diff(at, prepend=-np.inf) > _APART_S
+    usable &= np.diff(at, prepend=-np.inf) > APART_S
     rows = np.flatnonzero(usable)
     at, after, rates = at[rows], after[rows], rates[rows]
     share = ((at - t[after - 1]) / (t[after] - t[after - 1]))[:, None]
@@ -107,7 +107,7 @@ def _between_stops(drive: Correspondences, kept: Ids, at: Array, t0: int) -> Mas
     spans = np.array([(s.t_start_ns - t0, s.t_end_ns - t0) for s in drive.stops]) / 1e9
     standing = np.zeros(len(at), dtype=np.bool_)
     for start, end in spans:
-        standing |= (at > start - _APART_S) & (at < end + _APART_S)
+        standing |= (at > start - APART_S) & (at < end + APART_S)
     return np.asarray(~standing & (at > spans[kept[0], 1]) & (at < spans[kept[-1], 0]))
 
 

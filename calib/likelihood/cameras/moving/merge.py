@@ -1,0 +1,219 @@
+"""Estimates of several cameras with what frames on the move add, or with why they add nothing."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from boxcal.calib.geometry.parameters import COUNT, MOUNTING, TRANSLATION
+from boxcal.calib.geometry.so3_se3 import inverse, rigid
+from boxcal.calib.likelihood.cameras.estimates import Cameras
+from boxcal.calib.likelihood.cameras.moving.joint import SettledAll, settled_together
+from boxcal.calib.likelihood.cameras.moving.row import Seen
+from boxcal.calib.likelihood.cameras.problem import Together, own_name
+from boxcal.calib.likelihood.cameras.solve import RobotFit
+from boxcal.calib.likelihood.cameras.state import RobotState
+from boxcal.calib.likelihood.estimate import DriveEstimate, Estimate
+from boxcal.calib.likelihood.fit import Fit
+from boxcal.calib.likelihood.moving.agreement import agreement
+from boxcal.calib.likelihood.moving.clock import LATE
+from boxcal.calib.likelihood.moving.covariance import joint_covariance
+from boxcal.calib.likelihood.moving.faults import FEWEST, sound
+from boxcal.calib.likelihood.moving.leave_out import leave_out
+from boxcal.calib.likelihood.moving.merge import unsuitable
+from boxcal.calib.likelihood.moving.noise import FrameNoise
+from boxcal.calib.likelihood.moving.rolling import ROLLING
+from boxcal.calib.likelihood.moving.solve import FIRST_JITTER_S
+from boxcal.calib.likelihood.moving.told import rolling, said_of_clock
+from boxcal.calib.likelihood.state import camera_motions
+from boxcal.detect.correspondences import Correspondences
+from boxcal.target.arrays import Array
+
+
+def with_frames_of_all(cameras: Cameras, alone: Sequence[tuple[Estimate, Fit, Sequence[Correspondences]]]) -> Cameras:
+    """Return the estimates of several cameras with what their frames on the move add, or with why they add nothing.
+
+    Parameters
+    ----------
+    cameras
+        The estimates from the stops of all cameras.
+    alone
+        What each camera by itself gives: its estimate, the solution of its stops, and its drives.
+    """
+    stops, count = cameras.fit, sum(len(drive.moving) for _, _, drives in alone for drive in drives)
+    if stops is None or cameras.doubt or count < FEWEST:
+        return cameras
+    seen, factors, why = [], [], []
+    for number, (found, fit, drives) in enumerate(alone, 1):
+        own, factor, said = _by_itself(found, fit, drives)
+        seen.append(own)
+        factors.append(factor)
+        if said:
+            why.append(f"camera {number} has none that can be used ({said})")
+    if all(own.settled is None for own in seen):
+        return _left_out(cameras, "; ".join(why)) if why else cameras
+    try:
+        settled = settled_together(stops, cameras.drives[0], seen)
+    except np.linalg.LinAlgError:
+        settled = None
+    if settled is None:
+        return _left_out(cameras, "wheels and pictures do not fit there")
+    cov = _enlarged(settled, factors)
+    against = _contradiction(stops, settled, cov)
+    if against:
+        return _left_out(cameras, against)
+    return _merged(cameras, stops, settled, cov, why)
+
+
+def _left_out(cameras: Cameras, why: str) -> Cameras:
+    return replace(cameras, notes=(*cameras.notes, f"frames taken on the move were left out: {why}"))
+
+
+def _by_itself(found: Estimate, fit: Fit, drives: Sequence[Correspondences]) -> tuple[Seen, Array, str]:
+    """Return a camera's frames as they fit its own stops, factors on its standard deviations, and why it has none."""
+    nothing, drive = np.ones(len(fit.problem.names)), drives[0]
+    why = "" if len(drive.moving) < FEWEST else unsuitable(found, fit, drives)
+    if why or len(drive.moving) < FEWEST:
+        return Seen(fit=fit, drive=drive, settled=None), nothing, why
+    noise = FrameNoise(slip=fit.components.slip, jitter_s=FIRST_JITTER_S, sway=1.0, scale=1.0)
+    try:
+        settled, odd = sound(fit, drive, np.arange(len(drive.moving)), noise)
+    except np.linalg.LinAlgError:
+        settled, odd = None, 0
+    if settled is None:
+        why = f"{odd} of them contradict the others" if odd else "wheels and pictures do not fit there"
+        return Seen(fit=fit, drive=drive, settled=None), nothing, why
+    if rolls := rolling(settled, joint_covariance(fit, settled)):
+        return Seen(fit=fit, drive=drive, settled=None), nothing, rolls
+    return Seen(fit=fit, drive=drive, settled=settled), leave_out(fit, settled).inflation[: len(nothing)], ""
+
+
+def _enlarged(settled: SettledAll, factors: Sequence[Array]) -> Array:
+    """Return the covariance with standard deviations as many times larger as frames of a camera disagree."""
+    robot = settled.joint.row.robot
+    factor = np.ones(len(robot.problem.names))
+    for part, own in zip(robot.parts, factors, strict=True):
+        at = part.columns[: len(own)]
+        shared = min(len(at), COUNT)
+        factor[at[:shared]] = np.maximum(factor[at[:shared]], own[:shared])
+    R = _to_body(robot, settled.joint.state)
+    cov = R @ settled.cov @ R.T
+    return np.asarray(R.T @ (cov * np.outer(factor, factor)) @ R)
+
+
+def _to_body(robot: Together, state: RobotState) -> Array:
+    """Return what turns every camera's translation from its own axes to the body's, (n, n)."""
+    R = np.eye(len(robot.problem.names))
+    for part, camera in zip(robot.parts, state.cameras, strict=True):
+        at = part.columns[TRANSLATION]
+        R[np.ix_(at, at)] = camera.T_body_cam[:3, :3]
+    return R
+
+
+def _contradiction(stops: RobotFit, settled: SettledAll, cov: Array) -> str:
+    """Return how stops and frames contradict each other; empty if they agree."""
+    joint = settled.joint
+    for number, (a, b) in enumerate(zip(stops.robot.parts, joint.row.robot.parts, strict=True)):
+        at_a, at_b = a.columns[:COUNT], b.columns[:COUNT]
+        compared = agreement(
+            (stops.found.state.of(a, number), stops.cov[np.ix_(at_a, at_a)]),
+            (joint.state.of(b, number), cov[np.ix_(at_b, at_b)]),
+        )
+        if not compared.holds:
+            return (
+                f"they contradict the stops (of camera {number + 1} most {compared.parameter}, by "
+                f"{compared.sigmas:.1f} of its standard deviations; chance of that {compared.p_value:.1g})"
+            )
+    return ""
+
+
+def _merged(cameras: Cameras, stops: RobotFit, settled: SettledAll, cov: Array, why: Sequence[str]) -> Cameras:
+    """Return the estimates with values of stops and frames, and with as much less variance as frames take off."""
+    robot, state = settled.joint.row.robot, settled.joint.state
+    fresh = _reported(robot, state, cov)
+    base = _reported(stops.robot, stops.found.state, stops.cov)
+    names, here = stops.robot.problem.names, list(robot.problem.names)
+    same = [here.index(name) for name in names]
+    gain = fresh[np.ix_(same, same)] - base
+    mounted = np.concatenate([part.columns[MOUNTING] for part in stops.robot.parts])
+    estimates = tuple(_estimate(own, c, stops, settled, gain, fresh) for c, own in enumerate(cameras.estimates))
+    counts = [int(np.sum(settled.joint.row.camera == c)) for c in range(len(estimates))]
+    said = [
+        said_of_clock(count, f"camera {c + 1}", float(e.values[-2]), float(np.sqrt(e.cov_all[-2, -2])))
+        for c, (count, e) in enumerate(zip(counts, estimates, strict=True))
+        if count
+    ]
+    return replace(
+        cameras,
+        estimates=estimates,
+        mountings=cameras.mountings + gain[np.ix_(mounted, mounted)],
+        notes=(*cameras.notes, *said, *why),
+    )
+
+
+def _reported(robot: Together, state: RobotState, cov: Array) -> Array:
+    R = _to_body(robot, state)
+    return np.asarray(R @ cov @ R.T)
+
+
+def _estimate(  # noqa: PLR0917 - one camera of two solutions
+    own: Estimate, number: int, stops: RobotFit, settled: SettledAll, gain: Array, fresh: Array
+) -> Estimate:
+    robot, state = settled.joint.row.robot, settled.joint.state
+    before, part = stops.robot.parts[number], robot.parts[number]
+    names = stops.robot.problem.names
+    n = len(before.columns)
+    columns = [int(c) for c in before.columns] + [names.index(name) for name in own.names[n:]]
+    change = gain[np.ix_(columns, columns)]
+    cov_all, values, more = own.cov_all + change, own.values.copy(), own.names
+    here, bare, explained = state.of(part, number), before.problem, robot.problem.explained
+    values[:5], values[5:8], values[bare.extras] = here.lens[:5], here.wheels, here.lens[5:]
+    values[bare.tilts] = here.tilt.ravel() if bare.tilt_count else 0.0
+    values[bare.shapes], values[bare.growth] = here.shape, here.common_growth
+    all_names = list(robot.problem.names)
+    values[n:] = [state.body.explained[all_names.index(name) - explained.start] for name in own.names[n:]]
+    if part.rates is not None:
+        at = [all_names.index(own_name(name, number + 1)) for name in (LATE, ROLLING)]
+        clock = state.body.explained[np.array(at) - explained.start]
+        clock[0] += settled.joint.row.late_s[number]
+        here_too = [all_names.index(names[c]) for c in columns]
+        cross = fresh[np.ix_(here_too, at)]
+        cov_all = np.block([[cov_all, cross], [cross.T, fresh[np.ix_(at, at)]]])
+        values, more = np.concatenate([values, clock]), (*own.names, LATE, ROLLING)
+    w, slip = settled.weight, settled.solutions.slip
+    mean = float(w @ slip)
+    less = change[:COUNT, :COUNT]
+    return replace(
+        own,
+        camera=own.camera.from_values(bare.lens, here.lens),
+        rR=float(here.wheels[0]),
+        rL=float(here.wheels[1]),
+        b=float(here.wheels[2]),
+        T_body_cam=here.T_body_cam,
+        drives=(_drive(own.drives[0], number, stops, settled, cov_all), *own.drives[1:]),
+        noise=replace(own.noise, slip=mean, slip_sigma=float(np.sqrt(w @ (slip - mean) ** 2))),
+        cov=cov_all[:COUNT, :COUNT],
+        cov_all=cov_all,
+        names=more,
+        values=values,
+        odometry_cov=None if own.odometry_cov is None else own.odometry_cov + less,
+    )
+
+
+def _drive(own: DriveEstimate, number: int, stops: RobotFit, settled: SettledAll, cov: Array) -> DriveEstimate:
+    """Return one camera's stops where stops and frames put them."""
+    joint = settled.joint
+    part = joint.row.robot.parts[number]
+    here = joint.state.of(part, number)
+    at_stops = np.flatnonzero(joint.row.woven.frame[part.places] < 0)
+    motions, T_cam_body = camera_motions(part.problem, here), inverse(here.T_body_cam)
+    blocks, _ = settled.solutions.solution.stop_blocks()
+    pose_cov = np.tensordot(settled.weight, blocks[:, part.places[at_stops], :3, :3], 1)
+    tilts = stops.robot.parts[number].problem.tilts
+    return replace(
+        own,
+        T_box_body=np.array([rigid(motions.R_box_cam[k], motions.p_box_cam[k]) @ T_cam_body for k in at_stops]),
+        pose_cov=pose_cov,
+        tilt=here.tilt[0],
+        tilt_sigma=np.sqrt(np.diag(cov)[tilts]) if part.problem.tilt_count else own.tilt_sigma,
+    )
