@@ -1,6 +1,6 @@
 """Estimates of the cameras of one robot, as their common solution has them."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,7 +14,8 @@ from boxcal.calib.likelihood.estimate import DriveEstimate, Estimate
 from boxcal.calib.likelihood.estimator import ASSUMED_SLIP, LEGS_FOR_SLIP
 from boxcal.calib.likelihood.fit import Fit
 from boxcal.calib.likelihood.leg_outliers import flagged_legs
-from boxcal.calib.likelihood.state import camera_motions
+from boxcal.calib.likelihood.problem import Problem
+from boxcal.calib.likelihood.state import State, camera_motions
 from boxcal.calib.likelihood.summary import reported_cov
 from boxcal.detect.correspondences import Correspondences
 from boxcal.target.arrays import Array
@@ -185,28 +186,50 @@ def _estimate(own: Estimate, fit: RobotFit, number: int, cov: Array) -> Estimate
     names = fit.robot.problem.names
     columns = [int(c) for c in part.columns] + [names.index(n) for n in own.names[len(part.columns) :]]
     cov_all = cov[np.ix_(columns, columns)]
-    values = own.values.copy()
-    bare = part.problem
-    values[:5], values[5:8], values[bare.extras] = here.lens[:5], here.wheels, here.lens[5:]
-    values[bare.tilts] = here.tilt.ravel() if bare.tilt_count else 0.0
-    values[bare.shapes], values[bare.growth] = here.shape, here.common_growth
-    values[len(part.columns) :] = [
-        state.body.explained[names.index(n) - fit.robot.problem.explained.start] for n in own.names[len(part.columns) :]
-    ]
+    causes = dict(zip(names[fit.robot.problem.explained], state.body.explained.tolist(), strict=True))
     profile = fit.profile
+    found = with_values(own, part.problem, here, causes, cov_all)
+    return replace(
+        found,
+        drives=tuple(_drive(own.drives[d], d, fit, number, cov_all) for d in range(part.problem.drives)),
+        noise=replace(own.noise, slip=profile.mean, slip_sigma=profile.sigma),
+    )
+
+
+def with_values(own: Estimate, problem: Problem, here: State, causes: Mapping[str, float], cov_all: Array) -> Estimate:
+    """Return one camera's estimate with the values of a state of its own, and another covariance of its unknowns.
+
+    Parameters
+    ----------
+    own
+        The estimate.
+    problem
+        The camera's, without explanations.
+    here
+        The state.
+    causes
+        Values of the explanations' unknowns, by name.
+    cov_all : (n, n)
+        Covariance of all that the estimate names.
+    """
+    values = own.values.copy()
+    values[:5], values[5:8], values[problem.extras] = here.lens[:5], here.wheels, here.lens[5:]
+    values[problem.tilts] = here.tilt.ravel() if problem.tilt_count else 0.0
+    values[problem.shapes], values[problem.growth] = here.shape, here.common_growth
+    first = int(problem.explained.start)
+    values[first:] = [causes[name] for name in own.names[first:]]
+    change = cov_all[:COUNT, :COUNT] - own.cov
     return replace(
         own,
-        camera=own.camera.from_values(bare.lens, here.lens),
+        camera=own.camera.from_values(problem.lens, here.lens),
         rR=float(here.wheels[0]),
         rL=float(here.wheels[1]),
         b=float(here.wheels[2]),
         T_body_cam=here.T_body_cam,
-        drives=tuple(_drive(own.drives[d], d, fit, number, cov_all) for d in range(bare.drives)),
-        noise=replace(own.noise, slip=profile.mean, slip_sigma=profile.sigma),
         cov=cov_all[:COUNT, :COUNT],
         cov_all=cov_all,
         values=values,
-        odometry_cov=None if own.odometry_cov is None else own.odometry_cov + cov_all[:COUNT, :COUNT] - own.cov,
+        odometry_cov=None if own.odometry_cov is None else own.odometry_cov + change,
     )
 
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from boxcal.calib.geometry.parameters import COUNT, MOUNTING, TRANSLATION
 from boxcal.calib.geometry.so3_se3 import inverse, rigid
-from boxcal.calib.likelihood.cameras.estimates import Cameras
+from boxcal.calib.likelihood.cameras.estimates import Cameras, with_values
 from boxcal.calib.likelihood.cameras.moving.joint import SettledAll, settled_together
 from boxcal.calib.likelihood.cameras.moving.row import Seen
 from boxcal.calib.likelihood.cameras.problem import Together, own_name
@@ -165,38 +165,28 @@ def _estimate(  # noqa: PLR0917 - one camera of two solutions
     n = len(before.columns)
     columns = [int(c) for c in before.columns] + [names.index(name) for name in own.names[n:]]
     change = gain[np.ix_(columns, columns)]
-    cov_all, values, more = own.cov_all + change, own.values.copy(), own.names
-    here, bare, explained = state.of(part, number), before.problem, robot.problem.explained
-    values[:5], values[5:8], values[bare.extras] = here.lens[:5], here.wheels, here.lens[5:]
-    values[bare.tilts] = here.tilt.ravel() if bare.tilt_count else 0.0
-    values[bare.shapes], values[bare.growth] = here.shape, here.common_growth
-    all_names = list(robot.problem.names)
-    values[n:] = [state.body.explained[all_names.index(name) - explained.start] for name in own.names[n:]]
-    if part.rates is not None:
-        at = [all_names.index(own_name(name, number + 1)) for name in (LATE, ROLLING)]
-        clock = state.body.explained[np.array(at) - explained.start]
-        clock[0] += settled.joint.row.late_s[number]
-        here_too = [all_names.index(names[c]) for c in columns]
-        cross = fresh[np.ix_(here_too, at)]
-        cov_all = np.block([[cov_all, cross], [cross.T, fresh[np.ix_(at, at)]]])
-        values, more = np.concatenate([values, clock]), (*own.names, LATE, ROLLING)
+    here, explained = state.of(part, number), robot.problem.explained
+    causes = dict(zip(robot.problem.names[explained], state.body.explained.tolist(), strict=True))
+    found = with_values(own, before.problem, here, causes, own.cov_all + change)
     w, slip = settled.weight, settled.solutions.slip
     mean = float(w @ slip)
-    less = change[:COUNT, :COUNT]
-    return replace(
-        own,
-        camera=own.camera.from_values(bare.lens, here.lens),
-        rR=float(here.wheels[0]),
-        rL=float(here.wheels[1]),
-        b=float(here.wheels[2]),
-        T_body_cam=here.T_body_cam,
-        drives=(_drive(own.drives[0], number, stops, settled, cov_all), *own.drives[1:]),
+    found = replace(
+        found,
+        drives=(_drive(own.drives[0], number, stops, settled, found.cov_all), *own.drives[1:]),
         noise=replace(own.noise, slip=mean, slip_sigma=float(np.sqrt(w @ (slip - mean) ** 2))),
-        cov=cov_all[:COUNT, :COUNT],
-        cov_all=cov_all,
-        names=more,
-        values=values,
-        odometry_cov=None if own.odometry_cov is None else own.odometry_cov + less,
+    )
+    if part.rates is None:
+        return found
+    all_names = list(robot.problem.names)
+    at = [all_names.index(own_name(name, number + 1)) for name in (LATE, ROLLING)]
+    clock = np.array([causes[all_names[k]] for k in at])
+    clock[0] += settled.joint.row.late_s[number]
+    cross = fresh[np.ix_([all_names.index(names[c]) for c in columns], at)]
+    return replace(
+        found,
+        names=(*found.names, LATE, ROLLING),
+        values=np.concatenate([found.values, clock]),
+        cov_all=np.block([[found.cov_all, cross], [cross.T, fresh[np.ix_(at, at)]]]),
     )
 
 
