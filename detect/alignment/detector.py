@@ -42,7 +42,8 @@ from boxcal.target.box import Target
 
 MODEL_ERROR_PX = 0.001
 """Deviation per axis of what the model leaves out (lens, print, pixel response); no residual shows it."""
-STOP_PX = 0.03
+STOP_PX = 0.06
+"""Tags that a step moves less are left: the error shrinks with its square, to a tenth of a corner's sigma."""
 BENT_PX = 0.05
 """If the lens that the aligned tags tell moves the middle of an edge by more than this against the corners, tags are
 aligned again under it; else their corners are carried over (:mod:`boxcal.detect.alignment.tag_curvature`)."""
@@ -346,6 +347,7 @@ def _finely(
         intensity_unknown=changed,
         side_px=FINE_SIDE_PX,
         stop_px=STOP_PX,
+        thinned=True,
     )
     return under, aligned
 

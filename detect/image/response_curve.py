@@ -22,7 +22,7 @@ from boxcal.target.render.srgb import srgb_from_linear
 Response = Literal["auto", "linear", "srgb"]
 RESPONSES: tuple[Response, ...] = ("auto", "linear", "srgb")
 TAGS = 3
-SIDE_PX, STOP_PX = 16.0, 0.05
+SIDE_PX, STOP_PX = 16.0, 0.1
 CLEAR = 0.8
 """A response curve that leaves this fraction of the other's squared residuals is the camera's."""
 _ENTRIES = 1025
@@ -96,6 +96,7 @@ def estimate_response(frame: Frame, patterns: Patterns, tags: TagAlignments, res
             side_px=SIDE_PX,
             stop_px=STOP_PX,
             covariance=False,
+            thinned=True,
         )
     fitted = np.min([tags.correlation for tags in left.values()], axis=0) > 0.8
     residual = {name: float(np.sum(tags.noise[fitted] ** 2)) for name, tags in left.items()}

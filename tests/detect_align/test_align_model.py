@@ -2,7 +2,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from aligned_views import BENT, LENS, PATTERNS, pose, some_tags, truth, view
+from aligned_views import BENT, LENS, PATTERNS, PLAIN, pose, some_tags, truth, view
 
 from boxcal.detect.alignment.backend import numba_backend, numpy_backend
 from boxcal.detect.alignment.homography import from_square, least_squares_homography, map_points, to_square
@@ -10,6 +10,7 @@ from boxcal.detect.alignment.registration import image_model as model
 from boxcal.detect.alignment.registration import psf as blur
 from boxcal.detect.alignment.registration.align import align
 from boxcal.detect.alignment.registration.finish import finish
+from boxcal.detect.alignment.registration.gauss_newton import LEAST_THINNED
 from boxcal.detect.alignment.registration.parameters import BLACK, CONTRAST, LOG_PSF, PARAMETERS
 from boxcal.detect.alignment.registration.tag_batch import ROUND, Frame
 from boxcal.detect.image.response_curve import response_table
@@ -73,6 +74,37 @@ def test_numpy_alone_aligns_as_well_as_compiled(lens):
     assert np.median(off) < 1e-3
     # the compiled steps keep to the pixels that they began with: a few at the rim of a small tag come and go
     np.testing.assert_array_less(off, 0.3 * np.sqrt(np.trace(plain.cov_px2, axis1=2, axis2=3)))
+
+
+@pytest.mark.parametrize("response", ["linear", "srgb"])
+def test_a_first_step_with_few_pixels_leads_to_the_same_corners(response):
+    T = pose(20.0, distance=0.35)
+    uv, seen = truth(T)
+    rows = seen[::9][:4]
+    grey = view(T, replace(PLAIN, srgb=response == "srgb")) / np.float32(255)
+    frame = Frame(grey=grey, response=response_table(response), lens=LENS)
+    rough = align(frame, PATTERNS, rows, uv[rows] + 0.3, stop_px=0.3, side_px=12.0, iterations=2)
+    arguments = {"start": rough, "side_px": 22.0}
+    whole = align(frame, PATTERNS, rows, rough.corners_px, stop_px=1e-3, **arguments)
+    sigma = np.sqrt(np.trace(whole.cov_px2, axis1=2, axis2=3))
+    ends = []
+    for compute in (numba_backend(), numpy_backend()):
+        counted = []
+
+        def counting(batch, sums, *, taken=compute.iterate, counted=counted, **options):
+            taken(batch, sums, **options)
+            counted.append((sums.stats[:, 0].copy(), options["rules"]))
+
+        few = align(
+            frame, PATTERNS, rows, rough.corners_px, stop_px=0.06, thinned=True,
+            compute=replace(compute, iterate=counting), **arguments
+        )  # fmt: skip
+        assert np.all(counted[0][0] >= LEAST_THINNED)
+        assert counted[0][1].thinned
+        assert np.all(np.linalg.norm(few.corners_px - whole.corners_px, axis=2) < 0.25 * sigma)
+        np.testing.assert_allclose(np.sqrt(np.trace(few.cov_px2, axis1=2, axis2=3)), sigma, rtol=0.02)
+        ends.append(few.corners_px)
+    np.testing.assert_allclose(*ends, atol=2e-3)
 
 
 def test_compiled_end_of_an_alignment_is_that_of_the_reference():

@@ -20,15 +20,18 @@ from boxcal.detect.alignment.numba.pixels import (
     initial_intensity,
     replace_pixels,
     room,
+    thin,
 )
 from boxcal.detect.alignment.registration.finish import KURTOSIS_PRIOR
 from boxcal.detect.alignment.registration.gauss_newton import (
     KURTOSIS_RANGE,
+    LEAST_THINNED,
     LOG_SIGMA_RANGE,
     LONGEST_LOG,
     LONGEST_MODULES,
     MOST_EXPLAINED,
     MUCH,
+    THINNED,
     StepRules,
 )
 from boxcal.detect.alignment.registration.image_model import Sums, no_sums
@@ -128,7 +131,9 @@ def _iterate(batch: Any, sums: Any, normalised: Any, module_px: Any, rules: Any,
                     initial_intensity(batch, k, pixels, n)
             else:
                 replace_pixels(theta[k], pixels, n)
-            jac = differentiate(batch, k, pixels, n, stats[k])
+            thinned = number == 0 and rules.thinned and n >= LEAST_THINNED
+            used, m = thin(pixels, n, THINNED) if thinned else (pixels, n)
+            jac = differentiate(batch, k, used, m, stats[k])
             if kept.wanted:
                 kept.used[k] = n
                 _keep(pixels, n, jac, kept.pixels, kept.jacobian, kept.first[k])
@@ -151,7 +156,8 @@ def _iterate(batch: Any, sums: Any, normalised: Any, module_px: Any, rules: Any,
             stats[k, 1] -= less
             moved = _step_on(theta[k], step, normalised[k])
             since += moved
-            if number >= len(rules.free) - 1 and moved * module_px[k] < rules.stop_px and not converging:
+            still = moved * module_px[k] < rules.stop_px and not (converging or thinned)
+            if number >= len(rules.free) - 1 and still:
                 break
         add_blocks(pixels, n, jac, sums.blocks[k])
 

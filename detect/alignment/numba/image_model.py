@@ -21,14 +21,20 @@ ROWS = 16
 _NEAR = 3.5
 _MOST = 16
 """Edges across a tag, at most."""
-_F0, _F1 = np.float32(0), np.float32(1)
+_F0, _F05, _F1 = np.float32(0), np.float32(0.5), np.float32(1)
+_I0 = np.int32(0)
+_UNDER_1 = np.float32(1 - 2**-20)
+"""The light that saturates, and still lies within the last step of a table."""
 
 
 @kernel(inner=True, fastmath=True)
 def _residuals(  # noqa: PLR0917
-    at: Any, light: Any, batch: Any, total: Any, used: Any, response_slope: Any, out: Any, stats: Any
+    at: Any, light: Any, batch: Any, total: Any, used: Any, step: Any, response_slope: Any, out: Any, stats: Any
 ) -> None:
-    """Fill the residuals of a block and the response curve's slope, both 0 behind the used pixels; add to the sums."""
+    """Fill the residuals of a block and the response curve's slope, both 0 behind the used pixels; add to the sums.
+
+    ``step`` is room for as many figures.
+    """
     response = batch.response
     offset, gain, slope_x, slope_y, kappa = (
         np.float32(light[0]), np.float32(light[1]), np.float32(light[2]), np.float32(light[3]), np.float32(light[4])
@@ -51,24 +57,25 @@ def _residuals(  # noqa: PLR0917
             p1 += predicted
             p2 += predicted * predicted
     else:
-        last = len(response) - 1
-        for p in range(used):
-            lit = np.float64(shown[p])
-            t = min(max(lit * last, 0.0), last - 1e-9)
-            i = int(t)
-            step = response[i + 1] - response[i]
-            value, predicted = at[4, p], np.float32(response[i] + (t - i) * step)
+        last, most = np.float32(len(response) - 1), np.int32(len(response) - 2)
+        low = out  # for a moment
+        for p in range(BLOCK):
+            response_slope[p] = min(max(shown[p], _F0), _UNDER_1) * last
+        for p in range(BLOCK):
+            i = min(max(np.int32(response_slope[p]), _I0), most)  # what is not finite has no place in the table
+            low[p] = response[i]
+            step[p] = response[i + 1] - response[i]
+        for p in range(BLOCK):
+            t, live = response_slope[p], _F1 if p < used else _F0
+            value, predicted = at[4, p] * live, (low[p] + (t - np.floor(t)) * step[p]) * live
             r = value - predicted
             out[p] = r
-            response_slope[p] = step * last if lit >= 0 and lit < 1 else 0.0
+            response_slope[p] = step[p] * last * live if t > _F0 and t < last * _UNDER_1 else _F0
             r2 += r * r
             y1 += value
             y2 += value * value
             p1 += predicted
             p2 += predicted * predicted
-        for p in range(used, BLOCK):
-            out[p] = _F0
-            response_slope[p] = _F0
     stats[1] += r2
     stats[2] += y1
     stats[3] += y2
@@ -94,7 +101,7 @@ def differentiate(batch: Any, tag: Any, pixels: Any, n: Any, stats: Any) -> Any:
     at = np.empty((5, BLOCK), np.float32)
     geometry = np.empty((4, BLOCK), np.float32)
     first_u, first_v = np.empty(BLOCK, np.float32), np.empty(BLOCK, np.float32)
-    corner = np.empty(BLOCK, np.uint32)
+    corner = np.empty(BLOCK, np.int32)
     edges_u = np.empty((count_u, OF_EDGE, BLOCK), np.float32)
     edge_v = np.empty((OF_EDGE, BLOCK), np.float32)
     weight, response_slope = np.empty(BLOCK, np.float32), np.empty(BLOCK, np.float32)
@@ -102,7 +109,9 @@ def differentiate(batch: Any, tag: Any, pixels: Any, n: Any, stats: Any) -> Any:
     table = np.zeros((4, side * side), np.float32)
     module_differences(cells, table)
     flat, along_u, along_v, along_both = table[0], table[1], table[2], table[3]
-    half_u, half_v = 65 - 0.5 * count_u, 65 - 0.5 * count_v
+    half_u, half_v = _F1 - _F05 * np.float32(count_u), _F1 - _F05 * np.float32(count_v)
+    last_u, last_v = np.float32(modules + 1 - count_u), np.float32(modules + 1 - count_v)
+    width, farthest = np.float32(side), np.int32(last_v * np.float32(side) + last_u)
     for part in range(parts):
         begin = part * BLOCK
         used = min(BLOCK, n - begin)
@@ -112,10 +121,11 @@ def differentiate(batch: Any, tag: Any, pixels: Any, n: Any, stats: Any) -> Any:
             for p in range(used, BLOCK):
                 at[k, p] = pixels[k, begin]
         for p in range(BLOCK):
-            i = min(max(int(at[2, p] + half_u) - 64, 0), modules + 1 - count_u)
-            j = min(max(int(at[3, p] + half_v) - 64, 0), modules + 1 - count_v)
-            first_u[p], first_v[p] = i, j
-            corner[p] = j * side + i
+            i = min(max(np.floor(at[2, p] + half_u), _F0), last_u)
+            j = min(max(np.floor(at[3, p] + half_v), _F0), last_v)
+            first_u[p] = i
+            first_v[p] = j
+            corner[p] = min(max(np.int32(j * width + i), _I0), farthest)
         blur_geometry(theta, sigma, batch.blur, at, geometry)
         clear_rows(total)
         clear_rows(sums)
@@ -141,7 +151,7 @@ def differentiate(batch: Any, tag: Any, pixels: Any, n: Any, stats: Any) -> Any:
                 sums[0, p] += along_v[corner[p] + f * side]
             down(sums, edge_v, geometry[3], total)
         into = jac[part]
-        _residuals(at, light, batch, total, used, response_slope, into[14], stats)
+        _residuals(at, light, batch, total, used, weight, response_slope, into[14], stats)
         clear(into[15])
         jacobian(light, at, geometry, total, response_slope, into)
     stats[0] += n

@@ -133,6 +133,18 @@ def collect(batch: Any, k: Any, into: Any) -> int:
     return n
 
 
+@kernel(inner=True)
+def thin(pixels: Any, n: Any, every: Any) -> Any:
+    """Return those of n collected pixels whose column and twice the row together ``every`` divides, and how many."""
+    into, m = np.empty((OF_PIXEL, n), np.float32), 0
+    for p in range(n):
+        if (int(pixels[5, p]) + 2 * int(pixels[6, p])) % every == 0:
+            for row in range(OF_PIXEL):
+                into[row, m] = pixels[row, p]
+            m += 1
+    return into, m
+
+
 @kernel(inner=True, fastmath=ORDER)
 def replace_pixels(theta: Any, pixels: Any, n: Any) -> None:
     """Fill u and v of collected pixels anew."""

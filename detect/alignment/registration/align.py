@@ -57,6 +57,7 @@ def align(
     iterations: int = ITERATIONS,
     side_px: float = np.inf,
     covariance: bool = True,
+    thinned: bool = False,
     compute: Backend | None = None,
 ) -> TagAlignments:
     """Align tags whose corners are roughly known (to about a module).
@@ -82,6 +83,8 @@ def align(
         Use no more pixels of a tag than one with sides of this length has.
     covariance
         Without it covariances come back as zero.
+    thinned
+        Take the first step with few pixels: saves a third where tags are yet roughly aligned.
     compute
         Compiled code or its reference in numpy; what :func:`boxcal.detect.alignment.backend.backend` says if None.
 
@@ -103,6 +106,7 @@ def align(
         stop_px=float(stop_px),
         iterations=iterations,
         guess=start is None,
+        thinned=thinned and iterations > 1,
     )
     compute = compute or backend()
     compute.iterate(batch, last, normalised=normalised, module_px=used[3], rules=rules)

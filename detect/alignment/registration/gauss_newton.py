@@ -1,6 +1,7 @@
 """The Gauss-Newton steps of an alignment, all tags at once; :mod:`boxcal.detect.alignment.numba` takes the same."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -20,6 +21,8 @@ KURTOSIS_RANGE = (-1.3, 1.5)
 """A disc has -1, a square pixel -1.2; beyond these the Edgeworth series is no distribution."""
 MUCH = 0.6
 """A step that explains this fraction of the squared residuals is not the last."""
+THINNED, LEAST_THINNED = 4, 400
+"""Of a thinned first step: one in so many pixels counts, of tags that have so many at least."""
 LONGEST_MODULES, LONGEST_LOG, MOST_EXPLAINED = 0.8, 0.35, 0.98
 """Longest step of a point, modules, and of log sigma; largest fraction of the squared residuals it may explain."""
 
@@ -39,6 +42,9 @@ class StepRules(NamedTuple):
         At most so many steps.
     guess
         Set black and white from the middle of the modules first.
+    thinned
+        Take the first step of large tags with few of their pixels: it need only lead near enough for the next, and is
+        never the last.
     sums_only
         Fill the sums and take no step; of compiled code, where that saves a second copy of what fills them.
     """
@@ -48,6 +54,7 @@ class StepRules(NamedTuple):
     stop_px: float
     iterations: int
     guess: bool
+    thinned: bool = False
     sums_only: bool = False
 
 
@@ -81,10 +88,15 @@ def iterate(
     if rules.guess:
         model.initial_intensity(batch)
     active = np.arange(len(batch))
+    thinned = np.zeros(len(batch), dtype=np.bool_)
     for step_no in range(rules.iterations):
         if len(active) == 0:
             break
         now = sums_of(batch.take(active))
+        if step_no == 0 and rules.thinned:
+            thinned = now.stats[:, 0] >= LEAST_THINNED
+            few = sums_of(replace(batch.take(np.flatnonzero(thinned)), every=THINNED))
+            _put(now, np.flatnonzero(thinned), few)
         step = _step(now, theta[active], rules.free[min(step_no, len(rules.free) - 1)], rules.damping)
         stepped = _stepped(theta[active], step)
         less = _explained(now, stepped - theta[active])
@@ -95,7 +107,7 @@ def iterate(
         theta[active] = stepped
         moved_px = np.abs(moved).max(axis=(1, 2)) * module_px[active]
         if step_no >= len(rules.free) - 1:
-            active = active[~(moved_px < rules.stop_px) | converging]
+            active = active[~(moved_px < rules.stop_px) | converging | (thinned if step_no == 0 else False)]
 
 
 def _explained(sums: Sums, step: Array) -> Array:

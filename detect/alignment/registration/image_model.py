@@ -205,6 +205,7 @@ def _seen(batch: Batch, k: int) -> tuple[NDArray[np.int64], NDArray[np.int64], A
     uv = apply_h(theta[None, :8], xy[None])[0]
     sampled = (columns - x0 - lines * stride[1] % stride[0]) % stride[0] == 0
     sampled |= ((columns + lines) % stride[2] == 0) & _crossed(cells, theta, normalisation[2], uv)
+    sampled &= (columns + 2 * lines) % batch.every == 0
     used = sampled & np.all((uv > -margin) & (uv < cells.shape[0] - 2 + margin), axis=1)
     return (columns[used], lines[used], xy[used], uv[used]) if used.any() else None
 

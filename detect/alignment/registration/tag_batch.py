@@ -81,6 +81,8 @@ class Batch:
     stride : (N, 3)
         ``m, q, n``: of each row use the pixels whose column, counted from ``q row`` modulo m within the box, m
         divides; and those whose row and column together n divides, if an edge between black and white crosses them.
+    every
+        Of all these only those whose column and twice the row together it divides.
     """
 
     frame: Frame
@@ -91,6 +93,7 @@ class Batch:
     bounding_boxes: NDArray[np.int64]
     margin: Array
     stride: NDArray[np.int64]
+    every: int = 1
 
     def __len__(self) -> int:
         return len(self.rows)
