@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 
 from boxcal.calib.results.calibration import Calibration
+from boxcal.detect.log.remote.store import tells_content
 from boxcal.detect.log.safe_text import listed
 
 _TARGET = "target"
@@ -12,8 +13,8 @@ def said_of_copies(calibrations: Sequence[Calibration]) -> list[str]:
     """Return a line for each recording that several robots were calibrated from, compared by their logs' hashes."""
     robots: dict[frozenset[str], list[str]] = {}
     for c in calibrations:
-        logs = frozenset(digest for name, digest in c.provenance.inputs.items() if name != _TARGET and digest)
-        if logs:
+        logs = frozenset(digest for name, digest in c.provenance.inputs.items() if name != _TARGET)
+        if logs and all(map(tells_content, logs)):
             robots.setdefault(logs, []).append(c.robot)
     return [
         f"{listed(names)} were calibrated from one recording (the same bytes under several names), so all but one "

@@ -11,6 +11,7 @@ from boxcal.calib.geometry.parameters import WHEELS
 from boxcal.calib.results.calibration import Calibration
 from boxcal.calib.results.each_camera import each_camera
 from boxcal.calib.results.verdict import Level
+from boxcal.detect.log.remote.store import tells_content
 from boxcal.target.arrays import Array
 
 _EARLIEST_NS = 1_262_304_000 * 10**9
@@ -143,10 +144,11 @@ def _of_camera_alone(s: Session) -> Session:
 def drive_key(inputs: Mapping[str, str], stops: list[tuple[int, int]]) -> str:
     """Return what the same drive has in common however often it is calibrated: a hash of its logs' hashes.
 
-    Logs without a hash (folders) are identified by when their first and last stop began and ended.
+    Logs without a hash (folders, and files of servers that tell their size alone) are identified by when their first
+    and last stop began and ended.
     """
     logs = sorted(digest for name, digest in inputs.items() if name != "target")
-    if not logs or "" in logs:
+    if not logs or not all(map(tells_content, logs)):
         logs = [*logs, *(str(t) for t in (min(stops), max(stops)) if stops)] if stops else [*inputs, *logs]
     return hashlib.sha256("\n".join(logs).encode()).hexdigest()
 

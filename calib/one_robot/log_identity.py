@@ -9,7 +9,7 @@ from boxcal.calib.settings import CORRESPONDENCES, Job
 from boxcal.detect.correspondences import Correspondences
 from boxcal.detect.log.containers.bag_folder import folder_parts
 from boxcal.detect.log.containers.hashing import file_sha256, joined_sha256
-from boxcal.detect.log.remote.store import store_of
+from boxcal.detect.log.remote.store import store_of, tells_content
 from boxcal.detect.log.remote.urls import is_url
 from boxcal.target.files.target_json import target_sha256
 from boxcal.version import code_sha256
@@ -37,8 +37,7 @@ def fingerprint_of(job: Job, drives: Sequence[Correspondences]) -> str:
     """Return the fingerprint of what comes of a job, once its logs were read; empty if one of them has no hash."""
     pairs = zip(job.logs, drives, strict=True)
     logs = [log_identity(log) if log.suffix == CORRESPONDENCES else drive.source.sha256 for log, drive in pairs]
-    told = all(log and not log.startswith("etag:none:") for log in logs)  # a size alone tells nothing
-    return job_fingerprint(job, logs) if told else ""
+    return job_fingerprint(job, logs) if all(map(tells_content, logs)) else ""
 
 
 def job_fingerprint(job: Job, logs: Sequence[str]) -> str:

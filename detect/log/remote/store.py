@@ -27,6 +27,8 @@ _AT_ONCE = 64
 """Small files that are fetched together."""
 _DENIED = {401, 403}
 _MISSING = {404, 410}
+_UNTAGGED = "etag:none:"
+"""Begins the identity of a file of which its store says the size alone."""
 _ABSENT = ("NoSuchBucket", "NoSuchKey", "does not exist", "Not Found")
 _REFUSED = ("AccessDenied", "Forbidden", "InvalidAccessKeyId", "SignatureDoesNotMatch", "Unable to locate credentials")
 
@@ -41,7 +43,12 @@ class FileState:
     @property
     def identity(self) -> str:
         """The state in one word, for the provenance of what was read."""
-        return f"etag:{self.tag or 'none'}:{self.size}"
+        return f"etag:{self.tag}:{self.size}" if self.tag else f"{_UNTAGGED}{self.size}"
+
+
+def tells_content(identity: str) -> bool:
+    """Tell whether files of one identity are the same: a hash, or a tag and a size, but not a size alone."""
+    return bool(identity) and not identity.startswith(_UNTAGGED)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
