@@ -22,9 +22,10 @@ import numpy as np
 from boxcal.calib.calibrate import calibrate
 from boxcal.calib.geometry.parameters import CAMERA, MOUNTING, ORDER, WHEELS
 from boxcal.calib.geometry.so3_se3 import log_so3
+from boxcal.calib.one_robot.views_by_wheels import views_by_wheels
 from boxcal.calib.results.calibration import Calibration
 from boxcal.detect.correspondences import load_correspondences
-from boxcal.detect.extract import extract
+from boxcal.detect.extract import ExtractSettings, extract
 from boxcal.target.arrays import Array
 from boxcal.target.box import make_target
 from boxcal.target.camera.camera_model import CameraKind
@@ -58,7 +59,7 @@ def outcome(log: Path, keep: Path | None) -> Outcome:
     if saved is not None and saved.exists():
         seen = load_correspondences(saved)
     else:
-        seen = extract(log, target)
+        seen = extract(log, target, settings=ExtractSettings(predictor=views_by_wheels))
         if saved is not None:
             saved.parent.mkdir(parents=True, exist_ok=True)
             seen.save(saved)

@@ -23,7 +23,9 @@ from boxcal.detect.stops import MIN_STOPS, Stop, StopSettings, find_stops
 from boxcal.detect.tags.averaging import FLOOR_PX, AveragedCorners, covariances
 from boxcal.detect.tags.box_at_stops import BoxAtStops
 from boxcal.detect.tags.detections import TagSettings
+from boxcal.detect.tags.moving_frames import MovingFrame
 from boxcal.detect.tags.on_the_move import LEAST_WITHOUT_STOPS, TOO_FEW_PLACES
+from boxcal.detect.tags.predicted_views import Predictor
 from boxcal.detect.tags.print_size import scaled_prints
 from boxcal.one_thread import one_thread
 from boxcal.target.arrays import Array, Ids
@@ -63,6 +65,9 @@ class ExtractSettings:
         Standard deviation per axis below which no corner is believed.
     moving
         Whether to look at some frames between stops, too.
+    predictor
+        Predicts from the stops where frames between them show the box, so that they need not be searched; those of
+        :func:`boxcal.calibrate` are predicted by the wheels.
     """
 
     stops: StopSettings = field(default_factory=StopSettings)
@@ -74,6 +79,7 @@ class ExtractSettings:
     min_tags: int = 4
     floor_px: float = FLOOR_PX
     moving: bool = True
+    predictor: Predictor | None = None
 
     def __post_init__(self) -> None:
         for name, least in (("settle", 0.0), ("max_frames", 1), ("min_tags", 1), ("floor_px", 1e-6)):
@@ -167,16 +173,15 @@ def extract_recording(
         if again[0].tags > found[0].tags:  # one picture told the size: the others must bear it out
             found, looked_for = again, scaled_prints(target, scale)
     look, seen = found
+    moving: tuple[MovingFrame, ...] = ()
     if len(seen) < MIN_STOPS:
         why = look.why_not(len(stops), len(seen), settings.stops, settings.min_tags)
         seen, moving = [], look.on_the_move() if settings.moving and len(stops) < MIN_STOPS else ()
         if len(moving) < LEAST_WITHOUT_STOPS:
             raise DetectError(why, source=recording.path.name)
         tell(f"{TOO_FEW_PLACES}: {len(moving)} frames taken on the move stand for stops", 1.0)
-    else:
-        moving = look.between([stop for stop, _, _ in seen], stops, looked_for) if settings.moving else ()
     covs = covariances([detections for _, detections, _ in seen], settings.floor_px)
-    return Correspondences(
+    drive = Correspondences(
         robot=robot_name_of(recording.path),
         image_size=look.image_size,
         wheels=recording.wheels,
@@ -186,8 +191,11 @@ def extract_recording(
         ),
         source=source_of(recording, target_sha256(target), look.notes()),
         units=recording.units,
-        moving=tuple(replace(frame, p_box=target.p_box(frame.landmark_ids)) for frame in moving),
     )
+    if seen and settings.moving:
+        views = None if settings.predictor is None else settings.predictor(drive)
+        moving = look.between([stop for stop, _, _ in seen], stops, looked_for, views)
+    return replace(drive, moving=tuple(replace(frame, p_box=target.p_box(frame.landmark_ids)) for frame in moving))
 
 
 _Seen = tuple[BoxAtStops, list[tuple[Stop, AveragedCorners, int]]]

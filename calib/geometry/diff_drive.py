@@ -129,15 +129,29 @@ def unit_path(legs: Legs, aR: float, aL: float) -> tuple[Array, Array]:
     aR, aL
         ``rR / b`` and ``-rL / b``.
     """
-    dth = aR * legs.dphi_R + aL * legs.dphi_L
-    th = np.concatenate([[0.0], np.cumsum(dth)])
-    m = chord_lengths(0.5 * (legs.dphi_L - (aR / aL) * legs.dphi_R), dth)
-    middle = th[:-1] + dth / 2
-    xy = np.concatenate(
-        [np.zeros((1, 2)), np.cumsum(m[:, None] * np.stack([np.cos(middle), np.sin(middle)], 1), axis=0)]
-    )
+    xy, th = dead_reckoned(legs.dphi_R, legs.dphi_L, aR, aL)
     ends = list(legs.ends)
     return xy[ends], th[ends]
+
+
+def dead_reckoned(dphi_R: Array, dphi_L: Array, aR: float, aL: float) -> tuple[Array, Array]:
+    """Return positions (S + 1, 2), in units of rL, and headings (S + 1,), rad, before and after each of S samples.
+
+    In the frame of the first; see :func:`unit_path`.
+
+    Parameters
+    ----------
+    dphi_R, dphi_L : (S,), rad
+        Angle travelled in each sample.
+    aR, aL
+        ``rR / b`` and ``-rL / b``.
+    """
+    dth = aR * dphi_R + aL * dphi_L
+    th = np.concatenate([[0.0], np.cumsum(dth)])
+    m = chord_lengths(0.5 * (dphi_L - (aR / aL) * dphi_R), dth)
+    middle = th[:-1] + dth / 2
+    steps = m[:, None] * np.stack([np.cos(middle), np.sin(middle)], 1)
+    return np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)]), th
 
 
 def pair_displacements(xy: Array, heading: Array) -> Array:

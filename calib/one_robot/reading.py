@@ -8,6 +8,7 @@ import numpy as np
 
 from boxcal.calib.errors import CalibError
 from boxcal.calib.likelihood.moving.merge import Moving
+from boxcal.calib.one_robot.views_by_wheels import views_by_wheels
 from boxcal.calib.settings import CORRESPONDENCES, Job, Nominal, Settings
 from boxcal.detect.correspondences import Correspondences, load_correspondences, taken_as
 from boxcal.detect.extract import ExtractSettings, Pictures, extract
@@ -31,7 +32,9 @@ def read(
             return placed(drive, job.target)
         except CalibError as error:
             raise error.of(log.name) from error
-    settings = ExtractSettings(bits=job.settings.bits, moving=job.settings.moving is not Moving.OFF)
+    settings = ExtractSettings(
+        bits=job.settings.bits, moving=job.settings.moving is not Moving.OFF, predictor=views_by_wheels
+    )
     return extract(
         log,
         job.target,

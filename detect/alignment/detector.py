@@ -14,7 +14,7 @@ from boxcal.detect.alignment.covariance import Misfit, misfit, rigid_share
 from boxcal.detect.alignment.dot_gain import without_dot_gain
 from boxcal.detect.alignment.expected_tags import ExpectedTags, find_expected
 from boxcal.detect.alignment.face_scatter import ENOUGH, scatter
-from boxcal.detect.alignment.motion_blur import estimate_blur
+from boxcal.detect.alignment.motion_blur import estimate_blur, shape, shape_of
 from boxcal.detect.alignment.preview import Preview, preview
 from boxcal.detect.alignment.pyramid import Pyramid, align_coarsely
 from boxcal.detect.alignment.pyramid_search import FEW_TAGS, find_box, search_copies
@@ -22,7 +22,7 @@ from boxcal.detect.alignment.radial_camera import no_distortion, sagitta_differe
 from boxcal.detect.alignment.registration.align import align
 from boxcal.detect.alignment.registration.parameters import KURTOSIS
 from boxcal.detect.alignment.registration.tag_alignments import TagAlignments
-from boxcal.detect.alignment.registration.tag_batch import Frame
+from boxcal.detect.alignment.registration.tag_batch import ROUND, Frame
 from boxcal.detect.alignment.tag_curvature import under_lens
 from boxcal.detect.alignment.tag_patterns import Index, Patterns, target_patterns
 from boxcal.detect.alignment.uneven_light import align_unevenly_lit, box_distance2, crossed, displacement_px2
@@ -116,6 +116,8 @@ class DetectorOutput:
         Of the picture with the aligned pattern; NaN in a preview.
     blur_px : (N,), px
         Deviation of blur and pixel area together; NaN in a preview.
+    blur_shape : (2,)
+        How much the picture is blurred along its motion: c and s of :mod:`boxcal.detect.alignment.motion_blur`.
     residual : (N,)
         Deviation of the grey levels from the aligned pattern, 1 is full scale; NaN in a preview.
     response
@@ -136,6 +138,7 @@ class DetectorOutput:
     residual: Array
     response: str
     camera: KnownCamera | None = None
+    blur_shape: Array = field(default_factory=lambda: np.zeros(2))
     contradicting_faces: tuple[int, ...] = ()
     rejected_ids: Index = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
 
@@ -220,14 +223,14 @@ def detect_in_grey(  # noqa: PLR0917
     pyramid, prior, found = Pyramid(frame), None if camera is None else camera.prior, None
     if expected is not None:
         found = find_expected(pyramid, target, patterns, expected, settings.limits, prior)
-    if found is None:
+    if found is None and not (expected is not None and expected.alone):
         found = find_box(
             pyramid, grey8, target, patterns, windows_px=settings.windows_px, limits=settings.limits, camera=prior
         )
     if found is None:
         return nothing(_first_response(settings, camera))
     tags, fit = found.tags, found.fit
-    frame = replace(frame, lens=fit.lens)
+    frame = replace(frame, lens=fit.lens, blur=ROUND if expected is None else shape(*expected.blur))
     imaging = camera.imaging if camera and camera.imaging.settled else None
     if imaging is None:
         imaging = estimate_response(frame, patterns, tags, settings.response)
@@ -393,6 +396,7 @@ def _located(frame: Frame, patterns: Patterns, tags: TagAlignments, left_out: Mi
         cov_px2=left_out.inflation * tags.cov_px2 + (MODEL_ERROR_PX**2 + left_out.deformation_px2) * np.eye(2),
         correlation=tags.correlation,
         blur_px=tags.psf_sigma_px,
+        blur_shape=shape_of(frame.blur),
         residual=tags.noise,
         response="srgb" if frame.response is response_table("srgb") else "linear",
     )

@@ -5,7 +5,7 @@ Expectations only say where alignments start: what is found must resemble its pa
 and no corner is drawn to where it was expected.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -40,10 +40,19 @@ class ExpectedTags:
         Tags that face the camera, each once; those of other targets are passed over.
     corners_px : (N, 4, 2), px
         Where their corners should be, in any camera model; about a module's error is allowed.
+    blur : (2,)
+        How the picture should be blurred: c and s of :mod:`boxcal.detect.alignment.motion_blur`; 0 where it is round.
+    alone
+        Whether the rest of the picture is not searched where they are not there.
+    most
+        Of the tags found there, so many are measured, spread evenly over the box; all if not given.
     """
 
     ids: Index
     corners_px: Array
+    blur: Array = field(default_factory=lambda: np.zeros(2))
+    alone: bool = False
+    most: int | None = None
 
 
 def find_expected(  # noqa: PLR0917
@@ -72,7 +81,15 @@ def find_expected(  # noqa: PLR0917
     search = PredictedRegions(rows=rows, corners_px=corners + moved, fit=fit)
     found = grow_from_pose(pyramid, target, patterns, search, limits)
     enough = len(found.tags) >= max(FEW_TAGS, LEAST_FOUND * len(rows)) and np.isfinite(found.lost_module_px)
-    return found if enough else None
+    return _spread(found, expected.most) if enough else None
+
+
+def _spread(found: BoxDetection, most: int | None) -> BoxDetection:
+    """Return a detection with at most so many tags, evenly over the rows of all."""
+    if most is None or len(found.tags) <= most:
+        return found
+    order = np.argsort(found.tags.rows, kind="stable")
+    return replace(found, tags=found.tags.take(order[np.linspace(0, len(order) - 1, most).astype(int)]))
 
 
 def _within_image(

@@ -13,7 +13,7 @@ from boxcal.detect.alignment.backend import backend
 from boxcal.detect.alignment.registration.align import align, aligned_batch
 from boxcal.detect.alignment.registration.finish import inverse_normal
 from boxcal.detect.alignment.registration.tag_alignments import TagAlignments
-from boxcal.detect.alignment.registration.tag_batch import Frame
+from boxcal.detect.alignment.registration.tag_batch import ROUND, Frame
 from boxcal.detect.alignment.tag_patterns import Patterns
 from boxcal.target.arrays import Array
 
@@ -42,22 +42,33 @@ def shape(c: float, s: float) -> Array:
     return np.array([first, s / first, np.sqrt(1 - c - s * s / (1 + c))])
 
 
+def shape_of(blur: Array) -> Array:
+    """Return c and s, (2,), of a frame's blur (3,): the inverse of :func:`shape`."""
+    return np.array([blur[0] ** 2 - 1, blur[0] * blur[1]])
+
+
 def estimate_blur(frame: Frame, patterns: Patterns, tags: TagAlignments) -> Array | None:
-    """Return the blur (3,) of a picture in which tags are aligned; None where it is round, as far as they tell."""
+    """Return the blur (3,) of a picture in which tags are aligned; None where it is as the frame has it already.
+
+    A frame has it round unless its motion is expected.
+    """
     size = np.linalg.norm(tags.corners_px[:, 2] - tags.corners_px[:, 0], axis=1)
-    order, found = np.argsort(-size), np.zeros(2)
+    order, found = np.argsort(-size), shape_of(frame.blur)
     if len(tags) == 0:
         return None
     first, explained = _step(frame, patterns, tags.take(order[:ASKED]), found)
     if explained < CLEAR or np.linalg.norm(first) < _SLIGHT * LEAST:
         return None
     some = tags.take(order[:TAGS])
-    for _ in range(ROUNDS):
+    for left in reversed(range(ROUNDS)):
         step, _ = _step(frame, patterns, some, found)
         found += step * min(1.0, LONGEST / max(float(np.linalg.norm(step)), 1e-12))
-        under = replace(frame, blur=shape(*found))
-        some = align(under, patterns, some.rows, some.corners_px, start=some, side_px=SIDE_PX, stop_px=STOP_PX)
-    return shape(*found) if np.linalg.norm(found) > LEAST else None
+        if left:
+            under = replace(frame, blur=shape(*found))
+            some = align(under, patterns, some.rows, some.corners_px, start=some, side_px=SIDE_PX, stop_px=STOP_PX)
+    if np.linalg.norm(found) > LEAST:
+        return shape(*found)
+    return None if np.array_equal(frame.blur, ROUND) else ROUND
 
 
 def _step(frame: Frame, patterns: Patterns, tags: TagAlignments, found: Array) -> tuple[Array, float]:

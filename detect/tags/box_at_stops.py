@@ -24,6 +24,7 @@ from boxcal.detect.tags.on_the_move import (
     single_frame,
     spread_frames,
 )
+from boxcal.detect.tags.predicted_views import ClockedViews, PredictedViews
 from boxcal.detect.tags.print_size import print_scale
 from boxcal.detect.tags.stop_measurement import measure_stop
 from boxcal.target.arrays import Ids
@@ -95,13 +96,30 @@ class BoxAtStops:
         if self.last_frame is not None and count > (0 if self._contradicting is None else self._contradicting[0]):
             self._contradicting = (count, self.last_frame)
 
-    def between(self, stops: Sequence[Stop], stands: Sequence[Stop], target: Target) -> tuple[MovingFrame, ...]:
-        """Return frames taken between stops that show the box, a few that tell much (see ``on_the_move``)."""
+    def between(
+        self, stops: Sequence[Stop], stands: Sequence[Stop], target: Target, views: PredictedViews | None = None
+    ) -> tuple[MovingFrame, ...]:
+        """Return frames taken between stops that show the box, a few that tell much (see ``on_the_move``).
+
+        Parameters
+        ----------
+        stops, stands
+            Stops at which the box was seen, and all stands.
+        target
+            The box to look for.
+        views
+            What the stops predict, if anything.
+        """
         if self._camera is None or not may_be_measured(self._tags, self.image_size) or len(stops) < MIN_STOPS:
             return ()
         recording = self._recording
-        choice = Choice(among=candidates(recording.wheels, stops, stands, recording.frame_t_ns))
-        look, wanted = BoxOnTheMove(target, self._tags, self._camera), budget(len(stops) - 1)
+        among = candidates(recording.wheels, stops, stands, recording.frame_t_ns)
+        choice, clocked = Choice(among=among), None
+        if views is not None:
+            stamps = recording.frame_t_ns[among.frames]
+            clocked = ClockedViews(views=views, target=target, image_size=self.image_size)
+            choice = Choice(among=among, in_view=lambda rows: clocked.readable(stamps[rows]))
+        look, wanted = BoxOnTheMove(target, self._tags, self._camera, clocked), budget(len(stops) - 1)
         found: list[MovingFrame] = []
         for _ in range(round(TRIED * wanted)):
             at = choice.next()

@@ -2,10 +2,11 @@
 
 What a frame tells of wheels and camera extrinsics is how far the robot turned on little way since the nearest stop, and
 of the clocks how fast the wheels turn there. What it costs is a search that may be in vain, since the camera may have
-turned away: how often a turn keeps the box in view is learned from the frames looked at so far.
+turned away. Where the stops tell wheels and camera, views are predicted (``predicted_views``); else how often a turn
+keeps the box in view is learned from the frames looked at so far.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
@@ -23,7 +24,8 @@ from boxcal.detect.stops import Stop
 from boxcal.detect.tags.averaging import FLOOR_PX, AveragedCorners
 from boxcal.detect.tags.detections import TagSettings, detector_settings
 from boxcal.detect.tags.moving_frames import MovingFrame
-from boxcal.target.arrays import Array, Ids
+from boxcal.detect.tags.predicted_views import ClockedViews
+from boxcal.target.arrays import Array, Ids, Mask
 from boxcal.target.box import Target
 
 A_LEG, FEWEST, MOST = 0.6, 6, 40
@@ -46,6 +48,10 @@ _TURNS = np.array([0.25, 0.5, 1.0, 1.5, 2.5])
 """Bounds of the classes of turns, as differences of the wheels' angles, rad."""
 _MOST_TURN = 0.75
 """A turn beyond this (rad, as above) tells little more: then the way in between matters."""
+_AT_ONCE = 8
+"""Candidates whose views are predicted at once."""
+_SURPRISES = 2
+"""Frames without the box that was predicted (less those with it) from which on predictions choose no more."""
 _USUALLY_SEEN = np.array([[3.0, 2.0, 0.5, 0.2, 0.1, 0.1], [3.0, 3.0, 2.5, 1.5, 1.0, 1.0]])
 _USUALLY_MISSED = np.array([[0.2, 1.0, 2.5, 3.0, 3.0, 3.0], [0.1, 0.2, 0.5, 1.5, 2.0, 2.0]])
 """What is learned from: frames that showed the box, or not, behind and before a stop, by classes of turns."""
@@ -140,9 +146,15 @@ class Choice:
         what is usual.
     left : (F,)
         What a frame adds, if it shows the box: less where its side of the leg has some.
+    in_view
+        Returns whether the box is predicted to be in view of some candidates (N,); None if nothing is predicted.
+    surprises
+        How many frames did not show a box that was predicted, less those that did.
     """
 
     among: Candidates
+    in_view: Callable[[Ids], Mask] | None = None
+    surprises: int = 0
     seen: Array = field(default_factory=_USUALLY_SEEN.copy)
     missed: Array = field(default_factory=_USUALLY_MISSED.copy)
     left: Array = field(default_factory=lambda: np.zeros(0))
@@ -157,14 +169,28 @@ class Choice:
 
     def next(self) -> int | None:
         """Return the candidate to look at next; None if none is left."""
+        if self.in_view is not None and self.surprises < _SURPRISES:
+            return self._next_in_view(self.in_view)
         kind = self._kind
         worth = self.left * self.seen[kind] / (self.seen[kind] + self.missed[kind])
         best = int(np.argmax(worth)) if len(worth) else 0
         return best if len(worth) and worth[best] > 0 else None
 
+    def _next_in_view(self, in_view: Callable[[Ids], Mask]) -> int | None:
+        """Return the candidate that adds most among those predicted to show the box; None if none is left."""
+        while np.any(self.left > 0):
+            best = np.argsort(-self.left, kind="stable")[:_AT_ONCE]
+            shown = in_view(best) & (self.left[best] > 0)
+            if shown.any():
+                return int(best[np.argmax(shown)])
+            self.left[best] = 0
+        return None
+
     def learn(self, at: int, *, shown: bool) -> None:
         """Take in whether a candidate showed the box."""
         kind, turn = self._kind[0][at], self._kind[1][at]
+        if self.in_view is not None:
+            self.surprises += -1 if shown else 1
         (self.seen if shown else self.missed)[kind, turn] += 1
         self.left[at] = 0
         if shown:
@@ -172,27 +198,36 @@ class Choice:
 
 
 class BoxOnTheMove:
-    """Looks at single frames of a camera that is known from stops."""
+    """Looks at single frames of a camera that is known from stops, where views are predicted at the tags first."""
 
-    def __init__(self, target: Target, tags: TagSettings, camera: KnownCamera) -> None:
-        self._target, self._tags = target, tags
+    def __init__(
+        self, target: Target, tags: TagSettings, camera: KnownCamera, views: ClockedViews | None = None
+    ) -> None:
+        self._target, self._tags, self._views = target, tags, views
         self._camera = replace(camera, round_inflation=0.0)  # a picture on the move is always asked for its blur
 
     def at(self, image: DeepGrey, t_ns: int) -> MovingFrame | None:
         """Return what a frame shows; None if it shows too little of the box."""
+        expected = None if self._views is None else self._views.expected(t_ns)
         mosaic = unnamed_mosaic(image)
         grey, grey8 = to_grey(image if mosaic is None else even_mosaic(image, mosaic))
         patterns, settings = target_patterns(self._target), detector_settings(self._tags)
-        if not any(
+        if expected is None and not any(
             len(find_candidates(grey8, patterns, settings.windows_px[:1], scale=scale).rows) >= FEW_TAGS
             for scale in (0.5, 1.0)
         ):
             return None  # sooner than a search that does not give up so easily
-        found = detect_in_grey(grey, grey8, self._target, settings, self._camera)
+        found = detect_in_grey(grey, grey8, self._target, settings, self._camera, expected)
         if len(found.ids) < FEW_TAGS:
+            if self._views is not None:
+                self._views.missed(t_ns)
             return None
         ids = (4 * found.ids[:, None] + np.arange(4)).ravel()
-        return _frame(t_ns, ids, found.corners_px.reshape(-1, 2), found.cov_px2.reshape(-1, 2, 2), self._target)
+        frame = _frame(t_ns, ids, found.corners_px.reshape(-1, 2), found.cov_px2.reshape(-1, 2, 2), self._target)
+        if self._views is not None:
+            blur = found.blur_shape, float(np.median(found.blur_px**2))
+            self._views.learn(t_ns, frame.p_box, frame.uv_px, blur)
+        return frame
 
 
 def single_frame(t_ns: int, seen: AveragedCorners, target: Target) -> MovingFrame | None:

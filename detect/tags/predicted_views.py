@@ -1,0 +1,204 @@
+"""Views of the box that are predicted for frames between stops, and the clock offset under which they come true.
+
+Predictions choose frames in which the box is in view, and say where its tags are looked for; no corner is drawn to
+where it was predicted (see :mod:`boxcal.detect.alignment.expected_tags`).
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from boxcal.detect.alignment.expected_tags import ExpectedTags
+from boxcal.detect.correspondences import Correspondences
+from boxcal.target.arrays import Array, Ids, Mask
+from boxcal.target.box import Target
+from boxcal.target.camera.camera_model import CameraModel, project
+
+_READABLE_PX = 9.0
+"""Shortest side of a tag, px, from which on it is counted on."""
+_STEP_S = 0.005
+"""Difference in time of which the speed of corners is told, s."""
+_ROUNDS, _LONGEST_S = 3, 0.5
+_DOUBT_S = 0.06
+"""Offsets up to this must leave the box in view of frames that are looked at first, s."""
+_TRUSTED = 2
+"""Frames that told the offset from which on tags that are not where they are expected are not searched for."""
+_MOST_TAGS = 24
+"""Tags that are measured in a frame: they tell its pose far better than wheels tell the way to it."""
+_A_FACE, _ENOUGH_TAGS = 10, 3
+"""Tags of a face that are asked whether they are in view, at most, and how many must be."""
+_FASTEST, _MOST_BLUR_PX = 1.0, 6.0
+"""Speed in the picture up to which frames are looked at, widths a second, as long as none told the exposure, and from
+then on the way of the box during it, px."""
+_AGREES = 0.01
+"""Corners that lie further off the prediction than this (root mean square, widths of the picture) tell no offset."""
+_LEAST_PX_S = 20.0
+"""Corners slower than this (root mean square, px/s) tell nothing of the clock."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PredictedViews:
+    """Camera of a robot, and where it is predicted to be between stops.
+
+    Attributes
+    ----------
+    camera
+        Its model.
+    T_cam_box_at
+        Returns the box's poses (N, 4, 4), m, at times (N,), ns, on the wheels' clock; NaN where none is predicted.
+    """
+
+    camera: CameraModel
+    T_cam_box_at: Callable[[Ids], Array]
+
+    def tags(self, p_box: Array, t_ns: Ids) -> tuple[Array, Mask]:
+        """Return where tags' corners (T, 4, 3) are seen at times (F,), ns, (F, T, 4, 2) px, and which tags face it."""
+        T = self.T_cam_box_at(t_ns)
+        p_cam = p_box.reshape(-1, 3) @ np.swapaxes(T[:, :3, :3], 1, 2) + T[:, None, :3, 3]
+        uv = project(self.camera, p_cam.reshape(-1, 3)).reshape(len(t_ns), -1, 4, 2)
+        across = uv[:, :, 2] - uv[:, :, 0], uv[:, :, 3] - uv[:, :, 1]
+        with np.errstate(invalid="ignore"):
+            return uv, across[0][..., 0] * across[1][..., 1] > across[0][..., 1] * across[1][..., 0]
+
+
+Predictor = Callable[[Correspondences], PredictedViews | None]
+"""Predicts views from what was seen at stops; None where the stops do not determine them."""
+
+
+def _doubled(v: Array) -> Array:
+    """Return cosine and sine, (2,), of twice the angle of a direction (2,): how a blur along it is shaped."""
+    return np.array([v[0] ** 2 - v[1] ** 2, 2 * v[0] * v[1]]) / max(float(v @ v), 1e-12)
+
+
+@dataclass(slots=True, kw_only=True, eq=False)
+class ClockedViews:
+    """Predicted views under the clock offset that the frames found so far tell.
+
+    Attributes
+    ----------
+    views, target
+        The prediction, and the box.
+    image_size : px
+        Of the frames.
+    told_s
+        Offset that each frame told: its stamp less the time at which it was taken, s.
+    too_fast
+        Speed of the box in the picture, widths of the picture a second, at which frames showed no tags.
+    exposures
+        Of each frame that told it, how long the shutter was open, s, and the variance of the blur at rest, px^2.
+    """
+
+    views: PredictedViews
+    target: Target
+    image_size: tuple[int, int]
+    told_s: list[float] = field(default_factory=list)
+    too_fast: float = np.inf
+    exposures: list[tuple[float, float]] = field(default_factory=list)
+
+    @property
+    def late_s(self) -> float:
+        """The offset that is allowed for, s."""
+        return float(np.median(self.told_s)) if self.told_s else 0.0
+
+    def expected(self, t_ns: int) -> ExpectedTags:
+        """Return the tags that a frame stamped ``t_ns`` should show."""
+        uv, facing = self.views.tags(self.target.tag_corners, self._taken(np.array([t_ns])))
+        rows = np.flatnonzero(facing[0])
+        return ExpectedTags(
+            ids=np.array(self.target.tag_ids)[rows],
+            corners_px=uv[0, rows],
+            blur=self._blur(t_ns),
+            alone=len(self.told_s) >= _TRUSTED,
+            most=_MOST_TAGS,
+        )
+
+    def _blur(self, t_ns: int) -> Array:
+        """Return how a frame stamped ``t_ns`` ought to be blurred, (2,), by its motion and the usual exposure."""
+        if not self.exposures:
+            return np.zeros(2)
+        (exposure_s, at_rest), v = np.median(self.exposures, axis=0), self._motions(self._taken(np.array([t_ns])))[0]
+        added = (exposure_s * float(v @ v) ** 0.5) ** 2 / 24
+        return np.asarray(added / (added + at_rest) * _doubled(v))
+
+    def readable(self, t_ns: Ids) -> Mask:
+        """Return whether frames stamped ``t_ns`` (F,) ought to show tags of the box that can be read.
+
+        As long as no frame told the offset, whatever it is.
+        """
+        taken = self._taken(t_ns)
+        apart = (0.0,) if self.told_s else (-_DOUBT_S, 0.0, _DOUBT_S)
+        counts = [self._in_view(taken + round(1e9 * s)) for s in apart]
+        return (np.min(counts, axis=0) >= _ENOUGH_TAGS) & (self._speeds(taken) <= self._fastest)
+
+    @property
+    def _fastest(self) -> float:
+        """Speed in the picture up to which tags ought to be readable, widths a second."""
+        if not self.exposures:
+            return min(_FASTEST, self.too_fast)
+        exposure_s = float(np.median(self.exposures, axis=0)[0])
+        return min(_MOST_BLUR_PX / (exposure_s * self.image_size[0]), self.too_fast)
+
+    def _in_view(self, taken_ns: Ids) -> Ids:
+        """Return how many of some tags ought to be seen whole, and large enough to be read, at times (F,), ns; (F,)."""
+        uv, facing = self.views.tags(self._some, taken_ns)
+        with np.errstate(invalid="ignore"):
+            inside = np.all((uv > 0) & (uv < np.array(self.image_size) - 1), axis=(2, 3))
+            side = np.linalg.norm(uv - np.roll(uv, 1, axis=2), axis=3).min(axis=2)
+            return np.asarray(np.sum(facing & inside & (side > _READABLE_PX), axis=1))
+
+    @property
+    def _some(self) -> Array:
+        """Corners of a few tags of each face, (T, 4, 3), m."""
+        faces = self.target.tag_faces
+        rows = [np.flatnonzero(faces == face) for face in np.unique(faces)]
+        return self.target.tag_corners[np.concatenate([r[:: -(-len(r) // _A_FACE)] for r in rows])]
+
+    def _speeds(self, taken_ns: Ids) -> Array:
+        """Return how fast the box moves through the picture at times (F,), ns, widths of the picture a second; (F,)."""
+        return np.asarray(np.linalg.norm(self._motions(taken_ns), axis=1) / self.image_size[0])
+
+    def _motions(self, taken_ns: Ids) -> Array:
+        """Return how the box moves through the picture at times (F,), ns, (F, 2) px/s."""
+        (here, facing), (after, _) = (self.views.tags(self._some, taken_ns + round(1e9 * s)) for s in (0.0, _STEP_S))
+        count = np.maximum(facing.sum(axis=1), 1)[:, None]
+        moved = np.sum(np.where(facing[..., None], (after - here).mean(axis=2), 0.0), axis=1) / count
+        return np.asarray(moved / _STEP_S)
+
+    def _taken(self, t_ns: Ids) -> Ids:
+        return t_ns - round(1e9 * self.late_s)
+
+    def missed(self, t_ns: int) -> None:
+        """Take in that a frame stamped ``t_ns`` showed no tags: others at that speed will not either."""
+        self.too_fast = min(self.too_fast, float(self._speeds(self._taken(np.array([t_ns])))[0]))
+
+    def _taken(self, t_ns: Ids) -> Ids:
+        return t_ns - round(1e9 * self.late_s)
+
+    def learn(self, t_ns: int, p_box: Array, uv_px: Array, blur: tuple[Array, float]) -> None:
+        """Take in landmarks (L, 3) that a frame stamped ``t_ns`` showed at ``uv_px`` (L, 2), and its blur.
+
+        The blur is its shape (2,), and its mean variance, px^2.
+        """
+        shape, variance = blur
+        v = self._motions(self._taken(np.array([t_ns])))[0]
+        along = float(shape @ _doubled(v))
+        if along > 0:
+            self.exposures.append((float(np.sqrt(24 * along * variance / (v @ v))), (1 - along) * variance))
+        late_s = self.late_s
+        for _ in range(_ROUNDS):
+            here, after = (self._seen(t_ns, p_box, late_s + d) for d in (0.0, _STEP_S))
+            speed = (after - here) / _STEP_S
+            square = float(np.sum(speed**2))
+            if not square > len(uv_px) * _LEAST_PX_S**2:
+                return
+            late_s += float(np.sum(speed * (uv_px - here))) / square
+            if not abs(late_s) < _LONGEST_S:
+                return
+        off = self._seen(t_ns, p_box, late_s) - uv_px
+        if np.sqrt(np.mean(off**2)) < _AGREES * self.image_size[0]:
+            self.told_s.append(late_s)
+
+    def _seen(self, t_ns: int, p_box: Array, late_s: float) -> Array:
+        T = self.views.T_cam_box_at(np.array([t_ns - round(1e9 * late_s)]))[0]
+        return project(self.views.camera, p_box @ T[:3, :3].T + T[:3, 3])

@@ -1,0 +1,157 @@
+"""Views predicted between stops: where the box is seen, the clock offset and exposure that frames tell, and trust."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import boxcal
+from boxcal.calib.geometry.so3_se3 import exp_so3, inverse, rigid
+from boxcal.calib.one_robot.views_by_wheels import views_by_wheels
+from boxcal.calib.simulate.drive import DriveOptions, exact_correspondences
+from boxcal.calib.simulate.recorder import RecordOptions, write_log
+from boxcal.detect.alignment import detector
+from boxcal.detect.extract import ExtractSettings, extract
+from boxcal.detect.tags.predicted_views import ClockedViews, PredictedViews
+from boxcal.target.camera.camera_model import project
+
+OPTIONS = DriveOptions(stops=6, slip=0.0, encoder_step=0.0)
+LATE_S, EXPOSURE_S = 0.03, 0.01
+
+
+@pytest.fixture(scope="module")
+def simulated():
+    """Return a robot's drive without noise, and what it sees at its stops."""
+    made = boxcal.simulate(options=OPTIONS, seed=3)
+    seen = exact_correspondences(made.robot, made.target, made.drive, 0.0, np.random.default_rng(0))
+    return made, seen
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory, simulated):
+    """Return a log of that drive whose camera's stamps are late."""
+    made, _ = simulated
+    path = tmp_path_factory.mktemp("log") / "r.mcap"
+    options = RecordOptions(moving_frames=12, exposure_s=EXPOSURE_S, late_s=LATE_S)
+    write_log(path, made.robot, made.target, made.drive, options, rng=np.random.default_rng(1))
+    return path
+
+
+def _between(drive, share):
+    ended, begun = drive.stop_t_ns[:-1, 1], drive.stop_t_ns[1:, 0]
+    return (ended + share * (begun - ended)).astype(np.int64)
+
+
+@pytest.mark.parametrize("share", [0.1, 0.45, 0.55, 0.9])
+def test_poses_between_stops_are_predicted_exactly_without_noise(simulated, share):
+    made, seen = simulated
+    samples = seen.wheels.t_ns
+    t_ns = samples[np.searchsorted(samples, _between(made.drive, share))]
+    views = views_by_wheels(seen)
+    truth = np.array([made.drive.T_box_cam_at(t_ns[[k]], k)[0] for k in range(len(t_ns))])
+    np.testing.assert_allclose(views.T_cam_box_at(t_ns), inverse(truth), atol=1e-6)
+
+
+def test_nothing_is_predicted_before_the_first_stop_and_behind_the_last(simulated):
+    made, seen = simulated
+    times = made.drive.stop_t_ns
+    assert np.isnan(views_by_wheels(seen).T_cam_box_at(np.array([times[0, 0] - 1, times[-1, 1] + 1]))).all()
+
+
+def test_nothing_is_predicted_where_the_closed_form_finds_no_answer(simulated):
+    _, seen = simulated
+    assert views_by_wheels(replace(seen, stops=seen.stops[:2])) is None
+
+
+def test_tags_that_face_the_camera_are_expected_where_it_sees_them(simulated):
+    made, seen = simulated
+    stop = seen.stops[2]
+    clocked = ClockedViews(views=views_by_wheels(seen), target=made.target, image_size=seen.image_size)
+    expected = clocked.expected(int(stop.t_end_ns))
+    there = np.isin(4 * expected.ids, stop.landmark_ids)
+    assert 4 * there.sum() == len(stop.landmark_ids)
+    np.testing.assert_allclose(expected.corners_px[there].reshape(-1, 2), stop.uv_px, atol=2e-3)
+
+
+def _learned(made, views, size, late_s):
+    clocked = ClockedViews(views=views, target=made.target, image_size=size)
+    for k, t_ns in enumerate(_between(made.drive, 0.3).tolist()):
+        T = inverse(made.drive.T_box_cam_at(np.array([t_ns]), k)[0])
+        p_box = made.target.tag_corners[:3].reshape(-1, 3)
+        uv = project(made.robot.camera, p_box @ T[:3, :3].T + T[:3, 3])
+        if np.isfinite(uv).all():
+            clocked.learn(t_ns + round(1e9 * late_s), p_box, uv, (np.zeros(2), 1.0))
+    return clocked
+
+
+@pytest.mark.parametrize("late_s", [-0.05, 0.03])
+def test_the_clock_offset_is_told_by_where_frames_show_the_box(simulated, late_s):
+    made, seen = simulated
+    clocked = _learned(made, views_by_wheels(seen), seen.image_size, late_s)
+    assert clocked.told_s
+    assert abs(clocked.late_s - late_s) < 5e-4
+
+
+def test_frames_that_lie_far_off_the_prediction_tell_no_offset(simulated):
+    made, seen = simulated
+    views = views_by_wheels(seen)
+    tilt = rigid(exp_so3(np.array([0.1, 0.0, 0.0])), np.zeros(3))
+    wrong = PredictedViews(camera=views.camera, T_cam_box_at=lambda t_ns: tilt @ views.T_cam_box_at(t_ns))
+    assert not _learned(made, wrong, seen.image_size, 0.03).told_s
+
+
+def test_the_blur_of_a_frame_tells_the_exposure_and_that_the_blur_of_the_next(simulated):
+    made, seen = simulated
+    clocked = _learned(made, views_by_wheels(seen), seen.image_size, 0.0)
+    clocked.exposures.clear()
+    first, second = _between(made.drive, 0.3)[[1, 3]].tolist()
+    shapes = []
+    for t_ns in (first, second):
+        v = clocked._motions(np.array([t_ns]))[0]
+        added = (EXPOSURE_S * np.linalg.norm(v)) ** 2 / 24
+        shapes.append((added / (added + 0.5)) * np.array([v[0] ** 2 - v[1] ** 2, 2 * v[0] * v[1]]) / (v @ v))
+        if t_ns == first:
+            clocked.learn(first, np.zeros((0, 3)), np.zeros((0, 2)), (shapes[0], added + 0.5))
+    np.testing.assert_allclose(clocked.exposures[0], [EXPOSURE_S, 0.5], rtol=1e-3)
+    np.testing.assert_allclose(clocked.expected(second).blur, shapes[1], atol=0.02)
+
+
+def _errors(made, found):
+    out = []
+    for frame in found.moving:
+        taken = np.array([frame.t_ns - round(1e9 * LATE_S)])
+        leg = int(np.searchsorted(made.drive.stop_t_ns[:, 1], taken[0])) - 1
+        T = inverse(made.drive.T_box_cam_at(taken, leg)[0])
+        uv = project(made.robot.camera, frame.p_box @ T[:3, :3].T + T[:3, 3])
+        out.append(np.sqrt(np.mean((frame.uv_px - uv) ** 2)))
+    return np.array(out)
+
+
+def test_frames_are_found_where_they_are_predicted_without_searching_their_pictures(
+    simulated, recorded: Path, monkeypatch
+):
+    made, _ = simulated
+    searched = []
+    whole = detector.find_box
+    monkeypatch.setattr(detector, "find_box", lambda *a, **k: searched.append(1) or whole(*a, **k))
+    found = extract(recorded, made.target, settings=ExtractSettings(predictor=views_by_wheels))
+    assert len(found.moving) >= 3
+    assert len(searched) <= OPTIONS.stops + 1
+    assert _errors(made, found).max() < 0.5
+
+
+@pytest.mark.parametrize("wrong", ["turned", "too late"])
+def test_wrong_predictions_cost_frames_or_time_but_bias_nothing(simulated, recorded: Path, wrong):
+    made, _ = simulated
+
+    def predictor(drive):
+        views = views_by_wheels(drive)
+        if wrong == "turned":
+            turn = rigid(exp_so3(np.array([0.0, 0.08, 0.0])), np.zeros(3))
+            return PredictedViews(camera=views.camera, T_cam_box_at=lambda t: turn @ views.T_cam_box_at(t))
+        return PredictedViews(camera=views.camera, T_cam_box_at=lambda t: views.T_cam_box_at(t - 300_000_000))
+
+    found = extract(recorded, made.target, settings=ExtractSettings(predictor=predictor))
+    assert found.moving
+    assert _errors(made, found).max() < 0.5
