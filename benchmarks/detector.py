@@ -27,6 +27,7 @@ from boxcal.target.camera.camera_model import CameraModel, project
 from boxcal.target.render.renderer import SensorModel, visible_tags
 
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
+ULTRA_HD = (3840, 2160)
 TURNS = 6
 """Turns of the detectors on a picture; the least time of each counts."""
 
@@ -46,8 +47,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     if options.time:
         return 0
     accuracy(chosen, views)
-    for scale, name in ((2.0, "1280x960"), (6.0, "3840x2160")):
-        larger(chosen, few if scale < 4 else max(2, views // 12), scale, name)
+    larger(chosen, few, 2.0, (1280, 960))
+    larger(chosen, max(2, views // 12), 6.0, ULTRA_HD)
     small(chosen, few)
     alarms({k: chosen[k] for k in chosen if k in {OURS, FAST, "pyapriltags"}}, 40 if options.quick else 320)
     conditions(chosen, few)
@@ -76,9 +77,9 @@ def table(chosen: dict[str, Detector], made: Sequence[Scene], repeat: int) -> No
     print()
 
 
-def larger(chosen: dict[str, Detector], views: int, scale: float, name: str) -> None:
-    made = scenes(views, seed=2, scale=scale)
-    print(f"{name}, {views} views, {sum(len(s.wanted) for s in made)} visible tags")
+def larger(chosen: dict[str, Detector], views: int, scale: float, size: tuple[int, int]) -> None:
+    made = scenes(views, seed=2, scale=scale, size=size)
+    print(f"{size[0]}x{size[1]}, {views} views, {sum(len(s.wanted) for s in made)} visible tags")
     some = {k: v for k, v in chosen.items() if k in {"OpenCV, no refinement", "pyapriltags", OURS, FAST}}
     table(some, made, 2)
 
@@ -89,8 +90,14 @@ def speed(chosen: dict[str, Detector], views: int) -> None:
     some = {k: chosen[k] for k in ("OpenCV, no refinement", FAST, OURS)}
     print("time on sRGB JPEG\n| picture | OpenCV ms | fast | accurate | recall | rms px | sigma |")
     print("|---|---|---|---|---|---|---|")
-    for scale, count in ((1.0, views), (2.0, views // 2), (3.0, views // 3), (6.0, views // 4)):
-        made = scenes(max(2, count), seed=31, scale=scale, sensor=camera, change=jpeg)
+    for scale, size, count in (
+        (1.0, (640, 480), views),
+        (2.0, (1280, 960), views // 2),
+        (3.0, (1920, 1080), views // 3),
+        (3.0, (1920, 1440), views // 3),
+        (6.0, ULTRA_HD, views // 4),
+    ):
+        made = scenes(max(2, count), seed=31, scale=scale, size=size, sensor=camera, change=jpeg)
         least = dict.fromkeys(some, 0.0)
         for scene in made:
             times: dict[str, list[float]] = {name: [] for name in some}

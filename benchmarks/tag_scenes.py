@@ -68,6 +68,7 @@ def scenes(
     *,
     seed: int = 1,
     scale: float = 1.0,
+    size: tuple[int, int] | None = None,
     focal: float = 800.0,
     distances: tuple[float, float] = (0.4, 1.2),
     widths: tuple[float, float] = (16.0, 1e9),
@@ -79,9 +80,10 @@ def scenes(
 ) -> list[Scene]:
     """Return rendered views of the default box; wanted are tags on faces seen within 60 deg, of those widths.
 
-    ``aspect`` is fv over fu; wanted tags lie on so many ``faces`` at least.
+    ``size`` is the picture's (4 : 3 at ``scale`` if None), ``aspect`` is fv over fu; wanted tags lie on so many
+    ``faces`` at least.
     """
-    size = (round(640 * scale), round(480 * scale)) if scale < 4 else (3840, 2160)
+    size = size or (round(640 * scale), round(480 * scale))
     rng = np.random.default_rng(seed)
     made = []
     while len(made) < views:
