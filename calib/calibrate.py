@@ -98,7 +98,7 @@ def calibrate_cameras(
     """Return the calibrations of a robot's cameras, solved together, by the cameras' names; nothing is written.
 
     Each has its own lens and extrinsics; wheels, stops and box are those of all. Every calibration's ``rig`` has all
-    cameras, and the transform between any two with its covariance. Where one camera only sees the box, the result is
+    cameras, and the transform between any two with its covariance. Where only one camera sees the box, the result is
     as of :func:`calibrate`, and its ``rig`` says what was left out.
 
     Parameters
