@@ -13,7 +13,7 @@ from boxcal.calib.likelihood.levenberg_marquardt import Linearization, Weights
 from boxcal.calib.likelihood.moving.clock import CameraLate
 from boxcal.calib.likelihood.moving.noise import FrameNoise, local_sigmas
 from boxcal.calib.likelihood.moving.rolling import Readout, with_rolling
-from boxcal.calib.likelihood.moving.system import Levels, solved_at
+from boxcal.calib.likelihood.moving.system import Levels, solved_at, system
 from boxcal.calib.likelihood.moving.weave import Woven, weave
 from boxcal.calib.likelihood.problem import Problem, build_problem
 from boxcal.calib.likelihood.residuals import corner_equations, corner_residuals, explained_columns, leg_residuals
@@ -255,7 +255,7 @@ def solved(fit: Fit, joint: Joint, noise: FrameNoise, slip: Array, jitter_s: Arr
     """Return the solutions about the state at levels of slip and jitter (K,); see :func:`solved_at`."""
     at, weights = joint.at, joint.weights
     sigma = sigmas(fit, joint, noise)
-    return solved_at(joint.problem, joint.woven, at, fit.components, weights, sigma, slip, jitter_s)
+    return solved_at(system(joint.problem, joint.woven, at, fit.components, weights, sigma, slip, jitter_s))
 
 
 def sigmas(fit: Fit, joint: Joint, noise: FrameNoise) -> Array:

@@ -52,6 +52,8 @@ class System:
         Weighted sum of squares at the state, and logarithm of the determinant of what legs and readings err by.
     local_sigma : (P, 4)
         Standard deviations of the local unknowns.
+    slip, jitter_s : (K,)
+        The levels, m/sqrt(m) and s.
     """
 
     normal: Normal
@@ -61,6 +63,8 @@ class System:
     squares: Array
     log_noise: Array
     local_sigma: Array
+    slip: Array
+    jitter_s: Array
 
 
 def system(  # noqa: PLR0917 - a state and what holds there
@@ -73,7 +77,19 @@ def system(  # noqa: PLR0917 - a state and what holds there
     slip: Array,
     jitter_s: Array,
 ) -> System:
-    """Return the equations of stops and frames about a state; see :func:`solved_at`."""
+    """Return the equations of stops and frames about a state, at levels of slip and jitter (K,) each.
+
+    Parameters
+    ----------
+    problem, woven, at, weights
+        Stops and frames, and the likelihood about a state; weights of frames' corners hold what their noise is.
+    components
+        Of the stops.
+    local_sigma : (P, 4)
+        Standard deviations of the local unknowns.
+    slip, jitter_s
+        The levels.
+    """
     pictures, squares = picture_equations(problem, at, components, local_sigma)
     reduced, eliminated = eliminate(pictures)
     C = leg_covariance(problem, at.legs.model, slip)
@@ -89,39 +105,19 @@ def system(  # noqa: PLR0917 - a state and what holds there
         squares=squares + leg_squares + reading_squares,
         log_noise=np.sum(np.linalg.slogdet(C)[1] * (weights.legs > 0), axis=-1) + log_readings,
         local_sigma=local_sigma,
+        slip=slip,
+        jitter_s=jitter_s,
     )
 
 
-def solved_at(  # noqa: PLR0917 - a state and what holds there
-    problem: Problem,
-    woven: Woven,
-    at: Linearization,
-    components: VarianceComponents,
-    weights: Weights,
-    local_sigma: Array,
-    slip: Array,
-    jitter_s: Array,
-) -> Levels:
-    """Return the solutions of stops and frames about a state, at levels of slip and jitter (K,) each.
-
-    Parameters
-    ----------
-    problem, woven, at, weights
-        Stops and frames, and the likelihood about a state; weights of frames' corners hold what their noise is.
-    components
-        Of the stops.
-    local_sigma : (P, 4)
-        Standard deviations of the local unknowns.
-    slip, jitter_s
-        The levels.
-    """
-    s = system(problem, woven, at, components, weights, local_sigma, slip, jitter_s)
+def solved_at(s: System) -> Levels:
+    """Return the solutions of stops and frames about a state, at the levels of slip and jitter of its equations."""
     solution = solve_chain(s.normal, s.eliminated)
     left = s.squares - solution.decrease
     told = (left > 0) & (_rounding(s, solution) < _MOST_ROUNDING)
     return Levels(
-        slip=slip,
-        jitter_s=jitter_s,
+        slip=s.slip,
+        jitter_s=s.jitter_s,
         log_likelihood=np.where(told, -0.5 * (s.log_noise + solution.log_det + left), -np.inf),
         solution=solution,
         local_sigma=s.local_sigma,

@@ -18,7 +18,7 @@ from boxcal.calib.likelihood.moving.levels import jitter_axis, slip_axis
 from boxcal.calib.likelihood.moving.noise import local_sigmas
 from boxcal.calib.likelihood.moving.solve import CLOSE, DIVERGED, LONGEST_S, REWOVEN_S, STEPS, led_by_wheels
 from boxcal.calib.likelihood.moving.system import Levels as Solutions
-from boxcal.calib.likelihood.moving.system import solved_at
+from boxcal.calib.likelihood.moving.system import solved_at, system
 from boxcal.calib.likelihood.systematic_errors import systematic_covariance
 from boxcal.detect.correspondences import Correspondences
 from boxcal.target.arrays import Array, Ids
@@ -245,7 +245,7 @@ def _solved(joint: AllMoving, slip: Array, jitter_s: Array) -> Solutions:
     woven = replace(joint.row.woven, rates=joint.row.woven.rates * joint.jitter[:, None])
     weights = Weights(corners=np.zeros(0), legs=joint.legs)
     problem = joint.row.robot.problem
-    return solved_at(problem, woven, joint.here.at, joint.levels, weights, joint.sigma, slip, jitter_s)
+    return solved_at(system(problem, woven, joint.here.at, joint.levels, weights, joint.sigma, slip, jitter_s))
 
 
 def _stepped(joint: AllMoving, solutions: Solutions, weight: Array) -> AllMoving:
