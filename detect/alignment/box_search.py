@@ -112,15 +112,17 @@ def predict_regions(
     """Return the regions to search: at the candidates that one rigid box explains, and where it predicts more tags."""
     fit, rows, corners = _fitted(target, patterns, candidates, image_size, sigma_px, camera)
     others = _outvoted(target, candidates, fit)
-    if others:
-        # faces contradict each other: the box is what the largest part of the picture agrees on
+    if others or candidates.again:
+        # faces contradict each other, or are seen twice: several faces that agree are a box, as no print on a wall is;
+        # else it is what the largest part of the picture shows
         groups = [
             candidates.take(target.tag_faces[candidates.rows] == f)
             for f in np.unique(target.tag_faces[candidates.rows])
         ]
+        groups += candidates.again
         fit, rows, corners = max(
             (_grown_from(target, patterns, groups, k, image_size, sigma_px, camera) for k in range(len(groups))),
-            key=lambda found: float(np.sum(module_px(patterns, found[2]) ** 2)),
+            key=lambda found: (_faces_of(target, found[1]) > 1, float(np.sum(module_px(patterns, found[2]) ** 2))),
         )
         others = _outvoted(target, candidates, fit)
     # where many candidates agree, the box says better than each of them where its corners are
@@ -151,6 +153,11 @@ def _fitted(  # noqa: PLR0917
     )
 
 
+def _faces_of(target: Target, rows: Index) -> int:
+    """Return on how many faces tags lie, those with a single one aside."""
+    return int(np.sum(np.bincount(target.tag_faces[rows]) > 1))
+
+
 def _outvoted(target: Target, candidates: TagCandidates, fit: BoxFit) -> tuple[int, ...]:
     """Return the faces of which many tags were seen, but hardly any where the box has them.
 
@@ -179,8 +186,8 @@ def _grown_from(  # noqa: PLR0917
     """Return the box through the tags of one face and of those that agree with it."""
     chosen = groups[first]
     found = _fitted(target, patterns, chosen, image_size, sigma_px, camera)
-    for k, group in enumerate(groups):
-        if k == first:
+    for group in groups:
+        if np.isin(target.tag_faces[group.rows[:1]], target.tag_faces[chosen.rows]).any():
             continue
         both = chosen.merged(group)
         trial = _fitted(target, patterns, both, image_size, sigma_px, camera)

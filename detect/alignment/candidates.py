@@ -39,12 +39,15 @@ class TagCandidates:
         Correlation of the modules with the pattern's.
     seen_twice
         Faces of which many tags were seen in a second place; the larger sighting is kept.
+    again
+        The smaller sightings of those faces, in their order.
     """
 
     rows: Index
     corners_px: Array
     score: Array
     seen_twice: tuple[int, ...] = ()
+    again: "tuple[TagCandidates, ...]" = ()
 
     @classmethod
     def none(cls) -> "TagCandidates":

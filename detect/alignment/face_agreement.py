@@ -29,6 +29,7 @@ def consistent_candidates(target: Target, candidates: TagCandidates, image_size:
     """
     kept: list[int] = []
     twice: list[int] = []
+    smaller: list[TagCandidates] = []
     faces = target.tag_faces[candidates.rows]
     for face in np.unique(faces):
         at = np.flatnonzero(faces == face)
@@ -37,7 +38,8 @@ def consistent_candidates(target: Target, candidates: TagCandidates, image_size:
         again = _second_sighting(target, int(face), here, agree)
         if again is not None:
             twice.append(int(face))
-            kept += [int(k) for k in at[again]]
+            kept += [int(k) for k in at[again[0]]]
+            smaller.append(here.take(again[1]))
             continue
         for focal in FISHEYES:
             if agree.sum() >= _ENOUGH * len(at):
@@ -51,23 +53,24 @@ def consistent_candidates(target: Target, candidates: TagCandidates, image_size:
     chosen = np.array(kept, dtype=np.int64)
     rows, count = np.unique(candidates.rows[chosen], return_counts=True)
     once = candidates.take(chosen[np.isin(candidates.rows[chosen], rows[count == 1])])
-    return replace(once, seen_twice=tuple(twice))
+    return replace(once, seen_twice=tuple(twice), again=tuple(smaller))
 
 
 def _second_sighting(
     target: Target, face: int, candidates: TagCandidates, agree: NDArray[np.bool_]
-) -> NDArray[np.bool_] | None:
-    """Return which candidates are the larger sighting of a face that is seen twice; None if it is seen once."""
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_]] | None:
+    """Return which candidates are the larger and the smaller sighting of a face; None if it is seen once."""
     rest = np.flatnonzero(~agree)
     if len(rest) < FACE_TAGS or agree.sum() < FACE_TAGS:
         return None
     other = rest[_largest_agreement(target, face, candidates.take(rest))]
-    if len(other) < FACE_TAGS or np.isin(candidates.rows[other], candidates.rows[agree]).mean() < 0.5:
+    both = np.isin(candidates.rows[other], candidates.rows[agree]).sum()
+    if len(other) < FACE_TAGS or both < 0.5 * min(len(other), agree.sum()):
         return None
-    larger = np.zeros(len(candidates), dtype=np.bool_)
-    larger[other] = True
+    second = np.zeros(len(candidates), dtype=np.bool_)
+    second[other] = True
     sides = np.linalg.norm(candidates.corners_px - np.roll(candidates.corners_px, -1, axis=1), axis=2).mean(axis=1)
-    return larger if np.median(sides[larger]) > np.median(sides[agree]) else agree
+    return (second, agree) if np.median(sides[second]) > np.median(sides[agree]) else (agree, second)
 
 
 def _largest_agreement(target: Target, face: int, candidates: TagCandidates) -> NDArray[np.bool_]:

@@ -127,3 +127,14 @@ def test_a_face_seen_twice_is_said_and_the_larger_sighting_is_kept():
     on_face = TARGET.tag_faces[tags.ids] == 0
     assert on_face.sum() > 20
     assert np.all(tags.corners_px[on_face][..., 0] < SIZE[0])
+
+
+def test_a_box_that_shows_two_faces_wins_over_an_enlarged_print_of_one_of_them():
+    T = pose(40.0, distance=0.9)
+    uv, seen = truth(T)
+    both = np.concatenate([view(T), view(pose(0.0, distance=0.45, roll_deg=0.0))], axis=1)
+    tags = detect_tags(both, TARGET)
+    assert 0 in tags.contradicting_faces
+    assert set(np.unique(TARGET.tag_faces[tags.ids])) == {0, 1}
+    assert np.isin(seen[width_px(uv[seen]) >= 10], tags.ids).mean() > 0.97
+    np.testing.assert_allclose(tags.corners_px, uv[tags.ids], atol=0.2)
