@@ -374,7 +374,7 @@ def _previewed(patterns: Patterns, seen: Preview) -> DetectorOutput:
     return DetectorOutput(
         ids=patterns.tag_ids[seen.rows[order]],
         corners_px=seen.corners_px[order],
-        cov_px2=np.broadcast_to(seen.sigma_px**2 * np.eye(2), (n, 4, 2, 2)).copy(),
+        cov_px2=np.broadcast_to(seen.sigma_px[order, None, None, None] ** 2 * np.eye(2), (n, 4, 2, 2)).copy(),
         correlation=np.full(n, np.nan),
         blur_px=np.full(n, np.nan),
         residual=np.full(n, np.nan),

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from aligned_views import PLAIN, TARGET, pose, truth, view
 
-from boxcal.detect.alignment.detector import detect_tags
+from boxcal.detect.alignment.detector import DetectorSettings, detect_tags
 from boxcal.detect.alignment.face_scatter import ENOUGH, scatter
 
 ROWS = np.flatnonzero(TARGET.tag_faces == 0)
@@ -71,3 +71,14 @@ def test_sigmas_hold_in_each_picture_where_the_model_leaves_something_out(sensor
         error = found.corners_px - uv[[TARGET.row_of(int(i)) for i in found.ids]]
         z2 = np.sum(np.linalg.solve(found.cov_px2, error[..., None])[..., 0] * error, axis=2) / 2
         assert 0.75 < np.sqrt(z2.mean()) < 1.3
+
+
+@pytest.mark.parametrize("sensor", [replace(PLAIN, psf_px=0.0), PLAIN, replace(PLAIN, noise=6, psf_px=1.0)])
+def test_sigmas_of_a_preview_hold_with_and_without_blur(sensor):
+    normalised = []
+    for azimuth in (8.0, 33.0):
+        T = pose(azimuth, distance=0.6)
+        found = detect_tags(view(T, sensor, seed=int(azimuth)), TARGET, DetectorSettings(fast=True))
+        error = found.corners_px - truth(T)[0][[TARGET.row_of(int(i)) for i in found.ids]]
+        normalised.append(np.linalg.solve(np.linalg.cholesky(found.cov_px2), error[..., None]).ravel())
+    assert 0.7 < np.concatenate(normalised).std() < 1.35
