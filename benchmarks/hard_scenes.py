@@ -190,31 +190,36 @@ def _print(face: int) -> Grey:
     return cv2.GaussianBlur(sheet, (0, 0), 1.2)
 
 
-def rendered(views: int) -> Iterator[tuple[str, Callable[[], list[Scene]]]]:
-    """Yield the names of sets of rendered views, and what makes them."""
+def rendered(views: int, first_seed: int = 140) -> Iterator[tuple[str, Callable[[], list[Scene]]]]:
+    """Yield the names of sets of rendered views, and what makes them; seeds run from the first one."""
     plain = {"sensor": PLAIN}
-    yield "hard shadow", lambda: scenes(views, seed=141, change=shadow, **plain)
-    yield "highlight", lambda: scenes(views, seed=142, change=glare, **plain)
-    for length, seed in ((1.0, 160), (2.0, 143), (3.0, 144)):
+    yield "hard shadow", lambda: scenes(views, seed=first_seed + 1, change=shadow, **plain)
+    yield "highlight", lambda: scenes(views, seed=first_seed + 2, change=glare, **plain)
+    for length, seed in ((1.0, 20), (2.0, 3), (3.0, 4)):
         blurred = replace(PLAIN, motion_blur_px=length, motion_angle=0.6)
-        yield f"motion {length:g} px", lambda b=blurred, s=seed: scenes(views, seed=s, sensor=b)
-    yield "no blur", lambda: scenes(views, seed=145, sensor=replace(PLAIN, psf_px=0.0))
-    yield "defocus, 3 px wide", lambda: finer(views, 150, light=defocused, psf_px=0.3)
-    yield "noise 6", lambda: scenes(views, seed=151, sensor=replace(PLAIN, noise=6))
-    yield "dark, noise of gain", lambda: finer(views, 152, sensor=dark, noise=0.5)
-    yield "ink bleed", lambda: finer(views, 147, light=bled)
-    yield "wrinkled paper", lambda: finer(views, 153, light=wrinkled)
-    yield "interlaced, 2 px", lambda: scenes(views, seed=149, change=interlaced, **plain)
-    yield "rolling shutter, 3 px", lambda: finer(views, 154, light=rolling)
-    yield "raw mosaic as mono8", lambda: finer(views, 155, sensor=mosaic)
+        yield f"motion {length:g} px", lambda b=blurred, s=seed: scenes(views, seed=first_seed + s, sensor=b)
+    yield "no blur", lambda: scenes(views, seed=first_seed + 5, sensor=replace(PLAIN, psf_px=0.0))
+    yield "defocus, 3 px wide", lambda: finer(views, first_seed + 10, light=defocused, psf_px=0.3)
+    yield "noise 6", lambda: scenes(views, seed=first_seed + 11, sensor=replace(PLAIN, noise=6))
+    yield "dark, noise of gain", lambda: finer(views, first_seed + 12, sensor=dark, noise=0.5)
+    yield "ink bleed", lambda: finer(views, first_seed + 7, light=bled)
+    yield "wrinkled paper", lambda: finer(views, first_seed + 13, light=wrinkled)
+    yield "interlaced, 2 px", lambda: scenes(views, seed=first_seed + 9, change=interlaced, **plain)
+    yield "rolling shutter, 3 px", lambda: finer(views, first_seed + 14, light=rolling)
+    yield "raw mosaic as mono8", lambda: finer(views, first_seed + 15, sensor=mosaic)
     for aspect in ASPECTS:
-        yield f"fv/fu {aspect:g}", lambda a=aspect: scenes(views, seed=148, aspect=a, **plain)
-    yield "gamma 2.2", lambda: finer(views, 156, sensor=gamma)
-    yield "sRGB, contrasty", lambda: finer(views, 157, sensor=contrasty)
-    yield "sRGB JPEG 85", lambda: scenes(views, seed=146, sensor=replace(PLAIN, srgb=True), change=encoded(85))
-    yield "JPEG 60", lambda: scenes(views, seed=158, change=encoded(60), **plain)
+        yield f"fv/fu {aspect:g}", lambda a=aspect: scenes(views, seed=first_seed + 8, aspect=a, **plain)
+    yield "gamma 2.2", lambda: finer(views, first_seed + 16, sensor=gamma)
+    yield "sRGB, contrasty", lambda: finer(views, first_seed + 17, sensor=contrasty)
+    yield (
+        "sRGB JPEG 85",
+        lambda: scenes(views, seed=first_seed + 6, sensor=replace(PLAIN, srgb=True), change=encoded(85)),
+    )
+    yield "JPEG 60", lambda: scenes(views, seed=first_seed + 18, change=encoded(60), **plain)
     yield (
         "prints on a wall",
-        lambda: scenes(views, seed=161, change=posters, distances=(0.8, 1.1), widths=(11.0, 1e9), faces=2, **plain),
+        lambda: scenes(
+            views, seed=first_seed + 21, change=posters, distances=(0.8, 1.1), widths=(11.0, 1e9), faces=2, **plain
+        ),
     )
-    yield "clean", lambda: scenes(views, seed=159, sensor=SensorModel(noise=0.5, psf_px=0.7))
+    yield "clean", lambda: scenes(views, seed=first_seed + 19, sensor=SensorModel(noise=0.5, psf_px=0.7))
