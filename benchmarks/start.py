@@ -32,7 +32,8 @@ STARTS = {
     "numba, imported": "import numba",
     "compiled code, the first time": f"from {FURTHER} import prepare_all\nprepare_all(print)",
     "compiled code, later": (
-        f"from boxcal.detect.alignment.compilation import compile_half\ncompile_half('all', ['{FURTHER}'])"
+        f"from boxcal.detect.alignment.compilation import compile_half\nfrom {FURTHER} import compile_all\n"
+        "compile_half('all')\ncompile_all()"
     ),
 }
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from boxcal.calib.diagnosis.first_look import first_look
 from boxcal.calib.errors import CalibError
 from boxcal.calib.exports.photographs import small_jpeg
-from boxcal.calib.likelihood.compiled.compilation import prepare_all
+from boxcal.calib.likelihood.compiled.compilation import prepare_detector
 from boxcal.calib.one_robot.cameras_read import CameraDrives, ReadCameras, read_cameras
 from boxcal.calib.one_robot.judging import judged
 from boxcal.calib.one_robot.log_identity import file_state, fingerprint_of
@@ -167,7 +167,7 @@ def calibrate_robot(job: Job, progress: Progress | None = None) -> Calibration:
             progress(Stage(robot=job.robot, name=name, text=text, share=share))
 
     if any(log.suffix != CORRESPONDENCES for log in job.logs):
-        prepare_all(lambda text: tell("compile", text, 0.0))
+        prepare_detector(lambda text: tell("compile", text, 0.0))
     if job.settings.several_cameras:
         return calibrate_cameras_of(job, tell, _READ, _SOLVED)
     drives: list[Correspondences] = []

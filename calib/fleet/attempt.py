@@ -12,7 +12,7 @@ from pathlib import Path
 from boxcal.calib.calibrate import calibrate_robot
 from boxcal.calib.errors import CalibError
 from boxcal.calib.fleet.engine.telling import tell
-from boxcal.calib.likelihood.compiled.compilation import prepare_all
+from boxcal.calib.likelihood.compiled.compilation import prepare_detector
 from boxcal.calib.results.calibration import Calibration
 from boxcal.calib.results.without_drive import without_drive
 from boxcal.calib.settings import Job, Stage, listed
@@ -111,4 +111,4 @@ def compiling(text: str) -> Stage:
 @cache
 def _compile_once() -> None:
     """Have compiled code made ready in this process, once."""
-    prepare_all(lambda text: tell(compiling(text)))
+    prepare_detector(lambda text: tell(compiling(text)))

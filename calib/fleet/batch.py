@@ -7,7 +7,7 @@ from boxcal.calib.errors import CalibError
 from boxcal.calib.fleet.attempt import Attempt, attempt, attempt_elsewhere, clear_results, compiling, plain_error
 from boxcal.calib.fleet.engine.calls import Call, Done, Engine
 from boxcal.calib.fleet.engine.chosen import local_engine
-from boxcal.calib.likelihood.compiled.compilation import prepare_all
+from boxcal.calib.likelihood.compiled.compilation import prepare_detector
 from boxcal.calib.one_robot.writing import put_files
 from boxcal.calib.results.without_drive import without_drive
 from boxcal.calib.settings import Job, Outcome, Progress, listed
@@ -39,7 +39,7 @@ def calibrate_fleet(
     """
     if not jobs:
         return
-    prepare_all(partial(_tell_compiling, progress))  # before there are processes that would all wait for it
+    prepare_detector(partial(_tell_compiling, progress))  # before there are processes that would all wait for it
     if engine is None:
         with local_engine(len(jobs), workers=workers) as own:
             yield from _outcomes(jobs, own, progress)

@@ -53,6 +53,14 @@ def numpy_backend() -> Backend:
 
 @cache
 def numba_backend() -> Backend:
+    """Return compiled code, made before if it was not, once for all processes of a computer."""
+    from boxcal.detect.alignment.compilation import finish  # noqa: PLC0415 - slow to import
+
+    finish("boxcal.calib.likelihood.compiled.compilation")
+    return loops()
+
+
+def loops() -> Backend:
     """Return compiled code; each function is compiled, or read from the cache, when it is first called."""
     from boxcal.calib.likelihood.compiled import chain, corner_sums, corners, legs  # noqa: PLC0415 - slow to import
 

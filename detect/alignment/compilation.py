@@ -3,15 +3,18 @@
     python -m boxcal.detect.alignment.compilation
 
 compiles what is missing. The first process takes a lock, says what it does, and compiles with the help of a second one;
-the others wait for it, and then read compiled code from the cache. The two share the work so that nothing large is
-compiled in both: what sums over pixels in one, the rest in the other.
+the others wait for it, and then read compiled code from the cache. The two share the detector's code so that nothing
+large is compiled in both: what sums over pixels in one, the rest in the other. Code of other modules, which a robot
+needs only once its pictures have been looked at, the second process compiles while the first goes on.
 """
 
+import atexit
+import gc
 import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
 
@@ -34,60 +37,114 @@ Tell = Callable[[str], None]
 
 
 def prepare(tell: Tell | None = None, further: Sequence[str] = ()) -> None:
-    """Have compiled code made, unless it is already or cannot be kept.
+    """Have the detector's compiled code made, unless it is already or cannot be kept.
 
     Parameters
     ----------
     tell
         Told what takes long.
     further
-        Modules with code of their own beside the detector's: each has ``compile_all()`` and ``cache_folder()``.
+        Modules with code of their own, each with ``compile_all()`` and ``cache_folder()``. Where the detector's code is
+        made, the same process as makes half of that goes on with theirs; :func:`finish` waits for it.
     """
     if backend().name == "numpy":
         return
-    from boxcal.detect.alignment.numba.kernel import cache_folder  # noqa: PLC0415 - slow to import
-
-    tell = tell or _silent
-    folders = [cache_folder(), *(import_module(name).cache_folder() for name in further)]
-    kept = [folder for folder in folders if folder is not None]
-    if len(kept) < len(folders):
+    tell, folder = tell or _silent, _cache_folder()
+    if folder is None:
         tell("compiling in memory, as no folder for compiled code can be written (some 10 s each time)")
         return
-    if all(_complete(folder).exists() for folder in kept):
+    if _complete(folder).exists():
         return
-    with _locked(kept[0] / "lock", tell):
-        if all(_complete(folder).exists() for folder in kept):
+    with _locked(folder / "lock", tell):
+        if _complete(folder).exists():
             return
         tell("compiling, once on this computer (some 10 s) ...")
         start = time.monotonic()
-        with _helper(further):
-            compile_half(_HALVES[0])
-        for half in _HALVES:
-            compile_half(half, further)
-        for folder in kept:
-            _complete(folder).touch()
+        _second(folder).unlink(missing_ok=True)
+        helper = _helper(further)
+        try:
+            with _no_collector():
+                compile_half(_HALVES[0])
+                _wait_for(_second(folder), helper)
+                compile_half(_HALVES[1])
+        except BaseException:
+            _end(helper)
+            raise
+        _complete(folder).touch()
         tell(f"compiled in {time.monotonic() - start:.0f} s")
 
 
-@contextmanager
-def _helper(further: Sequence[str]) -> Iterator[None]:
-    """Have the second half compiled meanwhile, by a process that Ctrl-C does not reach: it is ended with this one."""
+def finish(module: str) -> None:
+    """Have a module's own code compiled: wait for who does so, or do it, unless it is already or cannot be kept."""
+    folder: Path | None = import_module(module).cache_folder()
+    if folder is None or _complete(folder).exists():
+        return
+    with _locked(folder / "lock", _silent):
+        if not _complete(folder).exists():
+            with _no_collector():
+                import_module(module).compile_all()
+            _complete(folder).touch()
+
+
+def _help(further: Sequence[str]) -> None:
+    """Compile the detector's second half, say so by a file, and go on with other modules' code."""
+    folder = _cache_folder()
+    with _no_collector():
+        compile_half(_HALVES[1])
+    if folder is not None:
+        _second(folder).touch()
+    for module in further:
+        finish(module)
+
+
+def _helper(further: Sequence[str]) -> subprocess.Popen[bytes]:
+    """Return a process that helps, which Ctrl-C does not reach: it is ended with this one."""
     words = [sys.executable, "-P", "-m", _MODULE, _HALVES[1], *further]
-    helper = subprocess.Popen(words, stdin=subprocess.DEVNULL, process_group=0)  # noqa: S603 - this module
+    none = subprocess.DEVNULL
+    helper = subprocess.Popen(words, stdin=none, stdout=none, stderr=none, process_group=0)  # noqa: S603 - this module
+    atexit.register(_end, helper)
+    return helper
+
+
+def _end(helper: subprocess.Popen[bytes]) -> None:
+    helper.kill()
+    helper.wait()
+
+
+def _wait_for(path: Path, helper: subprocess.Popen[bytes]) -> None:
+    """Wait until a file is there, or it is clear that it will not be."""
+    limit = time.monotonic() + PATIENCE_S
+    while not path.exists() and helper.poll() is None and time.monotonic() < limit:
+        time.sleep(0.02)
+
+
+@contextmanager
+def _no_collector() -> Iterator[None]:
+    """Leave cyclic garbage alone meanwhile: looking for it takes an eighth of the time of compiling."""
+    collecting = gc.isenabled()
+    gc.disable()
     try:
         yield
-        with suppress(subprocess.TimeoutExpired):
-            helper.wait(PATIENCE_S)
     finally:
-        helper.kill()
-        helper.wait()
+        if collecting:
+            gc.enable()
+
+
+def _cache_folder() -> Path | None:
+    from boxcal.detect.alignment.numba.kernel import cache_folder  # noqa: PLC0415 - slow to import
+
+    return cache_folder()
+
+
+def _second(folder: Path) -> Path:
+    return folder / "second"
 
 
 def _complete(folder: Path) -> Path:
     return folder / "complete"
 
 
-def compile_half(which: str, further: Sequence[str] = ()) -> None:
+def compile_half(which: str) -> None:
     """Compile one half of the functions by calling them, or both if it is ``all``; the halves take equally long."""
     compute = backend()
     if which != _HALVES[1]:
@@ -96,8 +153,6 @@ def compile_half(which: str, further: Sequence[str] = ()) -> None:
         _box(compute)
         _corners(compute)
         _misfit()
-        for name in further:
-            import_module(name).compile_all()
 
 
 def _box(compute: Backend) -> None:
@@ -170,6 +225,6 @@ def _silent(_: str) -> None:
 
 if __name__ == "__main__":
     if len(sys.argv) > 1:
-        compile_half(sys.argv[1], sys.argv[2:])
+        _help(sys.argv[2:])
     else:
         prepare(print)

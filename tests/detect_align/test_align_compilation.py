@@ -1,8 +1,10 @@
+import gc
 import json
 import os
 import subprocess
 import sys
 import threading
+import types
 
 import numpy as np
 import pytest
@@ -94,6 +96,81 @@ def test_a_second_process_waits_for_the_first(tmp_path):
     thread.join()
     assert order == ["first", "second"]
     assert told == ["waiting for another process that compiles ..."]
+
+
+@pytest.fixture
+def further(monkeypatch, tmp_path):
+    """A module with code of its own: where it is kept, and what happened."""
+    folder = tmp_path / "further"
+    folder.mkdir()
+    module = types.ModuleType("module_with_code")
+    module.folder, module.calls = folder, []
+    module.cache_folder = lambda: module.folder
+    module.compile_all = lambda: module.calls.append((compilation._second(tmp_path).exists(), gc.isenabled()))
+    monkeypatch.setitem(sys.modules, module.__name__, module)
+    monkeypatch.setattr(compilation, "_cache_folder", lambda: tmp_path)
+    return module
+
+
+def test_further_code_is_compiled_once_for_all_who_ask(further):
+    threads = [threading.Thread(target=compilation.finish, args=(further.__name__,)) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert len(further.calls) == 1
+
+
+def test_further_code_that_cannot_be_kept_is_left_to_who_calls_it(further):
+    further.folder = None
+    compilation.finish(further.__name__)
+    assert further.calls == []
+
+
+def test_helper_goes_on_with_further_code_once_the_detectors_is_there(monkeypatch, further):
+    monkeypatch.setattr(compilation, "compile_half", lambda half: further.calls.append((half, gc.isenabled())))
+    compilation._help([further.__name__])
+    assert further.calls == [("second", False), (True, False)]
+    assert gc.isenabled()
+
+
+@pytest.mark.parametrize("helper_ends", [True, False], ids=["helper dies", "helper compiles"])
+def test_detector_is_ready_before_further_code_is_and_without_a_helper(monkeypatch, tmp_path, further, helper_ends):
+    words = ["-c", "pass" if helper_ends else "import time; time.sleep(60)"]
+    done, started = [], []
+    popen = subprocess.Popen
+
+    def other(_, **options):
+        started.append(popen([sys.executable, *words], **options))
+        (tmp_path / "second").touch() if not helper_ends else started[0].wait()
+        return started[0]
+
+    monkeypatch.setattr(compilation, "compile_half", done.append)
+    monkeypatch.setattr(subprocess, "Popen", other)
+    prepare(further=[further.__name__])
+    assert done == ["first", "second"]
+    assert (tmp_path / "complete").exists()
+    assert further.calls == []
+    assert (started[0].poll() is not None) == helper_ends
+    compilation._end(started[0])
+
+
+def test_helper_ends_where_compiling_fails(monkeypatch, further):
+    started = []
+    popen = subprocess.Popen
+
+    def other(_, **options):
+        started.append(popen([sys.executable, "-c", "import time; time.sleep(60)"], **options))
+        return started[0]
+
+    def interrupted(_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(compilation, "compile_half", interrupted)
+    monkeypatch.setattr(subprocess, "Popen", other)
+    with pytest.raises(KeyboardInterrupt):
+        prepare()
+    assert started[0].poll() is not None
 
 
 def test_commands_hold_their_process_to_one_thread():

@@ -5,14 +5,23 @@ from pathlib import Path
 import numpy as np
 
 from boxcal.calib.geometry.diff_drive import Legs
-from boxcal.calib.likelihood.backend import numba_backend
+from boxcal.calib.likelihood.backend import loops
 from boxcal.calib.likelihood.wheel_path import wheel_path
-from boxcal.detect.alignment.compilation import Tell, prepare
+from boxcal.detect.alignment.compilation import Tell, finish, prepare
+
+
+def prepare_detector(tell: Tell) -> None:
+    """Have the detector's code compiled, unless it is, and the likelihood's begun; ``tell`` is told what takes long.
+
+    Who needs the likelihood's waits for it (:func:`boxcal.calib.likelihood.backend.numba_backend`).
+    """
+    prepare(tell, (__name__,))
 
 
 def prepare_all(tell: Tell) -> None:
     """Have the detector's and the likelihood's code compiled, unless it is; ``tell`` is told what takes long."""
     prepare(tell, (__name__,))
+    finish(__name__)
 
 
 def cache_folder() -> Path | None:
@@ -26,7 +35,7 @@ def compile_all() -> None:
     """Compile every function, with the types of arguments that it is called with in use."""
     from boxcal.calib.likelihood.compiled import corners  # noqa: PLC0415 - slow to import
 
-    compute = numba_backend()
+    compute = loops()
     D = np.eye(5)[None, None]
     right = np.ones((1, 1, 5, 2))
     pivots, gains, back = compute.eliminate_stops(D, D, right)
