@@ -1,10 +1,10 @@
-"""Time the estimator: against the closed form, against a general solver, and over the number of stops.
+"""Time the estimator: against the closed form, against general solvers, and over the number of stops.
 
     python benchmarks/estimator_speed.py
 
-The general solver is ``scipy.optimize.least_squares`` with numeric Jacobians on the same residuals (corners, legs,
-priors; noise levels and left-out data given, which the estimator finds on top). Processor time,
-best of several runs, in one thread.
+The general solvers are GTSAM (extra ``bench``) with our derivatives, and ``scipy.optimize.least_squares`` with numeric
+ones, on the same residuals (corners, legs, priors), the same start, and noise levels that the estimator found: it is
+timed with these given and nothing tested, too. Processor time, best of several runs, in one thread.
 """
 
 import argparse
@@ -13,22 +13,17 @@ from collections.abc import Callable
 from math import radians
 
 import numpy as np
-from scipy.optimize import least_squares
+from estimator_peers import Answer, through_gtsam, through_scipy
 
 from boxcal.calib.diagnosis.explained_estimate import estimate_explained
 from boxcal.calib.four_steps.procedure import FourSteps, solve_four_steps
 from boxcal.calib.likelihood import EstimateOptions, estimate
-from boxcal.calib.likelihood.estimator import fit, step_of
-from boxcal.calib.likelihood.explanation import Columns
-from boxcal.calib.likelihood.initial_guess import camera_start, first_states
-from boxcal.calib.likelihood.problem import LOCAL, PER_STOP, build_problem
-from boxcal.calib.likelihood.residuals import corner_residuals, leg_covariance, leg_residuals
-from boxcal.calib.likelihood.state import State, retract
+from boxcal.calib.likelihood.estimate import Estimate
+from boxcal.calib.likelihood.estimator import fit
 from boxcal.calib.simulate.drive import DriveOptions, exact_correspondences, simulate_drive
 from boxcal.calib.simulate.robot import khepera
 from boxcal.detect.correspondences import Correspondences
 from boxcal.one_thread import one_thread
-from boxcal.target.arrays import Array
 from boxcal.target.box import make_target
 
 
@@ -50,38 +45,24 @@ def best(work: Callable[[], object], times: int) -> float:
     return min(seconds)
 
 
-def through_scipy(data: Correspondences, start: FourSteps) -> tuple[float, int, Array]:
-    """Return the time, the evaluations and the wheels that a general solver finds for the same likelihood."""
-    options = EstimateOptions()
-    done = fit([data], start, options)
-    begin = time.process_time()
-    cameras = camera_start([data], start)
-    problem = build_problem([data], cameras.kept, options, step_of([data], options))
-    state = first_states(problem, [data], cameras)[0]
-    legs = leg_residuals(problem, done.state, Columns())
-    whiten = np.linalg.inv(np.linalg.cholesky(leg_covariance(problem, legs.model, np.array(done.components.slip))))
-    n, P, own = len(problem.names), len(problem.drive), PER_STOP + LOCAL
-    finite = np.isfinite(problem.prior)
-    lean = done.components.local_sigma[:3]
-
-    def at(x: Array) -> State:
-        stops = x[n:].reshape(P, own)
-        return retract(problem, state, x[:n], stops[:, :PER_STOP], stops[:, PER_STOP:])
-
-    def residuals(x: Array) -> Array:
-        here = at(x)
-        legs = whiten @ leg_residuals(problem, here, Columns()).residual[:, :, None]
-        value = here.tilt.ravel() / problem.prior[finite]
-        corners = corner_residuals(problem, here, Columns()).residual / done.components.noise_scale
-        own = [(here.lean / lean).ravel(), here.encoder_errors.ravel()]
-        return np.concatenate([corners.ravel(), legs.ravel(), value, *own])
-
-    found = least_squares(residuals, np.zeros(n + own * P), method="trf", x_scale="jac")
-    seconds = time.process_time() - begin
-    return (
-        seconds,
-        found.nfev + found.njev * (n + own * P),
-        at(found.x).wheels,
+def against(
+    name: str,
+    solver: Callable[[Correspondences, FourSteps], Answer],
+    times: int,
+    given: tuple[Correspondences, FourSteps, Estimate, float],
+) -> None:
+    """Print a general solver's time beside ours (s), and how far its answer is off."""
+    data, start, found, ours = given
+    try:
+        answers = [solver(data, start) for _ in range(times)]
+    except ImportError:
+        print(f"  {name} is not here: pip install '.[bench]'")
+        return
+    least = min(answers, key=lambda answer: answer.seconds)
+    off = np.abs(least.wheels - (found.rR, found.rL, found.b)) / [found.sigma[k] for k in ("rR", "rL", "b")]
+    print(
+        f"  {f'{name} ({least.evaluations} evaluations)':50}{least.seconds * 1e3:8.1f} ms, "
+        f"{least.seconds / ours:.1f} times as long; rR, rL, b differ by {np.max(off):.3f} sigma at most"
     )
 
 
@@ -99,14 +80,13 @@ def main() -> int:
     print(f"  the four closed-form steps                        {closed * 1e3:8.1f} ms")
     ours = best(lambda: estimate([data], start), times)
     print(f"  likelihood, levels, tests and covariance          {ours * 1e3:8.1f} ms")
-    general, evaluations, wheels = through_scipy(data, start)
-    print(
-        f"  scipy, numeric Jacobians ({evaluations} evaluations)     {general * 1e3:8.1f} ms, "
-        f"{general / ours:.0f} times as long"
-    )
     found = estimate([data], start)
-    off = np.max(np.abs(wheels - (found.rR, found.rL, found.b)) / [found.sigma[k] for k in ("rR", "rL", "b")])
-    print(f"  largest difference of the two answers in rR, rL, b: {off:.3f} sigma")
+    levels = fit([data], start).components
+    given = EstimateOptions(slip=levels.slip, noise_scale=levels.noise_scale, find_faults=False)
+    alone = best(lambda: estimate([data], start, given), times)
+    print(f"  ... levels given, no tests                        {alone * 1e3:8.1f} ms")
+    against("GTSAM", through_gtsam, min(times, 3), (data, start, found, ours))
+    against("scipy, numeric Jacobians", through_scipy, 1, (data, start, found, ours))
     everything = EstimateOptions(lens=None, target=make_target())
     command = best(lambda: estimate_explained([data], start, everything), times)
     print(f"  the command's defaults: camera model, box and causes  {command * 1e3:8.1f} ms")
