@@ -23,7 +23,8 @@ _ROUNDS, _LONGEST_S = 3, 0.5
 _DOUBT_S = 0.06
 """Offsets up to this must leave the box in view of frames that are looked at first, s."""
 _TRUSTED = 2
-"""Frames that told the offset from which on tags that are not where they are expected are not searched for."""
+"""Frames that told the offset from which on tags that are not where they are expected are not searched for, once that
+was in vain: a clock that jumps puts them elsewhere, blur hides them."""
 _MOST_TAGS = 24
 """Tags that are measured in a frame: they tell its pose far better than wheels tell the way to it."""
 _A_FACE, _ENOUGH_TAGS = 10, 3
@@ -81,10 +82,12 @@ class ClockedViews:
         The prediction, and the box.
     image_size : px
         Of the frames.
-    told_s
-        Offset that each frame told: its stamp less the time at which it was taken, s.
+    told_ns, told_s
+        Stamp of each frame that told an offset, and that: its stamp less the time at which it was taken, s.
     too_fast
         Speed of the box in the picture, widths of the picture a second, at which frames showed no tags.
+    in_vain
+        How many frames were searched for tags that were not where they were expected, and not elsewhere.
     exposures
         Of each frame that told it, how long the shutter was open, s, and the variance of the blur at rest, px^2.
     """
@@ -92,14 +95,21 @@ class ClockedViews:
     views: PredictedViews
     target: Target
     image_size: tuple[int, int]
+    told_ns: list[int] = field(default_factory=list)
     told_s: list[float] = field(default_factory=list)
     too_fast: float = np.inf
+    in_vain: int = 0
     exposures: list[tuple[float, float]] = field(default_factory=list)
 
-    @property
-    def late_s(self) -> float:
-        """The offset that is allowed for, s."""
-        return float(np.median(self.told_s)) if self.told_s else 0.0
+    def late_s(self, t_ns: Ids) -> Array:
+        """Return the offsets that are allowed for at stamps (F,), (F,) s: what the nearest frame told.
+
+        Clocks drift and jump.
+        """
+        if not self.told_s:
+            return np.zeros(len(t_ns))
+        nearest = np.argmin(np.abs(np.subtract.outer(t_ns, np.array(self.told_ns))), axis=1)
+        return np.asarray(np.array(self.told_s)[nearest])
 
     def expected(self, t_ns: int) -> ExpectedTags:
         """Return the tags that a frame stamped ``t_ns`` should show."""
@@ -109,7 +119,7 @@ class ClockedViews:
             ids=np.array(self.target.tag_ids)[rows],
             corners_px=uv[0, rows],
             blur=self._blur(t_ns),
-            alone=len(self.told_s) >= _TRUSTED,
+            alone=len(self.told_s) >= _TRUSTED and self.in_vain > 0,
             most=_MOST_TAGS,
         )
 
@@ -129,7 +139,7 @@ class ClockedViews:
         taken = self._taken(t_ns)
         apart = (0.0,) if self.told_s else (-_DOUBT_S, 0.0, _DOUBT_S)
         counts = [self._in_view(taken + round(1e9 * s)) for s in apart]
-        return (np.min(counts, axis=0) >= _ENOUGH_TAGS) & (self._speeds(taken) <= self._fastest)
+        return np.asarray((np.min(counts, axis=0) >= _ENOUGH_TAGS) & (self._speeds(taken) <= self._fastest))
 
     @property
     def _fastest(self) -> float:
@@ -152,7 +162,7 @@ class ClockedViews:
         """Corners of a few tags of each face, (T, 4, 3), m."""
         faces = self.target.tag_faces
         rows = [np.flatnonzero(faces == face) for face in np.unique(faces)]
-        return self.target.tag_corners[np.concatenate([r[:: -(-len(r) // _A_FACE)] for r in rows])]
+        return np.asarray(self.target.tag_corners[np.concatenate([r[:: -(-len(r) // _A_FACE)] for r in rows])])
 
     def _speeds(self, taken_ns: Ids) -> Array:
         """Return how fast the box moves through the picture at times (F,), ns, widths of the picture a second; (F,)."""
@@ -165,15 +175,13 @@ class ClockedViews:
         moved = np.sum(np.where(facing[..., None], (after - here).mean(axis=2), 0.0), axis=1) / count
         return np.asarray(moved / _STEP_S)
 
-    def _taken(self, t_ns: Ids) -> Ids:
-        return t_ns - round(1e9 * self.late_s)
-
     def missed(self, t_ns: int) -> None:
         """Take in that a frame stamped ``t_ns`` showed no tags: others at that speed will not either."""
+        self.in_vain += len(self.told_s) >= _TRUSTED
         self.too_fast = min(self.too_fast, float(self._speeds(self._taken(np.array([t_ns])))[0]))
 
     def _taken(self, t_ns: Ids) -> Ids:
-        return t_ns - round(1e9 * self.late_s)
+        return np.asarray(t_ns - np.rint(1e9 * self.late_s(t_ns)).astype(np.int64))
 
     def learn(self, t_ns: int, p_box: Array, uv_px: Array, blur: tuple[Array, float]) -> None:
         """Take in landmarks (L, 3) that a frame stamped ``t_ns`` showed at ``uv_px`` (L, 2), and its blur.
@@ -185,7 +193,7 @@ class ClockedViews:
         along = float(shape @ _doubled(v))
         if along > 0:
             self.exposures.append((float(np.sqrt(24 * along * variance / (v @ v))), (1 - along) * variance))
-        late_s = self.late_s
+        late_s = float(self.late_s(np.array([t_ns]))[0])
         for _ in range(_ROUNDS):
             here, after = (self._seen(t_ns, p_box, late_s + d) for d in (0.0, _STEP_S))
             speed = (after - here) / _STEP_S
@@ -197,8 +205,9 @@ class ClockedViews:
                 return
         off = self._seen(t_ns, p_box, late_s) - uv_px
         if np.sqrt(np.mean(off**2)) < _AGREES * self.image_size[0]:
+            self.told_ns.append(t_ns)
             self.told_s.append(late_s)
 
     def _seen(self, t_ns: int, p_box: Array, late_s: float) -> Array:
         T = self.views.T_cam_box_at(np.array([t_ns - round(1e9 * late_s)]))[0]
-        return project(self.views.camera, p_box @ T[:3, :3].T + T[:3, 3])
+        return np.asarray(project(self.views.camera, p_box @ T[:3, :3].T + T[:3, 3]))

@@ -90,7 +90,17 @@ def test_the_clock_offset_is_told_by_where_frames_show_the_box(simulated, late_s
     made, seen = simulated
     clocked = _learned(made, views_by_wheels(seen), seen.image_size, late_s)
     assert clocked.told_s
-    assert abs(clocked.late_s - late_s) < 5e-4
+    assert np.abs(np.array(clocked.told_s) - late_s).max() < 5e-4
+
+
+def test_offsets_are_those_of_the_nearest_frame_where_a_clock_jumps(simulated):
+    made, seen = simulated
+    clocked = _learned(made, views_by_wheels(seen), seen.image_size, 0.0)
+    first, second = clocked.told_ns[0], clocked.told_ns[-1]
+    assert second - first > 2_000_000_000
+    clocked.told_s[:] = [0.01] * (len(clocked.told_s) - 1) + [0.2]
+    at = np.array([first + 1000, second - 1000])
+    np.testing.assert_allclose(clocked.late_s(at), [0.01, 0.2])
 
 
 def test_frames_that_lie_far_off_the_prediction_tell_no_offset(simulated):
