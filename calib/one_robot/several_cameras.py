@@ -1,6 +1,6 @@
 """A robot with several cameras: read, solved for together, judged and written."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import replace
 from functools import partial
 
@@ -14,7 +14,7 @@ from boxcal.calib.one_robot.log_identity import file_state, fingerprint_of
 from boxcal.calib.one_robot.writing import write
 from boxcal.calib.report.robot import FLEET_PAGE
 from boxcal.calib.results.calibration import Calibration
-from boxcal.calib.results.verdict import Level
+from boxcal.calib.results.verdict import Level, Reason
 from boxcal.calib.settings import CORRESPONDENCES, Job, listed
 from boxcal.detect.extract import Pictures
 from boxcal.detect.image.bit_depth import DeepGrey, eight_bits
@@ -76,13 +76,18 @@ def solved_and_judged(job: Job, given: ReadCameras) -> list[SolvedCamera]:
     except CalibError as error:
         raise error.of(listed(job.logs)) from error
     others = [_judged(camera, f"{job.robot}/{camera.read.name}") for camera in solved[1:]]
-    unusable = tuple(
-        _unusable(o) for o in others if o.calibration.verdict and o.calibration.verdict.level is Level.REDO
-    )
-    first = solved[0]
-    findings = (*first.calibration.findings, *unusable)
-    robot = _judged(replace(first, calibration=replace(first.calibration, findings=findings)), job.robot)
+    first, robot = solved[0], _judged(solved[0], job.robot)
+    told = {cause.text for cause in _causes(robot)}
+    unusable = tuple(finding for other in others if (finding := _unusable(other, told)) is not None)
+    if unusable:
+        findings = (*first.calibration.findings, *unusable)
+        robot = _judged(replace(first, calibration=replace(first.calibration, findings=findings)), job.robot)
     return _with_verdicts([robot, *others])
+
+
+def _causes(camera: SolvedCamera) -> tuple[Reason, ...]:
+    verdict = camera.calibration.verdict
+    return () if verdict is None else verdict.causes
 
 
 def _with_verdicts(cameras: list[SolvedCamera]) -> list[SolvedCamera]:
@@ -105,13 +110,17 @@ def _judged(camera: SolvedCamera, robot: str) -> SolvedCamera:
     return replace(camera, calibration=result)
 
 
-def _unusable(camera: SolvedCamera) -> Finding:
-    """Return that another camera of the robot must not be used: the robot's own result is not good then."""
-    verdict = camera.calibration.verdict
-    why = next((reason.text for reason in verdict.causes), "") if verdict is not None else ""
+def _unusable(camera: SolvedCamera, told: Collection[str]) -> Finding | None:
+    """Return that another camera of the robot must not be used: the robot's own result is not good then.
+
+    What the robot's own verdict says already, of its wheels say, is no fault of the other camera: None then.
+    """
+    own = [cause.text for cause in _causes(camera) if cause.level is Level.REDO and cause.text not in told]
+    if not own:
+        return None
     return Finding(
         cause="camera-unusable",
-        text=f"camera {camera.read.name} must not be used: {why[:1].lower()}{why[1:].rstrip('.')}",
+        text=f"camera {camera.read.name} must not be used: {own[0][:1].lower()}{own[0][1:].rstrip('.')}",
         advice=f"Look at {camera.read.name}/report.html, and do for that camera what it says.",
     )
 
