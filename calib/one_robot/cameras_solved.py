@@ -106,9 +106,11 @@ def _only(job: Job, camera: CameraDrives, look: FirstLook, left_out: Mapping[str
 
 
 def _said_of(job: Job, left_out: Mapping[str, str]) -> tuple[tuple[Finding, ...], tuple[str, ...]]:
-    """Return findings of cameras that were asked for and are missing, and notes of all topics that are not used."""
-    missing = tuple(_missing(topic, why) for topic, why in left_out.items() if topic in job.settings.cameras)
-    return missing, tuple(f"image topic {printable(topic)} is not used: {why}" for topic, why in left_out.items())
+    """Return findings of cameras that were asked for and are missing, and notes of all other topics not used."""
+    named = job.settings.cameras
+    missing = tuple(_missing(topic, why) for topic, why in left_out.items() if topic in named)
+    rest = {topic: why for topic, why in left_out.items() if topic not in named}
+    return missing, tuple(f"image topic {printable(topic)} is not used: {why}" for topic, why in rest.items())
 
 
 def _each_alone(job: Job, cameras: Sequence[CameraDrives], left_out: dict[str, str]) -> list[_Alone]:

@@ -104,7 +104,7 @@ def choose_camera(
             f"{len(candidates)} camera topics ({listed(candidates)})",
             source=name,
             needed="one is needed",
-            remedy="name it with --camera-topic",
+            remedy="name it with --camera-topic; fleet-calibrate calibrates several with --all-cameras",
         )
     if not counts[candidates[0]]:
         raise DetectError(f"no messages on camera topic {printable(candidates[0])}", source=name, remedy="record again")

@@ -15,7 +15,7 @@ from boxcal.calib.one_robot import several_cameras
 from boxcal.calib.one_robot.camera_names import camera_names
 from boxcal.calib.report.robot import robot_report
 from boxcal.calib.results.json_format import calibration_document
-from boxcal.calib.results.verdict import Level
+from boxcal.calib.results.verdict import Level, Reason
 from boxcal.detect.correspondences import Correspondences
 from boxcal.detect.log.several_cameras import chosen
 from boxcal.target.errors import BoxcalError
@@ -135,21 +135,30 @@ def test_report_and_comparison_know_the_cameras(
     assert not cameras_table([replace(calibrated["front"], rig=None)])
 
 
+@pytest.mark.parametrize("of_robot", [False, True])
 def test_another_camera_that_must_not_be_used_keeps_the_robot_from_good(
-    front_and_rear: Rigged, monkeypatch: pytest.MonkeyPatch
+    of_robot: bool, front_and_rear: Rigged, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    """It is the camera's fault unless the robot's own verdict says the same."""
     judge = several_cameras.judged
+    reason = Reason(rule="position", level=Level.REDO, text="After 10 m the position is off by 2 m.")
 
     def strict(result: boxcal.Calibration, *rest: object) -> boxcal.Calibration:
         found = judge(result, *rest)
         assert found.verdict is not None
-        return replace(found, verdict=replace(found.verdict, level=Level.REDO)) if "/" in result.robot else found
+        if not of_robot and "/" not in result.robot:
+            return found
+        reasons = (reason, *found.verdict.reasons)
+        return replace(found, verdict=replace(found.verdict, level=Level.REDO, reasons=reasons))
 
     monkeypatch.setattr(several_cameras, "judged", strict)
     found = boxcal.calibrate_cameras(views(front_and_rear, "front", "rear"))["front"]
-    assert "camera-unusable" in causes(found)
+    assert ("camera-unusable" in causes(found)) != of_robot
     assert found.verdict is not None
     assert found.verdict.level != "good"
+    assert found.rig is not None
+    assert [camera.verdict for camera in found.rig.cameras] == [str(found.verdict.level), "redo"]
+    assert reason.text in found.rig.cameras[1].why
 
 
 @pytest.mark.parametrize(
