@@ -10,7 +10,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from boxcal.detect.alignment.detector import DetectorSettings, detect_tags
+from boxcal.detect.alignment.detector import DetectorSettings, KnownCamera, detect_tags
+from boxcal.detect.alignment.expected_tags import ExpectedTags
 from boxcal.target.arrays import Array
 from boxcal.target.tags.families import load_dictionary
 
@@ -83,9 +84,11 @@ def apriltags(module: str) -> Detector:
     return detect
 
 
-def ours(settings: DetectorSettings) -> Detector:
+def ours(
+    settings: DetectorSettings, camera: KnownCamera | None = None, expected: ExpectedTags | None = None
+) -> Detector:
     def detect(image: Grey) -> Found:
-        tags = detect_tags(image, TARGET, settings)
+        tags = detect_tags(image, TARGET, settings, camera=camera, expected=expected)
         return tags.ids, tags.corners_px, tags.cov_px2
 
     return detect
