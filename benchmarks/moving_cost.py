@@ -4,9 +4,9 @@
     python benchmarks/moving_cost.py robots/*.mcap
     python benchmarks/moving_cost.py --repeats 9
 
-From the log to the calibration, without writing, in one thread; the two take turns after a first run that is not counted,
-and of the repeats the median of the ratios counts, since what else runs on a machine slows both. Printed besides: the
-standard deviations of tx and ty with frames over those from stops alone.
+From the log to the calibration, without writing, in one thread; the two take turns after a first run that is not
+counted, and of the repeats the median of the ratios counts, since what else runs on a machine slows both. Printed
+besides: the standard deviations of tx and ty with frames over those from stops alone.
 """
 
 import argparse

@@ -53,6 +53,11 @@ class Explanation(Protocol):
         """Return the effect of its unknowns about a state."""
 
 
+def in_pictures(explanation: Explanation) -> bool:
+    """Tell whether an explanation changes what a camera sees; one that does not say so may."""
+    return bool(getattr(explanation, "in_pictures", True))
+
+
 def stacked(explanations: Sequence[Explanation], problem: "Problem", state: "State") -> Columns:
     """Return the columns of several explanations side by side."""
     parts = [(len(e.names), e.columns(problem, state)) for e in explanations]

@@ -9,9 +9,10 @@ from boxcal.calib.geometry.parameters import COUNT, MOUNTING, TRANSLATION, WHEEL
 from boxcal.calib.geometry.so3_se3 import inverse, rigid
 from boxcal.calib.likelihood.cameras.agreement import disagreement
 from boxcal.calib.likelihood.cameras.solve import RobotFit, solved
-from boxcal.calib.likelihood.cameras.start import beginning, in_pictures
+from boxcal.calib.likelihood.cameras.start import beginning
 from boxcal.calib.likelihood.estimate import DriveEstimate, Estimate
 from boxcal.calib.likelihood.estimator import ASSUMED_SLIP, LEGS_FOR_SLIP
+from boxcal.calib.likelihood.explanation import in_pictures
 from boxcal.calib.likelihood.fit import Fit
 from boxcal.calib.likelihood.leg_outliers import flagged_legs
 from boxcal.calib.likelihood.problem import Problem

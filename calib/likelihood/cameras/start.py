@@ -11,7 +11,7 @@ from boxcal.calib.likelihood.cameras.problem import Together, together
 from boxcal.calib.likelihood.cameras.row import one_row
 from boxcal.calib.likelihood.cameras.state import Mounted, RobotState
 from boxcal.calib.likelihood.components import VarianceComponents
-from boxcal.calib.likelihood.explanation import Explanation
+from boxcal.calib.likelihood.explanation import Explanation, in_pictures
 from boxcal.calib.likelihood.fit import Fit
 from boxcal.calib.likelihood.outliers import first_leg_weights
 from boxcal.detect.correspondences import Correspondences
@@ -49,11 +49,6 @@ def wheel_causes(fits: Sequence[Fit]) -> tuple[Explanation, ...]:
             if not in_pictures(cause):
                 found.setdefault(cause.names, cause)
     return tuple(found.values())
-
-
-def in_pictures(cause: Explanation) -> bool:
-    """Tell whether an explanation changes what a camera sees."""
-    return bool(getattr(cause, "in_pictures", True))
 
 
 def beginning(fits: Sequence[Fit], drives: Sequence[Sequence[Correspondences]]) -> Start:

@@ -9,6 +9,7 @@ import numpy as np
 from boxcal.calib.errors import CalibError
 from boxcal.calib.geometry.parameters import COUNT
 from boxcal.calib.likelihood.estimate import Estimate
+from boxcal.calib.likelihood.explanation import in_pictures
 from boxcal.calib.likelihood.fit import Fit
 from boxcal.calib.likelihood.moving.agreement import agreement
 from boxcal.calib.likelihood.moving.covariance import joint_covariance
@@ -105,7 +106,7 @@ def unsuitable(found: Estimate, fit: Fit, drives: Sequence[Correspondences]) -> 
     """Return why frames on the move cannot be used here; empty if they can."""
     if len(drives) > 1:
         return "they are used with single drives only"
-    if fit.problem.explanations and any(getattr(e, "in_pictures", True) for e in fit.problem.explanations):
+    if any(map(in_pictures, fit.problem.explanations)):
         return "what happened to camera or box is known at stops only"
     if found.jackknife.unexplained:
         return "the stops do not agree among themselves"

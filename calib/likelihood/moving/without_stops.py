@@ -7,6 +7,7 @@ import numpy as np
 
 from boxcal.calib.errors import CalibError
 from boxcal.calib.likelihood.estimate import Estimate
+from boxcal.calib.likelihood.explanation import in_pictures
 from boxcal.calib.likelihood.fit import Fit
 from boxcal.calib.likelihood.moving.covariance import joint_covariance
 from boxcal.calib.likelihood.moving.faults import sound
@@ -74,7 +75,7 @@ def _unsuitable(found: Estimate, fit: Fit) -> str:
     """Return why frames on the move are not enough; empty if they may be."""
     if not np.all(np.isfinite(found.cov)):
         return next((f"{direction.text}" for direction in found.directions), "they do not determine all parameters")
-    if fit.problem.explanations and any(getattr(e, "in_pictures", True) for e in fit.problem.explanations):
+    if any(map(in_pictures, fit.problem.explanations)):
         return "what happened to camera or box is known at stops only"
     return ""
 
