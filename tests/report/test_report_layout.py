@@ -169,3 +169,22 @@ def test_no_figure_is_split_on_paper(name: str, browser: Browser, pages: dict[st
     )
     assert len(figures) > 10
     assert [f for f in figures if f[1] != "avoid" or f[2] > high] == []
+
+
+@pytest.mark.parametrize("width", [390, 1280])
+def test_figures_below_a_strip_keep_apart_however_many_digits_they_have(
+    width: int, calibrations: Callable[[str], Calibration], browser: Browser, tmp_path: Path
+) -> None:
+    good = calibrations("good_drive")
+    assert good.detail is not None
+    sharp = replace(good.detail, covariance=replace(good.detail.covariance, matrix=np.eye(14) * 4e-12))
+    robots = [replace(good, robot=f"robot-{k}-of-the-fleet", detail=sharp) for k in (1, 2)]
+    (tmp_path / "fleet.html").write_bytes(fleet_report(robots, []))
+    browser.open(tmp_path / "fleet.html", width=width, height=900)
+    gaps = browser.evaluate(
+        "[...document.querySelectorAll('#spread-charts svg')].flatMap((s) => {"
+        " const t = [...s.querySelectorAll('text[text-anchor=middle]')].map((e) => e.getBoundingClientRect());"
+        " return t.slice(1).map((r, k) => r.left - t[k].right); })"
+    )
+    assert len(gaps) > 8
+    assert min(gaps) > 3

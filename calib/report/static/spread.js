@@ -20,7 +20,9 @@
     low -= 2 * typical + 0.04 * (high - low) + 1e-9;
     high += 2 * typical + 0.04 * (high - low) + 1e-9;
     const x = (v) => (left + ((Math.max(low, Math.min(high, v)) - low) / (high - low)) * (W - left - right)).toFixed(1);
-    const t = ticks(low, high, 5);
+    let t = ticks(low, high, 5);
+    const crowded = () => (t.step / (high - low)) * (W - left - right) < 6.6 * tickText(high, t.step).length + 6;
+    for (let parts = 4; parts > 0 && crowded(); parts--) t = ticks(low, high, parts);
     t.at.forEach((v) => {
       node(svg, "path", { d: `M${x(v)} ${top - 4}V${base}`, class: "hair" });
       node(svg, "text", { x: x(v), y: base + 16, "text-anchor": "middle" }, tickText(v, t.step));
