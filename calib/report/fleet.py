@@ -13,7 +13,7 @@ from boxcal.calib.report.fleet_tables import (
     OddOne,
     hardware_of,
     odd_list,
-    odd_ones,
+    outlying,
     parameter_table,
     robot_row,
     steps,
@@ -58,7 +58,7 @@ def fleet_report(
     values, sigmas = parameter_table(results)
     groups = hardware_of(results)
     alike = _alike(results, groups)
-    odd = odd_ones(values, sigmas, alike)
+    odd = outlying(values, sigmas, alike)
     cameras, pairs = camera_table(results, without_page), pair_table(results)
     several = {key: table for key, table in (("cameras", cameras), ("pairs", pairs)) if table is not None}
     order = sorted(range(len(results)), key=lambda i: -verdicts[i].level.rank)

@@ -17,7 +17,7 @@ from boxcal.calib.report.fleet_tables import (
     OddOne,
     Parameter,
     hardware_of,
-    odd_ones,
+    outlying,
     parameter_table,
     robot_link,
 )
@@ -102,7 +102,7 @@ def camera_table(results: Sequence[Calibration], without_page: Collection[str] =
     values, sigmas = (table[:, 3:] for table in parameter_table([one for _, one, _ in found]))
     names = [camera.name for _, _, camera in found]
     groups = _groups([c for c, _, _ in found], names)
-    odd = odd_ones(values, sigmas, groups)
+    odd = outlying(values, sigmas, groups)
     lines = [
         Line(
             robot=c.robot,
@@ -126,7 +126,7 @@ def pair_table(results: Sequence[Calibration]) -> CameraTable | None:
     values, sigmas = (np.array([f[k] for f in figures], dtype=float) for k in (0, 1))
     names = [f"{pair.a} to {pair.b}" for _, pair in found]
     groups = _groups([c for c, _ in found], names)
-    odd = odd_ones(values, sigmas, groups)
+    odd = outlying(values, sigmas, groups)
     lines = [
         Line(
             robot=c.robot,

@@ -127,7 +127,7 @@ def hardware_of(results: Sequence[Calibration]) -> tuple[str, ...]:
     return tuple(str(c.provenance.settings.get("hardware") or "") for c in results)
 
 
-def odd_ones(values: Array, sigmas: Array, groups: Sequence[str] = ()) -> Mask:
+def outlying(values: Array, sigmas: Array, groups: Sequence[str] = ()) -> Mask:
     """Return which figures (N, n) lie far from the median of their group, against the group's own spread.
 
     The spread is the median absolute deviation times 1.4826 (a normal distribution's standard deviation); what the

@@ -20,7 +20,7 @@ from boxcal.calib.assessment.verdict import judge
 from boxcal.calib.errors import CalibError
 from boxcal.calib.likelihood import EstimateOptions
 from boxcal.calib.report.fleet import fleet_report
-from boxcal.calib.report.fleet_tables import odd_ones, robot_link
+from boxcal.calib.report.fleet_tables import outlying, robot_link
 from boxcal.calib.report.page import _environment, embedded, page, readable_time
 from boxcal.calib.report.robot import robot_report
 from boxcal.calib.results.calibration import Calibration
@@ -317,12 +317,12 @@ def test_odd_robot_stands_out_and_alike_ones_do_not() -> None:
     rng = np.random.default_rng(0)
     values = 1 + 0.01 * rng.standard_normal((30, 2))
     values[7, 1] = 1.2
-    odd = odd_ones(values, np.full((30, 2), 0.001))
+    odd = outlying(values, np.full((30, 2), 0.001))
     assert np.argwhere(odd).tolist() == [[7, 1]]
-    assert not odd_ones(values, np.full((30, 2), 0.2)).any()  # it is not known well enough to be odd
-    assert not odd_ones(np.ones((30, 2)), np.zeros((30, 2))).any()
-    assert not odd_ones(values[5:9], np.zeros((4, 2))).any()  # too few to say
-    assert np.argwhere(odd_ones(values, np.full((30, 2), np.nan))).tolist() == [[7, 1]]
+    assert not outlying(values, np.full((30, 2), 0.2)).any()  # it is not known well enough to be odd
+    assert not outlying(np.ones((30, 2)), np.zeros((30, 2))).any()
+    assert not outlying(values[5:9], np.zeros((4, 2))).any()  # too few to say
+    assert np.argwhere(outlying(values, np.full((30, 2), np.nan))).tolist() == [[7, 1]]
 
 
 def test_pages_are_small(full: tuple[Calibration, Correspondences]) -> None:
