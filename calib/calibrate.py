@@ -7,7 +7,7 @@ from pathlib import Path
 
 from boxcal.calib.diagnosis.first_look import first_look
 from boxcal.calib.errors import CalibError
-from boxcal.calib.exports.photographs import small_jpeg
+from boxcal.calib.exports.photographs import keeping
 from boxcal.calib.likelihood.compiled.compilation import prepare_detector
 from boxcal.calib.one_robot.cameras_read import CameraDrives, ReadCameras, read_cameras
 from boxcal.calib.one_robot.judging import judged
@@ -19,16 +19,12 @@ from boxcal.calib.one_robot.writing import write
 from boxcal.calib.results.calibration import Calibration
 from boxcal.calib.settings import CORRESPONDENCES, Job, Progress, Settings, Stage, listed, robot_name
 from boxcal.detect.correspondences import Correspondences
-from boxcal.detect.image.bit_depth import DeepGrey, eight_bits
 from boxcal.one_thread import one_thread
 from boxcal.target.box import Target
 from boxcal.target.files.target_json import given_target
 
 _READ, _SOLVED = 0.7, 0.95
 """Shares of a robot's work, by measurement on logs of 20 stops: reading takes most of it."""
-
-_MOST_PHOTOGRAPHS = 60
-"""Photographs kept while a log is read: of longer drives the few that the report shows are read again."""
 
 Source = str | Path | Correspondences
 """What a drive is read from: a recording (MCAP), correspondences saved before (``.npz``), or correspondences."""
@@ -175,18 +171,13 @@ def calibrate_robot(job: Job, progress: Progress | None = None) -> Calibration:
     shown = job.out is not None and job.settings.report
     for k, log in enumerate(job.logs):
         tell("read", f"reading {log.name}", _READ * k / len(job.logs))
-        keep = partial(_photographed, photos[k]) if shown else None
+        keep = keeping(photos[k]) if shown else None
         before = file_state(log)
         drives.append(read(log, job, partial(_reading, tell, k, len(job.logs)), keep))
         if file_state(log) != before:
             raise CalibError("changed while it was read", source=log.name, remedy="close its recorder and try again")
     job = replace(job, fingerprint=fingerprint_of(job, drives))
     return calibrate_drives(job, drives, tell, photos)
-
-
-def _photographed(photos: dict[int, bytes], t_ns: int, frame: DeepGrey) -> None:
-    if len(photos) < _MOST_PHOTOGRAPHS:
-        photos[t_ns] = small_jpeg(eight_bits(frame))
 
 
 def calibrate_drives(

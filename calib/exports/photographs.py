@@ -9,6 +9,8 @@ from boxcal.calib.exports.stop_images import opened, stop_frame
 from boxcal.calib.results.stop_residuals import SeenStop
 from boxcal.calib.settings import CORRESPONDENCES
 from boxcal.detect.correspondences import Correspondences
+from boxcal.detect.extract import Pictures
+from boxcal.detect.image.bit_depth import DeepGrey, eight_bits
 from boxcal.detect.log.images import Grey
 from boxcal.detect.log.topics import Topics
 from boxcal.detect.log.wheel_samples import WheelUnits
@@ -16,6 +18,8 @@ from boxcal.detect.log.wheel_samples import WheelUnits
 MOST = 24
 """Photographs of one robot; of more stops those that fit worst are taken."""
 _SIDE_PX, _QUALITY = 560, 55
+_MOST_KEPT = 60
+"""Photographs kept while a log is read: of longer drives the few that the report shows are read again."""
 
 
 def photographs(
@@ -65,6 +69,16 @@ def photographs(
             if frame is not None:
                 found[s.label] = small_jpeg(frame[1])
     return found
+
+
+def keeping(photos: dict[int, bytes]) -> Pictures:
+    """Return what keeps small photographs of stops while a log is read, by the time (ns) at which each stop began."""
+
+    def keep(t_ns: int, frame: DeepGrey) -> None:
+        if len(photos) < _MOST_KEPT:
+            photos[t_ns] = small_jpeg(eight_bits(frame))
+
+    return keep
 
 
 def small_jpeg(image: Grey) -> bytes:

@@ -2,10 +2,9 @@
 
 from collections.abc import Callable, Collection
 from dataclasses import replace
-from functools import partial
 
 from boxcal.calib.errors import CalibError
-from boxcal.calib.exports.photographs import small_jpeg
+from boxcal.calib.exports.photographs import keeping
 from boxcal.calib.likelihood.finding import Finding
 from boxcal.calib.one_robot.cameras_read import ReadCameras, job_of, read_cameras
 from boxcal.calib.one_robot.cameras_solved import SolvedCamera, solve_all
@@ -16,11 +15,6 @@ from boxcal.calib.report.robot import FLEET_PAGE
 from boxcal.calib.results.calibration import Calibration
 from boxcal.calib.results.verdict import Level, Reason
 from boxcal.calib.settings import CORRESPONDENCES, Job, listed
-from boxcal.detect.extract import Pictures
-from boxcal.detect.image.bit_depth import DeepGrey, eight_bits
-
-_MOST_PHOTOGRAPHS = 60
-"""Photographs of each drive kept while a log is read."""
 
 Tell = Callable[[str, str, float], None]
 """Told a stage, what goes on in it, and what share of all is done."""
@@ -53,7 +47,11 @@ def calibrate_cameras_of(job: Job, tell: Tell, read_share: float, solved_share: 
         )
     before = [file_state(log) for log in job.logs]
     shown = job.out is not None and job.settings.report
-    given = read_cameras(job, lambda text, share: tell("read", text, read_share * share), partial(_keeping, shown))
+    given = read_cameras(
+        job,
+        lambda text, share: tell("read", text, read_share * share),
+        (lambda photos: keeping(photos) if shown else None),
+    )
     for log, state in zip(job.logs, before, strict=True):
         if file_state(log) != state:
             raise CalibError("changed while it was read", source=log.name, remedy="close its recorder and try again")
@@ -137,13 +135,3 @@ def write_all(job: Job, solved: list[SolvedCamera]) -> None:
             settings = replace(own.settings, rerun=None, results_mcap=None, camera_frame=None)
             own = replace(own, robot=camera.read.name, out=job.out / job.robot, settings=settings)
             write(own, camera.calibration, camera.look.drives, photos, fleet=f"../{FLEET_PAGE}")
-
-
-def _keeping(shown: bool, photos: dict[int, bytes]) -> Pictures | None:
-    """Return what keeps small photographs of stops, None if none are shown."""
-
-    def keep(t_ns: int, frame: DeepGrey) -> None:
-        if len(photos) < _MOST_PHOTOGRAPHS:
-            photos[t_ns] = small_jpeg(eight_bits(frame))
-
-    return keep if shown else None
