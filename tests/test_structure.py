@@ -114,3 +114,11 @@ def test_first_lines_of_docstrings_say_what_a_thing_is() -> None:
                 where = f"{name}, {getattr(node, 'name', 'module')}: {first}"
                 assert not re.match(r"(How|Where|What|Which|When|Why|Of|If)\b", first), where
                 assert isinstance(node, ast.FunctionDef) or not first.startswith("Whether "), where
+
+
+def test_decisions_are_numbered_once_each_and_stand_in_sections() -> None:
+    """Others refer to decisions by their numbers, which nobody else must give anew."""
+    page = (ROOT / "docs" / "decisions.md").read_text()
+    numbers = [int(n) for n in re.findall(r"^\*\*(\d+)\. ", page, flags=re.MULTILINE)]
+    assert sorted(numbers) == list(range(1, len(numbers) + 1))
+    assert not re.findall(r"^\d+\. .*", page, flags=re.MULTILINE)
