@@ -88,9 +88,16 @@ def _sent_anew_where_dropped(number: signal.Signals, raised: type[BaseException]
         if not isinstance(what.exc_value, raised):
             before(what)
             return
-        sent.append(threading.Timer(_MOMENT_S, signal.raise_signal, [number]))
-        sent[-1].daemon = True
-        sent[-1].start()
+        while True:  # a signal that was sent before may come here, where it would be dropped like the others
+            timer = threading.Timer(_MOMENT_S, signal.raise_signal, [number])
+            timer.daemon = True
+            try:
+                timer.start()
+                sent.append(timer)
+            except raised:
+                timer.cancel()
+            else:
+                return
 
     sys.unraisablehook = dropped
     try:

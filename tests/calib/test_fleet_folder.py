@@ -10,6 +10,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, suppress
@@ -305,6 +306,28 @@ def test_a_signal_in_a_call_back_is_raised_again_when_it_has_returned(
             time.sleep(0.01)
     assert presses == 3
     assert time.monotonic() - begun < 2
+    assert not capsys.readouterr().err
+
+
+def test_a_signal_that_comes_while_a_dropped_one_is_sent_again_is_not_lost(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    start, starts = threading.Timer.start, 0
+
+    def slow_start(timer: threading.Timer) -> None:
+        nonlocal starts
+        starts += 1
+        if starts <= 2:
+            signal.raise_signal(signal.SIGTERM)
+        start(timer)
+
+    monkeypatch.setattr(threading.Timer, "start", slow_start)
+    begun = time.monotonic()
+    with pytest.raises(SystemExit), ended_by_sigterm():  # noqa: PT012
+        ctypes.CFUNCTYPE(None)(lambda: signal.raise_signal(signal.SIGTERM))()
+        while time.monotonic() < begun + 5:
+            time.sleep(0.01)
+    assert starts == 3
     assert not capsys.readouterr().err
 
 
