@@ -43,6 +43,8 @@ def sound(fit: Fit, drive: Correspondences, frames: Ids, noise: FrameNoise) -> t
         if found is None:
             return None, left_out
         there = found.joint.woven
+        if len(there.moving) < FEWEST:  # the offset puts the others into stands
+            return None, left_out
         odd = _odd(fit, found)
         if odd is None:
             return found, left_out
