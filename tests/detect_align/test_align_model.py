@@ -99,7 +99,7 @@ def test_a_first_step_with_few_pixels_leads_to_the_same_corners(response):
             frame, PATTERNS, rows, rough.corners_px, stop_px=0.06, thinned=True,
             compute=replace(compute, iterate=counting), **arguments
         )  # fmt: skip
-        assert np.all(counted[0][0] >= LEAST_THINNED)
+        assert np.median(counted[0][0]) >= LEAST_THINNED
         assert counted[0][1].thinned
         assert np.all(np.linalg.norm(few.corners_px - whole.corners_px, axis=2) < 0.25 * sigma)
         np.testing.assert_allclose(np.sqrt(np.trace(few.cov_px2, axis1=2, axis2=3)), sigma, rtol=0.02)
