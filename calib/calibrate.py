@@ -11,7 +11,7 @@ from boxcal.calib.exports.photographs import keeping
 from boxcal.calib.likelihood.compiled.compilation import prepare_detector
 from boxcal.calib.one_robot.cameras_read import CameraDrives, ReadCameras, read_cameras
 from boxcal.calib.one_robot.judging import judged
-from boxcal.calib.one_robot.log_identity import file_state, fingerprint_of
+from boxcal.calib.one_robot.log_identity import file_state, fingerprint_of, may_be_read
 from boxcal.calib.one_robot.reading import at_box, read
 from boxcal.calib.one_robot.several_cameras import calibrate_cameras_of, solved_and_judged
 from boxcal.calib.one_robot.solving import solve
@@ -162,7 +162,7 @@ def calibrate_robot(job: Job, progress: Progress | None = None) -> Calibration:
         if progress is not None:
             progress(Stage(robot=job.robot, name=name, text=text, share=share))
 
-    if any(log.suffix != CORRESPONDENCES for log in job.logs):
+    if any(log.suffix != CORRESPONDENCES and may_be_read(log) for log in job.logs):
         prepare_detector(lambda text: tell("compile", text, 0.0))
     if job.settings.several_cameras:
         return calibrate_cameras_of(job, tell, _READ, _SOLVED)

@@ -13,6 +13,7 @@ from boxcal.calib.calibrate import calibrate_robot
 from boxcal.calib.errors import CalibError
 from boxcal.calib.fleet.engine.telling import tell
 from boxcal.calib.likelihood.compiled.compilation import prepare_detector
+from boxcal.calib.one_robot.log_identity import may_be_read
 from boxcal.calib.results.calibration import Calibration
 from boxcal.calib.results.without_drive import without_drive
 from boxcal.calib.settings import Job, Stage, listed
@@ -53,7 +54,8 @@ def attempt(job: Job) -> Attempt:
     error: BoxcalError | None = None
     details = ""
     try:
-        _compile_once()
+        if any(map(may_be_read, job.logs)):
+            _compile_once()
         clear_results(job)
         calibration = without_drive(calibrate_robot(job, tell))
     except MemoryError:

@@ -8,6 +8,7 @@ from boxcal.calib.fleet.attempt import Attempt, attempt, attempt_elsewhere, clea
 from boxcal.calib.fleet.engine.calls import Call, Done, Engine
 from boxcal.calib.fleet.engine.chosen import local_engine
 from boxcal.calib.likelihood.compiled.compilation import prepare_detector
+from boxcal.calib.one_robot.log_identity import may_be_read
 from boxcal.calib.one_robot.writing import put_files
 from boxcal.calib.results.without_drive import without_drive
 from boxcal.calib.settings import Job, Outcome, Progress, listed
@@ -39,7 +40,8 @@ def calibrate_fleet(
     """
     if not jobs:
         return
-    prepare_detector(partial(_tell_compiling, progress))  # before there are processes that would all wait for it
+    if any(may_be_read(log) for job in jobs for log in job.logs):  # before there are processes that would all wait
+        prepare_detector(partial(_tell_compiling, progress))
     if engine is None:
         with local_engine(len(jobs), workers=workers) as own:
             yield from _outcomes(jobs, own, progress)

@@ -1,5 +1,6 @@
 """Identity of logs: what tells one from any other, found without reading it as a drive."""
 
+import os
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -31,6 +32,11 @@ def log_identity(log: Path) -> str:
     if log.is_dir():
         return joined_sha256([file_sha256(part) for part in folder_parts(log)[0]])
     return file_sha256(log)
+
+
+def may_be_read(log: Path) -> bool:
+    """Whether a log is behind a URL, or there: else nothing need be made ready for it."""
+    return is_url(log) or os.path.exists(log)  # noqa: PTH110  false, where pathlib raises, for names too long for the system
 
 
 def fingerprint_of(job: Job, drives: Sequence[Correspondences]) -> str:

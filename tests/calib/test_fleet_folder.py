@@ -268,6 +268,16 @@ def test_ctrl_c_while_code_compiles_ends_both_processes_in_one_line(logs: Path, 
     assert not list(cache.rglob("complete"))
 
 
+def test_nothing_is_compiled_for_logs_that_are_not_there(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+    words = [sys.executable, "-m", "boxcal.calib.cli", str(tmp_path / "gone.mcap"), "--out", str(tmp_path / "out")]
+    assert subprocess.run(words, env=environment, check=False, timeout=100).returncode == 1
+    said = capfd.readouterr()
+    assert "no such file" in said.err + said.out
+    assert "compiling" not in said.err + said.out
+    assert not (tmp_path / "cache").exists()
+
+
 def test_ctrl_c_that_a_call_back_swallows_is_not_lost() -> None:
     with interrupts_remembered() as again:
         with suppress(KeyboardInterrupt):
