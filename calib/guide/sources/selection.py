@@ -72,8 +72,8 @@ def select(channels: Iterable[Channel], topics: Topics) -> Selection:
         kinds = {topic: kind for topic, (_, kind) in uses.items()}
         camera = choose_camera("", dict.fromkeys(pictures, 1), kinds, topics.camera_topic)
     except DetectError as error:
-        here = ", or choose it on the page" if len(choice) > 1 else ""
-        problems.append(str(error).removeprefix(": ") + here)
+        said = str(error).removeprefix(": ")
+        problems.append(f"{said}; or choose one on the page" if len(choice) > 1 else said)
     if not wheels:
         problems.append(
             f"no topic of wheels among {len(uses)} (joint states, ticks or odometry are needed); name a wheel with "
