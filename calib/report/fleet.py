@@ -18,13 +18,10 @@ from boxcal.calib.report.fleet_tables import (
     robot_row,
     steps,
 )
-from boxcal.calib.report.page import page, readable_time
+from boxcal.calib.report.page import ROWS, page, readable_time
 from boxcal.calib.results.calibration import Calibration
 from boxcal.calib.results.verdict import Level
 from boxcal.target.errors import BoxcalError
-
-ROWS = 50
-"""Robots that the table shows at once; buttons turn its pages, sorting and filtering look at all."""
 
 
 def fleet_report(

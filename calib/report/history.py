@@ -14,11 +14,10 @@ from boxcal.calib.console.history import drift_text, due_text, event_text, pendi
 from boxcal.calib.history.channels import CHANNELS, KEYS
 from boxcal.calib.history.fleet_history import FleetHistory, RobotHistory
 from boxcal.calib.report.fleet_tables import REPORT
-from boxcal.calib.report.page import page
+from boxcal.calib.report.page import ROWS, page
 from boxcal.version import installed_version
 
 PAGE = "history.html"
-ROWS = 50
 _SHOWN = ("rL", "rR", "b", "ry", "rx", "rz", "tx", "ty", "tz", "f", "cu", "cv")
 _LONGEST = 150
 

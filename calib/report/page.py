@@ -11,6 +11,8 @@ from typing import Any
 
 from boxcal.calib.errors import CalibError
 
+ROWS = 30
+"""Rows that a long table shows at once; buttons turn its pages, sorting and filtering look at all."""
 _ESCAPED = str.maketrans({"<": "\\u003c", ">": "\\u003e", "&": "\\u0026"})
 
 

@@ -12,8 +12,9 @@ from browser import Browser
 
 from boxcal.calib.history.channels import KEYS
 from boxcal.calib.history.fleet_history import fleet_history
-from boxcal.calib.report.fleet import ROWS, fleet_report
+from boxcal.calib.report.fleet import fleet_report
 from boxcal.calib.report.history import _panels, history_pages
+from boxcal.calib.report.page import ROWS
 from boxcal.calib.results.calibration import Calibration
 from boxcal.calib.simulate.years import Years, simulated_years
 

@@ -1,5 +1,5 @@
-// A table of many rows: sorted and filtered as arrays, shown a page at a time. The page comes with its first rows.
-function pagedTable({ table, rows, order, columns, keep, says, noun, size = 50, changed }) {
+// A table of many rows: sorted and filtered as arrays, shown a page at a time. The page comes with its first rows, and shows so many at once.
+function pagedTable({ table, rows, order, columns, keep, says, noun, size = table.tBodies[0].rows.length, changed }) {
   const body = table.tBodies[0], heads = [...table.tHead.rows[0].cells], labels = heads.map((h) => h.textContent.trim());
   const pager = table.closest(".paged, section").querySelector(".pager");
   const collator = new Intl.Collator(undefined, { numeric: true });
