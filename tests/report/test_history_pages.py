@@ -65,7 +65,7 @@ def test_history_links_sorts_and_filters(browser: Browser, history: Path) -> Non
       return [...document.querySelectorAll("#history-table tbody tr")].map((r) => r.cells[%d].dataset.value); })()"""
     first = browser.evaluate(column % (3, 3))
     assert [float(v) for v in first] == sorted(float(v) for v in first)
-    assert len(first) == 50
+    assert len(first) == ROWS
     browser.evaluate("document.getElementById('filter-changed').click()")
     shown = browser.evaluate("[...document.querySelectorAll('#history-table tbody th')].map((c) => c.textContent)")
     assert set(shown) >= {"r0003", "<b>r</b>/..", "r0008"}
