@@ -177,8 +177,10 @@ def test_following_the_page_alone_leads_to_a_good_calibration(
     assert not [note for note in live["notes"] if "not from the recording" in note], (
         tmp_path / "guide.log"
     ).read_text()
-    for name, value in later["wheels"].items():  # the recording went on: what it was judged by may differ
-        assert live["wheels"][name] == pytest.approx(value, abs=0.5 * later["sigma"].get(name, value * 1e-4)), (
+    # The recording went on, so that other frames on the move may be chosen of it: two estimates from samples that
+    # overlap, which differ by less than two of independent ones would.
+    for name, value in later["wheels"].items():
+        assert live["wheels"][name] == pytest.approx(value, abs=2.8 * later["sigma"].get(name, value * 1e-4)), (
             live["notes"],
             later["notes"],
         )
