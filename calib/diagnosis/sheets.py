@@ -196,14 +196,14 @@ def _planar_poses(p: Array, uv_px: Array, K: Array) -> list[Array]:
 
 
 def _cost_as_described(pair: tuple[int, int], seen: list[list[Array]], target: Target) -> float:
-    """Return the misfit, deg, summed over views, of a pair of sheets that are where they should be."""
+    """Return the angular residual, deg, summed over views, of a pair of sheets that are where they should be."""
     first, second = (_pose(target, face, 0) for face in pair)
     T = inverse(first) @ second
     return sum(float(np.min(_difference(np.array(views), T))) for views in seen)
 
 
 def _costs(seen: list[list[Array]], target: Target) -> Array:
-    """Return the misfit, deg, summed over views, for each couple of faces and ways up: (FACES, FACES, 2, 2)."""
+    """Return the angular residual, deg, summed over views, for each pair of faces and ways up: (FACES, FACES, 2, 2)."""
     out = np.full((FACES, FACES, 2, 2), _CAP_DEG * len(seen))
     poses = np.array([[_pose(target, face, up) for up in (0, 1)] for face in range(FACES)])
     T = inverse(poses)[:, None, :, None] @ poses[None, :, None, :]  # (FACES, FACES, 2, 2, 4, 4)
