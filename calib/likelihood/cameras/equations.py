@@ -118,8 +118,8 @@ def rescaled(found: About, scales: Sequence[float]) -> About:
 
 def _camera(robot: Together, part: Part, state: State, number: int) -> CameraEquations:
     own = corner_residuals(part.problem, state, Columns())
-    if part.rates is not None:
-        own = with_rolling(part.problem, state, own, part.rates, part.height)
+    if part.course is not None:
+        own = with_rolling(part.problem, state, own, part.course, part.height)
     corners = _among_all(robot, part, own, number)
     normal, local, squares = corner_equations(robot.problem, corners, part.corners)
     return CameraEquations(corners=corners, normal=normal, local=local, squares=squares)

@@ -36,8 +36,9 @@ class Part:
         Where its stops stand among all.
     columns : (n_c,)
         Where its problem's shared unknowns stand among all.
-    rates : (P_c, 2), rad/s, optional
-        How fast the wheels turn at its stops and frames on the move; None where it has no such frames.
+    course : (P_c, 3, 2), optional
+        How the wheels turn at its stops and frames on the move (:mod:`boxcal.calib.likelihood.moving.course`); None
+        where it has no such frames.
     height : px
         Of its images.
     readout
@@ -48,7 +49,7 @@ class Part:
     corners: Array
     places: Ids
     columns: Ids
-    rates: Array | None = None
+    course: Array | None = None
     height: int = 0
     readout: int = -1
 

@@ -53,7 +53,7 @@ class RobotState:
             lens=own.lens,
             T_body_cam=own.T_body_cam,
             common_growth=own.common_growth,
-            explained=np.zeros(0) if part.rates is None else body.explained[[part.readout]],
+            explained=np.zeros(0) if part.course is None else body.explained[[part.readout]],
             poses=body.poses[rows],
             lean=body.lean[rows],
             growth=own.growth[rows],

@@ -80,7 +80,7 @@ def _with_frames(found: Estimate, fit: Fit, drives: Sequence[Correspondences], m
     cov = joint_covariance(fit, settled)
     rolls = rolling(settled, cov)
     if rolls and moving is Moving.AUTO:
-        return f"{rolls}, over which the robot's speed is taken as constant (--moving on uses them all the same)"
+        return f"{rolls}, too long for the robot's course to be told over it (--moving on uses them all the same)"
     among = leave_out(fit, settled)
     cov = among.enlarged(cov)
     if moving is Moving.AUTO and _less_sure(fit, settled, among, cov):

@@ -6,10 +6,11 @@ import numpy as np
 
 from boxcal.calib.geometry.so3_se3 import exp_so3
 from boxcal.calib.likelihood.explanation import Columns
+from boxcal.calib.likelihood.moving.course import rates_after, turned
 from boxcal.calib.likelihood.problem import Problem
 from boxcal.calib.likelihood.residuals import Corners
-from boxcal.calib.likelihood.state import State, camera_motions
-from boxcal.target.arrays import Array
+from boxcal.calib.likelihood.state import CameraMotions, State, camera_motions
+from boxcal.target.arrays import Array, Ids
 from boxcal.target.camera.camera_model import project_with_jacobians
 
 ROLLING = "camera_readout"
@@ -38,28 +39,31 @@ class Readout:
         return Columns()
 
 
-def with_rolling(problem: Problem, state: State, corners: Corners, rates: Array, height: int) -> Corners:
+def with_rolling(problem: Problem, state: State, corners: Corners, course: Array, height: int) -> Corners:
     """Return the corners with the readout time, which is the last of the shared unknowns.
 
-    The middle row is seen at the frame's time, rows above it earlier, the robot rolling on as it does then.
+    The middle row is seen at the frame's time, rows above it earlier, the robot rolling on as its wheels tell.
 
     Parameters
     ----------
     problem, state, corners
         The corners about a state, all rows seen at once.
-    rates : (P, 2), rad/s
-        How fast the wheels turn; 0 at stops.
+    course : (P, 3, 2)
+        How the wheels turn at each stop and frame: see :mod:`boxcal.calib.likelihood.moving.course`; 0 at stops.
     height : px
         Of the images.
     """
-    twist = _twists(problem, state, rates)[problem.corner_stop]
+    motions, stop = camera_motions(problem, state), problem.corner_stop
+    by_body = motions.J_pose @ _to_floor(state)
     n = len(state.lens)
     row = problem.uv_px[:, 1] / height - 0.5
+    since = float(state.explained[-1]) * row
+    twist = _twists(state, by_body, stop, rates_after(course[stop], since))
     column = (corners.jacobian[:, :, n : n + 6] @ twist[:, :, None])[:, :, 0] * row[:, None]
-    readout_s = float(state.explained[-1])
-    moved = readout_s * column
-    if abs(readout_s) > _SHORT_S:
-        moved = (problem.whiten @ _moved(problem, state, twist * (readout_s * row)[:, None])[:, :, None])[:, :, 0]
+    moved = since[:, None] * (corners.jacobian[:, :, n : n + 6] @ twist[:, :, None])[:, :, 0]
+    if abs(float(state.explained[-1])) > _SHORT_S:
+        way = _twists(state, by_body, stop, turned(course[stop], since))
+        moved = (problem.whiten @ _moved(problem, state, motions, way)[:, :, None])[:, :, 0]
     G, m, n_shared = corners.J_shared.shape
     J_shared = np.zeros((G, m + 1, n_shared))
     J_shared[:, :m], J_shared[:, m, -1] = corners.J_shared, 1.0
@@ -74,18 +78,24 @@ def with_rolling(problem: Problem, state: State, corners: Corners, rates: Array,
     )
 
 
-def _twists(problem: Problem, state: State, rates: Array) -> Array:
-    """Return the motions of the camera in a second as right perturbations of ``T_box_cam``, (P, 6)."""
-    rR, rL, b = state.wheels
-    v, w = (rates @ np.array([rR, rL])) / 2, (rates @ np.array([rR, -rL])) / b
+def _to_floor(state: State) -> Array:
+    """Return what turns motions ahead and turns of the robot into motions of its pose on the floor, (P, 3, 2)."""
     theta = state.poses[:, 2]
-    velocity = np.stack([v * np.cos(theta), v * np.sin(theta), w], axis=1)
-    return np.asarray((camera_motions(problem, state).J_pose @ velocity[:, :, None])[:, :, 0])
+    out = np.zeros((len(theta), 3, 2))
+    out[:, 0, 0], out[:, 1, 0], out[:, 2, 1] = np.cos(theta), np.sin(theta), 1.0
+    return out
 
 
-def _moved(problem: Problem, state: State, motion: Array) -> Array:
+def _twists(state: State, by_body: Array, stop: Ids, wheels: Array) -> Array:
+    """Return the camera's motions, (L, 6), as right perturbations of ``T_box_cam``, for turns of the wheels (L, 2)."""
+    rR, rL, b = state.wheels
+    way = np.stack([(wheels @ np.array([rR, rL])) / 2, (wheels @ np.array([rR, -rL])) / b], axis=1)
+    return np.asarray((by_body[stop] @ way[:, :, None])[:, :, 0])
+
+
+def _moved(problem: Problem, state: State, motions: CameraMotions, motion: Array) -> Array:
     """Return how far corners move, (L, 2) px, if the camera moves otherwise for each, (L, 6)."""
-    motions, stop = camera_motions(problem, state), problem.corner_stop
+    stop = problem.corner_stop
     R = motions.R_box_cam[stop]
     p_box, _ = problem.target.landmarks(state.shape)
     p = (np.swapaxes(R, 1, 2) @ (p_box - motions.p_box_cam[stop])[:, :, None])[:, :, 0]

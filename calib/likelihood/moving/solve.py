@@ -185,7 +185,7 @@ def _linearized(problem: Problem, state: State, weights: Weights, woven: Woven, 
     """Return the likelihood about a state, rows of moving frames read one after the other."""
     columns: Columns = explained_columns(problem, state)
     corners = corner_residuals(problem, state, columns)
-    corners = with_rolling(problem, state, corners, woven.rates, height)
+    corners = with_rolling(problem, state, corners, woven.course, height)
     legs = leg_residuals(problem, state, columns)
     normal, local, squares = corner_equations(problem, corners, weights.corners)
     return Linearization(

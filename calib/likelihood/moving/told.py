@@ -65,7 +65,7 @@ def merged(  # noqa: PLR0917 - two solutions and what is doubtful of the second
 
 
 def rolling(settled: Settled, cov: Array) -> str:
-    """Return how long a rolling shutter takes to read a frame, if so long that the model of it is too rough."""
+    """Return how long a rolling shutter takes to read a frame, if longer than the course around a frame is told for."""
     state, problem = settled.joint.state, settled.joint.problem
     readout = float(state.explained[-1])
     sigma = float(np.sqrt(reported_cov(cov, state, np.zeros(len(problem.names), dtype=np.bool_))[-1, -1]))
@@ -104,9 +104,8 @@ SAID_JITTER_S, SAID_READOUT_S, SAID_SIGMAS = 2e-3, 1e-3, 4.0
 """From what on jitter and a rolling shutter are said: s, s, and standard deviations."""
 
 
-ROUGH_READOUT_S = 5e-3
-"""A longer readout, s, is not taken for granted: with 20 ms the largest error was 4.5 of its standard deviations where
-the stops alone gave 3.2 (``benchmarks/moving.py``)."""
+ROUGH_READOUT_S = 5e-2
+"""A longer readout, s, is not taken for granted: the robot's course is told for about as long around a frame."""
 
 
 def _drive(found: DriveEstimate, settled: Settled, cov: Array) -> DriveEstimate:

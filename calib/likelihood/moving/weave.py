@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from boxcal.calib.likelihood.moving.course import ORDERS, wheel_course
 from boxcal.detect.correspondences import Correspondences, StopObservation
 from boxcal.target.arrays import Array, Ids, Mask
 
@@ -15,7 +16,6 @@ _LEAST_RATE = 0.05
 """Wheel rate (rad/s) below which a frame tells nothing of the clocks, and may belong to a stand."""
 APART_S = 0.005
 """Frames nearer in time than this to a stop or to each other are not used: hardly anything rolls between."""
-_RATE_SAMPLES = 2
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -28,16 +28,21 @@ class Woven:
         Stops and frames, in order of time.
     frame : (P,)
         Number of the moving frame at each place of that row; -1 for a stop.
-    rates : (P, 2), rad/s
-        How fast the right and the left wheel turn there; 0 at stops.
+    course : (P, 3, 2)
+        How the right and the left wheel turn there, see :mod:`boxcal.calib.likelihood.moving.course`; 0 at stops.
     bend : (P, 2), rad
         By how much readings may be wrong for being interpolated; 0 at stops.
     """
 
     drive: Correspondences
     frame: Ids
-    rates: Array
+    course: Array
     bend: Array
+
+    @property
+    def rates(self) -> Array:
+        """How fast the right and the left wheel turn at each place, (P, 2), rad/s; 0 at stops."""
+        return self.course[:, 0]
 
     @property
     def moving(self) -> Ids:
@@ -70,12 +75,11 @@ def weave(drive: Correspondences, kept: Ids, frames: Ids, late_s: float) -> Wove
     usable = _between_stops(drive, kept, at, t0) if len(kept) else (at > t[0]) & (at < t[-1])
     after = np.clip(np.searchsorted(t, at), 1, len(t) - 1)
     phi = np.stack([wheels.phi_R, wheels.phi_L], axis=1)
-    low, high = np.maximum(after - _RATE_SAMPLES, 0), np.minimum(after + _RATE_SAMPLES - 1, len(t) - 1)
-    rates = (phi[high] - phi[low]) / np.maximum(t[high] - t[low], 1e-9)[:, None]
-    usable &= ((np.abs(rates).max(axis=1) > _LEAST_RATE) | (len(kept) == 0)) & wheels.covered[after]
+    course = wheel_course(wheels, t0 + np.rint(at * 1e9).astype(np.int64), after)
+    usable &= ((np.abs(course[:, 0]).max(axis=1) > _LEAST_RATE) | (len(kept) == 0)) & wheels.covered[after]
     usable &= np.diff(at, prepend=-np.inf) > APART_S
     rows = np.flatnonzero(usable)
-    at, after, rates = at[rows], after[rows], rates[rows]
+    at, after, course = at[rows], after[rows], course[rows]
     share = ((at - t[after - 1]) / (t[after] - t[after - 1]))[:, None]
     between = phi[after - 1] + share * (phi[after] - phi[after - 1])
     around = phi[np.minimum(after + 1, len(t) - 1)] - phi[after] - phi[after - 1] + phi[np.maximum(after - 2, 0)]
@@ -93,12 +97,12 @@ def weave(drive: Correspondences, kept: Ids, frames: Ids, late_s: float) -> Wove
     sample = after + np.arange(len(after))
     seen = [_as_stop(drive, int(frames[row]), int(sample[k]), between[k], int(stamps[k])) for k, row in enumerate(rows)]
     order = np.argsort([s.first_sample for s in (*stops, *seen)], kind="stable")
-    nothing = np.zeros((len(stops), 2))
+    nothing = np.zeros((len(stops), ORDERS, 2))
     return Woven(
         drive=replace(drive, wheels=more, stops=tuple((*stops, *seen)[k] for k in order), moving=()),
         frame=np.concatenate([np.full(len(stops), -1), np.asarray(frames)[rows]]).astype(np.int64)[order],
-        rates=np.concatenate([nothing, rates])[order],
-        bend=np.concatenate([nothing, bend])[order],
+        course=np.concatenate([nothing, course])[order],
+        bend=np.concatenate([nothing[:, 0], bend])[order],
     )
 
 

@@ -61,7 +61,7 @@ def from_frames_alone(found: Estimate, fit: Fit, drive: Correspondences) -> Esti
     cov = joint_covariance(fit, settled)
     rolls = rolling(settled, cov)
     if rolls:
-        raise _refused(f"{rolls}, over which the robot's speed is taken as constant")
+        raise _refused(f"{rolls}, too long for the robot's course to be told over it")
     among = leave_out(fit, settled)
     return merged(found, fit, settled, among.enlarged(cov), (odd, among), drive.source.clock_offset)
 

@@ -242,7 +242,7 @@ def _maximised(stops: RobotFit, row: Correspondences, cameras: Sequence[Seen], j
 
 def _solved(joint: AllMoving, slip: Array, jitter_s: Array) -> Solutions:
     """Return the solutions about the state at levels of slip and jitter, (K,) each."""
-    woven = replace(joint.row.woven, rates=joint.row.woven.rates * joint.jitter[:, None])
+    woven = replace(joint.row.woven, course=joint.row.woven.course * joint.jitter[:, None, None])
     weights = Weights(corners=np.zeros(0), legs=joint.legs)
     problem = joint.row.robot.problem
     return solved_at(system(problem, woven, joint.here.at, joint.levels, weights, joint.sigma, slip, jitter_s))

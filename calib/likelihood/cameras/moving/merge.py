@@ -175,7 +175,7 @@ def _estimate(  # noqa: PLR0917 - one camera of two solutions
         drives=(_drive(own.drives[0], number, stops, settled, found.cov_all), *own.drives[1:]),
         noise=replace(own.noise, slip=mean, slip_sigma=float(np.sqrt(w @ (slip - mean) ** 2))),
     )
-    if part.rates is None:
+    if part.course is None:
         return found
     all_names = list(robot.problem.names)
     at = [all_names.index(own_name(name, number + 1)) for name in (LATE, ROLLING)]

@@ -102,7 +102,7 @@ def moving_row(stops: RobotFit, row: Correspondences, cameras: Sequence[Seen], l
     causes = (*stops.robot.problem.explanations, *clocks)
     robot = together(problems, corners, Row(drives=(woven.drive,), places=places), cameras[0].fit.options, causes)
     parts = [
-        part if seen.settled is None else _rolling(robot, part, own, woven.rates, c, seen.drive.image_size[1])
+        part if seen.settled is None else _rolling(robot, part, own, woven.course, c, seen.drive.image_size[1])
         for c, (part, own, seen) in enumerate(zip(robot.parts, problems, cameras, strict=True), 1)
     ]
     of_camera = np.cumsum(woven.frame < 0) - 1
@@ -170,7 +170,7 @@ def _frame_weights(seen: Seen, number: int) -> Array:
 
 
 def _rolling(  # noqa: PLR0917 - a camera's data and what its readout time acts by
-    robot: Together, part: Part, own: Problem, rates: Array, number: int, height: int
+    robot: Together, part: Part, own: Problem, course: Array, number: int, height: int
 ) -> Part:
     """Return a camera's data with its readout time among its unknowns."""
     column = robot.problem.names.index(named(ROLLING, number))
@@ -178,7 +178,7 @@ def _rolling(  # noqa: PLR0917 - a camera's data and what its readout time acts 
         part,
         problem=own,
         columns=np.append(part.columns, column),
-        rates=rates[part.places],
+        course=course[part.places],
         height=height,
         readout=column - int(robot.problem.explained.start),
     )
