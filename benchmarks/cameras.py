@@ -33,7 +33,7 @@ from boxcal.calib.likelihood.cameras.moving.row import Seen
 from boxcal.calib.likelihood.estimate import Estimate
 from boxcal.calib.likelihood.estimator import fit, reported
 from boxcal.calib.likelihood.fit import Fit
-from boxcal.calib.likelihood.moving.clock import LATE
+from boxcal.calib.likelihood.moving.clock import LATE, one_time
 from boxcal.calib.likelihood.moving.levels import Settled
 from boxcal.calib.likelihood.moving.noise import FrameNoise
 from boxcal.calib.likelihood.moving.solve import joined, solved
@@ -321,7 +321,8 @@ def _bound_with_frames(stops: Cameras, fits: Sequence[Fit], views: Sequence[Corr
     noise = FrameNoise(slip=SLIP, jitter_s=JITTER_S, sway=0.03, scale=1.0)
     seen = []
     for f, view, late_s in zip(fits, views, LATE_S, strict=True):
-        joint = joined(f, view, np.arange(len(view.moving)), late_s, noise)
+        clocks = one_time(1).plus(np.array([late_s]), np.zeros(1))
+        joint = joined(f, [view], np.arange(len(view.moving)), clocks, noise)
         at = solved(f, joint, noise, np.array([SLIP]), np.array([JITTER_S]))
         seen.append(Seen(fit=f, drive=view, settled=Settled(joint=joint, noise=noise, levels=at, weight=np.ones(1))))
     cov, joint_of_all = covariance_at(stops.fit, stops.drives[0], seen, SLIP)

@@ -33,6 +33,7 @@ from boxcal.calib.errors import CalibError
 from boxcal.calib.likelihood import Estimate, EstimateOptions
 from boxcal.calib.likelihood.estimator import fit, reported
 from boxcal.calib.likelihood.fit import Fit
+from boxcal.calib.likelihood.moving.clock import one_time
 from boxcal.calib.likelihood.moving.merge import Moving, with_moving_frames
 from boxcal.calib.likelihood.moving.noise import FrameNoise
 from boxcal.calib.likelihood.moving.solve import joined, solved
@@ -135,7 +136,8 @@ def sigmas(found: Estimate) -> Array:
 def bound(found: Fit, seen: Correspondences, slip: float, late_s: float) -> Array:
     """Return the Cramer-Rao bound of ``NAMES`` with all frames for known noise levels, (4,), m."""
     noise = FrameNoise(slip=slip, jitter_s=1e-6, sway=0.03, scale=1.0)
-    joint = joined(found, seen, np.arange(len(seen.moving)), late_s, noise)
+    clocks = one_time(1).plus(np.array([late_s]), np.zeros(1))
+    joint = joined(found, [seen], np.arange(len(seen.moving)), clocks, noise)
     cov = solved(found, joint, noise, np.array([slip]), np.array([1e-6])).solution.cov[0]
     R = joint.state.T_body_cam[:3, :3]
     place = R @ cov[11:14, 11:14] @ R.T

@@ -86,14 +86,14 @@ def _frames_for_stops(drive: Correspondences) -> Correspondences:
     rows = np.unique(np.linspace(0, len(frames) - 1, min(len(frames), _MOST_FRAMES)).round().astype(int))
     alone = replace(drive, stops=(), moving=tuple(frames[k] for k in rows))
     late_s = _clock_offset(alone)
-    woven = weave(alone, np.zeros(0, dtype=np.int64), np.arange(len(rows)), late_s).drive
+    woven = weave(alone, np.zeros(0, dtype=np.int64), np.arange(len(rows)), late_s).drives[0]
     source = replace(drive.source, clock_offset=drive.source.clock_offset + late_s)
     return replace(woven, on_the_move=True, source=source)
 
 
 def _clock_offset(drive: Correspondences) -> float:
     """Return the stamps of frames less the times at which they were taken, s, by turns seen and rolled."""
-    stops = weave(drive, np.zeros(0, dtype=np.int64), np.arange(len(drive.moving)), 0.0).drive.stops
+    stops = weave(drive, np.zeros(0, dtype=np.int64), np.arange(len(drive.moving)), 0.0).drives[0].stops
     camera = calibrate_camera(stops, drive.image_size)
     theta = find_axis(camera.T_cam_box).theta
     i, j = np.triu_indices(len(theta), 1)

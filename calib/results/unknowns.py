@@ -16,7 +16,7 @@ class Unknown:
     unit
         That people read it in; empty for a pure number.
     scale
-        Of that unit in one of calibration.json's (m, rad, 1).
+        Of that unit in one of calibration.json's (m, rad, s, 1).
     """
 
     words: str
@@ -42,6 +42,9 @@ _PATTERNS: tuple[tuple[str, str, tuple[str, float]], ...] = (
     (r"ink", "dot gain of the print: edges of the black outward", _MM),
     (r"growth", "edges of the tags' black outward in the picture", ("px", 1.0)),
     (r"bow(\d)", "face {0} bowed outward", _MM),
+    (r"camera_late(?:_(\d+))?", "stamps of the camera less those of the wheels{drive}", ("ms", 1e3)),
+    (r"camera_clock_rate(?:_(\d+))?", "rate of the camera's clock against the wheels'{drive}", ("ppm", 1e6)),
+    (r"camera_readout", "time from the first row to the last of the shutter", ("ms", 1e3)),
     (r"k\d|p\d", "distortion coefficient {name}", ("", 1.0)),
 )
 
@@ -55,6 +58,7 @@ def describe(name: str) -> Unknown:
     for pattern, words, (unit, scale) in _PATTERNS:
         found = re.fullmatch(pattern, name)
         if found:
-            drive = f", drive {found[2]}" if found.re.groups > 1 and found[2] else ""
+            last = found[found.re.groups] if found.re.groups and "{drive}" in words else None
+            drive = f", drive {last}" if last else ""
             return Unknown(words=words.format(*found.groups(), name=name, drive=drive), unit=unit, scale=scale)
     return Unknown(words=name.replace("_", " "), unit="", scale=1.0)

@@ -79,6 +79,8 @@ def _jobs(args: argparse.Namespace) -> "list[Job]":
         compression=args.compression,
         exposure_s=args.exposure_ms * 1e-3,
         late_s=args.clock_offset_ms * 1e-3,
+        clock_rate=args.clock_rate_ppm * 1e-6,
+        clock_jump_s=args.clock_jump_ms * 1e-3,
         jitter_s=args.jitter_ms * 1e-3,
         readout_s=args.rolling_shutter_ms * 1e-3,
         sensor=replace(RecordOptions().sensor, noise=args.noise, psf_px=args.blur),
@@ -169,12 +171,15 @@ def _parser() -> argparse.ArgumentParser:
 def _clock(parser: argparse.ArgumentParser) -> None:
     clock = parser.add_argument_group("clock and shutter of the camera")
     for name, kind, default, meaning in (
-        ("--clock-offset-ms", number(-10_000, 10_000), 0.0, "stamps less the middle of the exposure"),
+        ("--clock-offset-ms", number(-10_000, 10_000), 0.0, "stamps less the middle of the exposure, half way"),
+        ("--clock-rate-ppm", number(-10_000, 10_000), 0.0, "how fast its clock runs against the wheels'"),
+        ("--clock-jump-ms", number(-10_000, 10_000), 0.0, "how much later stamps are from half way on"),
         ("--jitter-ms", number(0, 1000), 0.0, "standard deviation of each stamp's own error"),
         ("--exposure-ms", number(0.01, 1000), 8.0, "how long the shutter is open"),
         ("--rolling-shutter-ms", number(0, 1000), 0.0, "from the first row to the last; 0 sees all rows at once"),
     ):
-        clock.add_argument(name, type=kind, default=default, metavar="MS", help=f"{meaning} (default: {default:g})")
+        unit = name.rpartition("-")[2].upper()
+        clock.add_argument(name, type=kind, default=default, metavar=unit, help=f"{meaning} (default: {default:g})")
 
 
 def _wrong(parser: argparse.ArgumentParser) -> None:

@@ -26,7 +26,11 @@ class ShutterOptions:
     Attributes
     ----------
     late_s : s
-        Stamp less the middle of the exposure, alike for all frames.
+        Stamp less the middle of the exposure, in the middle of the frames.
+    clock_rate : s/s
+        How much later frames are stamped for each second that passes.
+    clock_jump_s : s
+        How much later they are stamped from the middle on.
     jitter_s : s
         Standard deviation of each frame's own error in time.
     exposure_s : s
@@ -40,6 +44,8 @@ class ShutterOptions:
     """
 
     late_s: float = 0.0
+    clock_rate: float = 0.0
+    clock_jump_s: float = 0.0
     jitter_s: float = 0.0
     exposure_s: float = 0.0
     readout_s: float = 0.0
@@ -64,7 +70,9 @@ def moving_frames(
     begun, ended = drive.stop_t_ns[1:, 0], drive.stop_t_ns[:-1, 1]
     t_ns = np.arange(ended[0], begun[-1], round(options.period_s * 1e9))
     t_ns = t_ns[[bool(np.any((t > ended) & (t < begun))) for t in t_ns]]
-    stamps = t_ns + np.rint(1e9 * (options.late_s + options.jitter_s * rng.standard_normal(len(t_ns)))).astype(np.int64)
+    since_s = (t_ns - (t_ns[0] + t_ns[-1]) // 2) / 1e9
+    late_s = options.late_s + options.clock_rate * since_s + options.clock_jump_s * (since_s > 0)
+    stamps = t_ns + np.rint(1e9 * (late_s + options.jitter_s * rng.standard_normal(len(t_ns)))).astype(np.int64)
     order = np.argsort(stamps, kind="stable")
     targets = (target, as_built(target, drive.faults.box))
     frames = [_frame(robot, targets, drive, options, rng, (int(t_ns[k]), int(stamps[k]))) for k in order]

@@ -54,7 +54,11 @@ class RecordOptions:
     exposure_s : s
         How long the shutter is open; pictures taken on the move are blurred by it.
     late_s : s
-        Stamps of the pictures less the middle of their exposure, alike for all.
+        Stamps of the pictures less the middle of their exposure, in the middle of the drive.
+    clock_rate : s/s
+        How much later they are stamped for each second that passes.
+    clock_jump_s : s
+        How much later they are stamped from the middle of the drive on.
     jitter_s : s
         Standard deviation of each stamp's own error.
     readout_s : s
@@ -72,6 +76,8 @@ class RecordOptions:
     compression: str = "zstd"
     exposure_s: float = 0.008
     late_s: float = 0.0
+    clock_rate: float = 0.0
+    clock_jump_s: float = 0.0
     jitter_s: float = 0.0
     readout_s: float = 0.0
     sensor: SensorModel = field(default_factory=lambda: SensorModel(noise=1.5, psf_px=0.6, vignetting=0.2, srgb=True))
@@ -152,10 +158,11 @@ def write_log(
         _JOINTS_LATE_NS + rng.exponential(0.2e6, len(drive.t_ns)),
         _CAMERA_LATE_NS + rng.exponential(2e6, len(frames)),
     )
-    stamps = frames + stamps_late_ns(drive, frames) + _stamp_errors_ns(options, len(frames), rng)
+    view = View(robot=robot, drive=drive, options=options)
+    stamps = frames + stamps_late_ns(drive, frames) + _stamp_errors_ns(view, frames, rng)
     joints_log = drive.t_ns + late[0].astype(np.int64)
     first = _Pictures(
-        view=View(robot=robot, drive=drive, options=options),
+        view=view,
         t_ns=frames,
         stamps=stamps,
         log_ns=frames + late[1].astype(np.int64),
@@ -198,7 +205,7 @@ def _pictures_of(view: View, rng: np.random.Generator) -> _Pictures:
     return _Pictures(
         view=view,
         t_ns=frames,
-        stamps=frames + stamps_late_ns(view.drive, frames) + _stamp_errors_ns(view.options, len(frames), rng),
+        stamps=frames + stamps_late_ns(view.drive, frames) + _stamp_errors_ns(view, frames, rng),
         log_ns=frames + (_CAMERA_LATE_NS + rng.exponential(2e6, len(frames))).astype(np.int64),
         rng=rng,
     )
@@ -211,12 +218,14 @@ def stamps_late_ns(drive: Drive, t_ns: Ids) -> Ids:
     return np.asarray(np.rint(faults.late * 1e9 + faults.drift * since), dtype=np.int64)
 
 
-def _stamp_errors_ns(options: RecordOptions, count: int, rng: np.random.Generator) -> Ids:
-    """Return the errors of stamps, (N,), ns: an offset, and jitter where there is some."""
-    late = np.full(count, options.late_s)
+def _stamp_errors_ns(view: View, t_ns: Ids, rng: np.random.Generator) -> Ids:
+    """Return the errors of stamps, (N,), ns, at times (N,), ns: an offset, a rate, a jump, and jitter where asked."""
+    options, path = view.options, view.drive.path_t_ns
+    since_s = (t_ns - (path[0] + path[-1]) // 2) / 1e9
+    late = options.late_s + options.clock_rate * since_s + options.clock_jump_s * (since_s > 0)
     if options.jitter_s > 0:
-        late += options.jitter_s * rng.standard_normal(count)
-    return np.rint(1e9 * late).astype(np.int64)
+        late = late + options.jitter_s * rng.standard_normal(len(t_ns))
+    return np.asarray(np.rint(1e9 * late), dtype=np.int64)
 
 
 def take_rows(

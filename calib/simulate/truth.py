@@ -54,7 +54,7 @@ def truth_document(
     seconds = (drive.stop_t_ns - driven.t0_ns) / 1e9
     faults = faults_document(drive, note)
     faults["camera_stamp_offset_s"] += recorded.late_s
-    shutter = {name: getattr(recorded, name) for name in ("jitter_s", "readout_s")}
+    shutter = {name: getattr(recorded, name) for name in ("clock_rate", "clock_jump_s", "jitter_s", "readout_s")}
     faults["camera_faults"] |= {name: value for name, value in shutter.items() if value}
     return {
         "conventions": CONVENTIONS,

@@ -238,11 +238,21 @@ def test_a_rolling_shutter_sees_each_row_at_its_own_time() -> None:
 
 def test_stamps_are_late_and_jitter_as_asked(tmp_path: Path) -> None:
     driven = drive()
-    for name, options in (("a", PLAIN), ("b", replace(PLAIN, late_s=0.03)), ("c", replace(PLAIN, jitter_s=0.004))):
+    asked = {
+        "a": PLAIN,
+        "b": replace(PLAIN, late_s=0.03),
+        "c": replace(PLAIN, jitter_s=0.004),
+        "d": replace(PLAIN, clock_rate=1e-3, clock_jump_s=0.2),
+    }
+    for name, options in asked.items():
         write_log(tmp_path / f"{name}.mcap", ROBOT, TARGET, driven, options, rng=np.random.default_rng(2))
-    a, b, c = (
+    a, b, c, d = (
         np.array([row.stamp_ns for row in rows(tmp_path / f"{name}.mcap") if row.kind == "sensor_msgs/msg/Image"])
-        for name in "abc"
+        for name in asked
     )
     np.testing.assert_array_equal(b - a, 30_000_000)
     assert 1e6 < np.std(c - a) < 8e6
+    middle = (driven.path_t_ns[0] + driven.path_t_ns[-1]) // 2
+    late = 1e-3 * (a - middle) + 2e8 * (a > middle)
+    assert 0 < np.sum(a > middle) < len(a)
+    np.testing.assert_allclose(d - a, late, rtol=0, atol=1)

@@ -1,4 +1,4 @@
-"""How the wheels turn around a moment: a cubic through their readings, as rows of a rolling shutter need it."""
+"""Course of the wheels around a moment: a cubic through their readings, as rows of a rolling shutter need it."""
 
 import numpy as np
 

@@ -1,9 +1,12 @@
 """Frames on the move that the others contradict: taken at another time, or not showing what their corners say."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from scipy.special import chdtri
 
 from boxcal.calib.likelihood.fit import Fit
+from boxcal.calib.likelihood.moving.clock import one_time
 from boxcal.calib.likelihood.moving.levels import Settled, settled
 from boxcal.calib.likelihood.moving.noise import FrameNoise
 from boxcal.calib.likelihood.moving.solve import joined
@@ -20,26 +23,32 @@ _MISFIT = 6.0
 """A frame whose corners' mean square is so many times that of the usual frame shows something else."""
 
 
-def sound(fit: Fit, drive: Correspondences, frames: Ids, noise: FrameNoise) -> tuple[Settled | None, int]:
+def enough_frames(drives: Sequence[Correspondences]) -> Ids:
+    """Return the numbers, counted through all drives, of the frames of drives that have enough of them."""
+    counts = np.array([len(drive.moving) for drive in drives])
+    return np.flatnonzero(np.repeat(counts >= FEWEST, counts))
+
+
+def sound(fit: Fit, drives: Sequence[Correspondences], frames: Ids, noise: FrameNoise) -> tuple[Settled | None, int]:
     """Return stops and frames without frames that the others contradict, and how many those are.
 
     None where too few frames are left, or too many contradict each other.
 
     Parameters
     ----------
-    fit, drive
-        Solution of the stops, and their drive.
-    frames : (F,)
-        Frames to use.
+    fit, drives
+        Solution of the stops, and their drives.
+    frames
+        Frames to use, counted through all drives.
     noise
         To begin with.
     """
-    late_s, left_out = 0.0, 0
+    clocks, left_out = one_time(len(drives)), 0
     for _ in range(_ROUNDS):
-        joint = joined(fit, drive, frames, late_s, noise)
+        joint = joined(fit, drives, frames, clocks, noise)
         if len(joint.woven.moving) < FEWEST:
             return None, left_out
-        found = settled(fit, drive, joint, noise)
+        found = settled(fit, drives, joint, noise)
         if found is None:
             return None, left_out
         there = found.joint.woven
@@ -52,7 +61,7 @@ def sound(fit: Fit, drive: Correspondences, frames: Ids, noise: FrameNoise) -> t
         if left_out > _MOST_SHARE * (len(frames) + left_out):
             return None, left_out
         used = there.frame[there.moving]
-        frames, late_s = used[used != there.frame[odd]], found.joint.late_s
+        frames, clocks = used[used != there.frame[odd]], found.joint.clocks
     return None, left_out
 
 

@@ -1,5 +1,6 @@
 """Noise levels of frames on the move, by restricted maximum likelihood."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -69,17 +70,17 @@ class Settled:
         return int(np.argmax(self.weight))
 
 
-def settled(fit: Fit, drive: Correspondences, joint: Joint, noise: FrameNoise) -> Settled | None:
+def settled(fit: Fit, drives: Sequence[Correspondences], joint: Joint, noise: FrameNoise) -> Settled | None:
     """Return stops and frames at their maximum, with noise levels that the data tell; None if the solver fails.
 
     Parameters
     ----------
-    fit, drive
-        Solution of the stops, and their drive.
+    fit, drives
+        Solution of the stops, and their drives.
     joint, noise
         Where to begin.
     """
-    reached = maximised(fit, drive, joint, noise)
+    reached = maximised(fit, drives, joint, noise)
     if reached is None:
         return None
     joint, noise = _steadied(fit, reached, noise)

@@ -13,7 +13,7 @@ from boxcal.calib.likelihood.explanation import in_pictures
 from boxcal.calib.likelihood.fit import Fit
 from boxcal.calib.likelihood.moving.agreement import agreement
 from boxcal.calib.likelihood.moving.covariance import joint_covariance
-from boxcal.calib.likelihood.moving.faults import FEWEST, sound
+from boxcal.calib.likelihood.moving.faults import FEWEST, enough_frames, sound
 from boxcal.calib.likelihood.moving.leave_out import LeaveOut, leave_out
 from boxcal.calib.likelihood.moving.levels import Settled
 from boxcal.calib.likelihood.moving.noise import FrameNoise
@@ -72,9 +72,8 @@ def _with_frames(found: Estimate, fit: Fit, drives: Sequence[Correspondences], m
     why = unsuitable(found, fit, drives)
     if why:
         return why
-    drive = drives[0]
     noise = FrameNoise(slip=fit.components.slip, jitter_s=FIRST_JITTER_S, sway=1.0, scale=1.0)
-    settled, odd = sound(fit, drive, np.arange(len(drive.moving)), noise)
+    settled, odd = sound(fit, drives, enough_frames(drives), noise)
     if settled is None:
         return f"{odd} of them contradict the others" if odd else "wheels and pictures do not fit there"
     cov = joint_covariance(fit, settled)
@@ -104,14 +103,13 @@ def _less_sure(fit: Fit, settled: Settled, among: LeaveOut, cov: Array) -> bool:
 
 def unsuitable(found: Estimate, fit: Fit, drives: Sequence[Correspondences]) -> str:
     """Return why frames on the move cannot be used here; empty if they can."""
-    if len(drives) > 1:
-        return "they are used with single drives only"
     if any(map(in_pictures, fit.problem.explanations)):
         return "what happened to camera or box is known at stops only"
     if found.jackknife.unexplained:
         return "the stops do not agree among themselves"
     if not np.all(np.isfinite(found.cov)):
         return "the stops do not determine all parameters"
-    if len(drives[0].moving) < FEWEST:
-        return f"{len(drives[0].moving)} are too few"
+    most = max(len(drive.moving) for drive in drives)
+    if most < FEWEST:
+        return f"{most} are too few" if len(drives) == 1 else f"{most} in a drive are too few"
     return ""

@@ -58,11 +58,12 @@ def with_rolling(problem: Problem, state: State, corners: Corners, course: Array
     n = len(state.lens)
     row = problem.uv_px[:, 1] / height - 0.5
     since = float(state.explained[-1]) * row
+    by_motion = corners.jacobian[:, :, n : n + 6]
     twist = _twists(state, by_body, stop, rates_after(course[stop], since))
-    column = (corners.jacobian[:, :, n : n + 6] @ twist[:, :, None])[:, :, 0] * row[:, None]
-    moved = since[:, None] * (corners.jacobian[:, :, n : n + 6] @ twist[:, :, None])[:, :, 0]
+    column = (by_motion @ twist[:, :, None])[:, :, 0] * row[:, None]
+    way = _twists(state, by_body, stop, turned(course[stop], since))
+    moved = (by_motion @ way[:, :, None])[:, :, 0]
     if abs(float(state.explained[-1])) > _SHORT_S:
-        way = _twists(state, by_body, stop, turned(course[stop], since))
         moved = (problem.whiten @ _moved(problem, state, motions, way)[:, :, None])[:, :, 0]
     G, m, n_shared = corners.J_shared.shape
     J_shared = np.zeros((G, m + 1, n_shared))

@@ -1,5 +1,6 @@
 """Solution of stops and frames on the move together, started from that of the stops."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -10,11 +11,11 @@ from boxcal.calib.likelihood.explanation import Columns, Explanation
 from boxcal.calib.likelihood.fit import Fit
 from boxcal.calib.likelihood.leg_model import leg_model
 from boxcal.calib.likelihood.levenberg_marquardt import Linearization, Weights
-from boxcal.calib.likelihood.moving.clock import CameraLate
+from boxcal.calib.likelihood.moving.clock import CameraClock, Clocks
 from boxcal.calib.likelihood.moving.noise import FrameNoise, local_sigmas
 from boxcal.calib.likelihood.moving.rolling import Readout, with_rolling
 from boxcal.calib.likelihood.moving.system import Levels, solved_at, system
-from boxcal.calib.likelihood.moving.weave import Woven, weave
+from boxcal.calib.likelihood.moving.weave import Woven, weave_drives
 from boxcal.calib.likelihood.problem import Problem, build_problem
 from boxcal.calib.likelihood.residuals import corner_equations, corner_residuals, explained_columns, leg_residuals
 from boxcal.calib.likelihood.state import State, retract
@@ -43,8 +44,8 @@ class Joint:
     ----------
     woven, problem
         The data, in one row.
-    late_s : s
-        Clock offset that the frames' places on the path allow for; what is left of it is an unknown.
+    clocks
+        What the frames' places on the path allow for; what is left of it is among the unknowns.
     height : px
         Of the images.
     weights
@@ -55,7 +56,7 @@ class Joint:
 
     woven: Woven
     problem: Problem
-    late_s: float
+    clocks: Clocks
     height: int
     weights: Weights
     at: Linearization
@@ -66,47 +67,77 @@ class Joint:
         return self.at.state
 
     @property
+    def clocks_left(self) -> Clocks:
+        """Offsets and rates beyond those that the frames' places allow for."""
+        return left_of(self.state, len(self.woven.drives))
+
+    @property
+    def all_of_clocks(self) -> Clocks:
+        """Offsets and rates in all."""
+        left = self.clocks_left
+        return self.clocks.plus(left.late_s, left.rate)
+
+    @property
     def moving_corners(self) -> Ids:
         """Corners of frames on the move."""
         return np.flatnonzero(np.isin(self.problem.corner_stop, self.woven.moving))
 
 
-def joined(fit: Fit, drive: Correspondences, frames: Ids, late_s: float, noise: FrameNoise) -> Joint:
+def left_of(state: State, drives: int) -> Clocks:
+    """Return the clocks' unknowns of a state: they stand before the readout time, which is the last."""
+    unknowns = state.explained[-1 - 2 * drives : -1]
+    return Clocks(late_s=unknowns[:drives], rate=unknowns[drives:])
+
+
+def joined(fit: Fit, drives: Sequence[Correspondences], frames: Ids, clocks: Clocks, noise: FrameNoise) -> Joint:
     """Return the stops of a solution with frames on the move between them, these where the wheels lead from the stops.
 
     Parameters
     ----------
     fit
-        Solution of the stops of one drive.
-    drive
-        That drive.
+        Solution of the stops.
+    drives
+        The drives.
     frames : (F,)
-        Which of its frames to use.
-    late_s : s
-        Clock offset to begin with.
+        Which of their frames to use, counted through all drives.
+    clocks
+        To begin with.
     noise
         Of the frames, to begin with.
     """
-    woven = weave(drive, fit.problem.stop, frames, late_s)
+    woven = weave_drives(drives, _kept(fit), frames, clocks)
     problem = _problem(fit, woven)
-    return _about(fit, drive, (woven, problem), _first_state(fit, woven, problem), late_s, noise)
+    return _about(fit, drives, (woven, problem), _first_state(fit, woven, problem), clocks, noise)
+
+
+def _kept(fit: Fit) -> list[Ids]:
+    """Return the numbers of the stops that a solution is of, for each drive."""
+    return [fit.problem.stop[fit.problem.drive == d] for d in range(fit.problem.drives)]
 
 
 def _about(  # noqa: PLR0917 - stops and frames, and about what
-    fit: Fit, drive: Correspondences, data: tuple[Woven, Problem], state: State, late_s: float, noise: FrameNoise
+    fit: Fit,
+    drives: Sequence[Correspondences],
+    data: tuple[Woven, Problem],
+    state: State,
+    clocks: Clocks,
+    noise: FrameNoise,
 ) -> Joint:
     """Return stops and frames about a state."""
     woven, problem = data
-    weights, height = _weights(fit, woven, problem, noise), drive.image_size[1]
+    weights, height = _weights(fit, woven, problem, noise), drives[0].image_size[1]
     at = _linearized(problem, state, weights, woven, height)
-    return Joint(woven=woven, problem=problem, late_s=late_s, height=height, weights=weights, at=at)
+    return Joint(woven=woven, problem=problem, clocks=clocks, height=height, weights=weights, at=at)
 
 
 def _problem(fit: Fit, woven: Woven) -> Problem:
-    explanations: tuple[Explanation, ...] = (*fit.problem.explanations, CameraLate(rates=woven.rates), Readout())
+    drives = len(woven.drives)
+    clock = CameraClock(rates=woven.rates, since_s=woven.since_s, drive=woven.drive, drives=drives)
+    explanations: tuple[Explanation, ...] = (*fit.problem.explanations, clock, Readout())
     options = replace(fit.options, lens=fit.problem.lens, explanations=explanations)
     step = max(fit.problem.step, FINEST_STEP)
-    problem = build_problem([woven.drive], [tuple(range(len(woven.frame)))], options, step)
+    kept = [tuple(range(len(drive.stops))) for drive in woven.drives]
+    problem = build_problem(woven.drives, kept, options, step)
     return with_floor(problem, fit.problem.floor_px)
 
 
@@ -115,9 +146,9 @@ def _first_state(fit: Fit, woven: Woven, problem: Problem) -> State:
 
     Without stops the solution is of the frames themselves.
     """
-    count = len(woven.frame)
+    count, explained = len(woven.frame), np.append(fit.state.explained, np.zeros(2 * len(woven.drives) + 1))
     if len(woven.moving) == count:
-        return _taken(fit.state, np.searchsorted(fit.problem.stop, woven.frame), np.append(fit.state.explained, [0, 0]))
+        return _taken(fit.state, np.searchsorted(fit.problem.stop, woven.frame), explained)
     stops = np.flatnonzero(woven.frame < 0)
     poses = led_by_wheels(problem, woven, fit.state)
 
@@ -128,7 +159,7 @@ def _first_state(fit: Fit, woven: Woven, problem: Problem) -> State:
 
     return replace(
         fit.state,
-        explained=np.concatenate([fit.state.explained, np.zeros(2)]),
+        explained=explained,
         poses=poses,
         lean=of_stops(fit.state.lean),
         growth=of_stops(fit.state.growth),
@@ -139,12 +170,14 @@ def _first_state(fit: Fit, woven: Woven, problem: Problem) -> State:
 def led_by_wheels(problem: Problem, woven: Woven, at_stops: State) -> Array:
     """Return poses, (P, 3): the stops' own, and for frames where the wheels lead from the stops before them."""
     count = len(woven.frame)
-    model = leg_model(problem.path, at_stops.wheels, np.zeros((count - 1, 2)), np.zeros((count - 1, 2)))
+    nothing = np.zeros((len(problem.leg_stop), 2))
+    model = leg_model(problem.path, at_stops.wheels, nothing, nothing)
+    leg_before = np.searchsorted(problem.leg_stop, woven.moving - 1)
     poses = np.zeros((count, 3))
     poses[woven.frame < 0] = at_stops.poses
-    for k in woven.moving.tolist():
+    for k, leg in zip(woven.moving.tolist(), leg_before.tolist(), strict=True):
         x, y, theta = poses[k - 1]
-        dx, dy, turn = model.displacement[k - 1]
+        dx, dy, turn = model.displacement[leg]
         c, s = np.cos(theta), np.sin(theta)
         poses[k] = x + c * dx - s * dy, y + s * dx + c * dy, theta + turn
     return poses
@@ -157,7 +190,8 @@ def _weights(fit: Fit, woven: Woven, problem: Problem, noise: FrameNoise) -> Wei
     corners = np.full(len(problem.uv_px), noise.scale**-2.0)
     corners[~np.isin(problem.corner_stop, woven.moving)] = fit.weights.corners
     stop_of = np.cumsum(woven.frame < 0) - 1
-    legs = fit.weights.legs[stop_of[:-1]] * problem.leg_known
+    leg_of = np.searchsorted(fit.problem.leg_stop, stop_of[problem.leg_stop])
+    legs = fit.weights.legs[leg_of] * problem.leg_known
     return Weights(corners=corners, legs=legs)
 
 
@@ -216,21 +250,22 @@ def _after(joint: Joint, levels: Levels, weight: Array) -> State:
     return retract(joint.problem, joint.state, d_shared, d_stops, d_local)
 
 
-def _rewoven(fit: Fit, drive: Correspondences, joint: Joint, state: State, noise: FrameNoise) -> Joint:
-    """Return stops and frames with the offset of a state taken into the frames' places on the path."""
-    late_s = joint.late_s + float(state.explained[-2])
-    old = joint.woven
-    woven = weave(drive, fit.problem.stop, old.frame[old.moving], late_s)
+def _rewoven(fit: Fit, drives: Sequence[Correspondences], joint: Joint, state: State, noise: FrameNoise) -> Joint:
+    """Return stops and frames with the clocks of a state taken into the frames' places on the path."""
+    count, old = len(drives), joint.woven
+    left = left_of(state, count)
+    clocks = joint.clocks.plus(left.late_s, left.rate)
+    woven = weave_drives(drives, _kept(fit), old.frame[old.moving], clocks)
     source = np.empty(len(woven.frame), dtype=np.int64)
     source[woven.frame < 0] = np.flatnonzero(old.frame < 0)
     source[woven.moving] = old.moving[np.searchsorted(old.frame[old.moving], woven.frame[woven.moving])]
     explained = state.explained.copy()
-    explained[-2] = 0.0
+    explained[-1 - 2 * count : -1] = 0.0
     state = _taken(state, source, explained)
-    return _about(fit, drive, (woven, _problem(fit, woven)), state, late_s, noise)
+    return _about(fit, drives, (woven, _problem(fit, woven)), state, clocks, noise)
 
 
-def maximised(fit: Fit, drive: Correspondences, joint: Joint, noise: FrameNoise) -> Joint | None:
+def maximised(fit: Fit, drives: Sequence[Correspondences], joint: Joint, noise: FrameNoise) -> Joint | None:
     """Return the likelihood at its maximum for given noise; None if the solver does not get there."""
     slip, jitter = np.array([noise.slip]), np.array([noise.jitter_s])
     most = DIVERGED * float(joint.at.corner_squares.sum())
@@ -242,10 +277,12 @@ def maximised(fit: Fit, drive: Correspondences, joint: Joint, noise: FrameNoise)
         if promised < CLOSE:
             return joint
         state = _after(joint, levels, np.ones(1))
-        if abs(state.explained[-2]) > LONGEST_S:
+        woven = joint.woven
+        change = np.abs(left_of(state, len(drives)).late(woven.drive, woven.since_s)).max()
+        if change > LONGEST_S:
             return None
-        if abs(state.explained[-2]) > REWOVEN_S:
-            joint = _rewoven(fit, drive, joint, state, noise)
+        if change > REWOVEN_S:
+            joint = _rewoven(fit, drives, joint, state, noise)
         else:
             joint = replace(joint, at=linearized(joint, state))
     return None

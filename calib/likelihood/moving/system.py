@@ -9,7 +9,7 @@ from boxcal.calib.likelihood.levenberg_marquardt import Linearization, Weights, 
 from boxcal.calib.likelihood.moving.weave import Woven
 from boxcal.calib.likelihood.normal_equations import Eliminated, Normal, Solution, eliminate, solve_chain
 from boxcal.calib.likelihood.problem import Problem
-from boxcal.calib.likelihood.residuals import leg_covariance, leg_equations
+from boxcal.calib.likelihood.residuals import leg_covariance, leg_equations, shared_values
 from boxcal.calib.likelihood.state import READINGS
 from boxcal.target.arrays import Array
 
@@ -91,6 +91,10 @@ def system(  # noqa: PLR0917 - a state and what holds there
         The levels.
     """
     pictures, squares = picture_equations(problem, at, components, local_sigma)
+    allowed = np.array([woven.allowed.get(name, 0.0) for name in problem.names])
+    weight = np.divide(allowed, problem.prior**2, out=np.zeros_like(allowed), where=allowed != 0)  # of the whole value
+    pictures = replace(pictures, a=pictures.a - weight)
+    squares += float(weight @ (allowed + 2 * shared_values(problem, at.state)))
     reduced, eliminated = eliminate(pictures)
     C = leg_covariance(problem, at.legs.model, slip)
     information = np.linalg.inv(C) * weights.legs[:, None, None]

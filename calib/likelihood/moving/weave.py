@@ -1,13 +1,15 @@
-"""Frames on the move set among the stops of a drive, at the times that a clock offset gives them.
+"""Frames on the move set among the stops of drives, at the times that the camera's clock gives them.
 
 Wheel readings at a frame's time are interpolated and become samples of their own, so that a frame is a stop of no
 length: each leg falls into parts, and the slip of each is the noise of what the wheels rolled in it.
 """
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from boxcal.calib.likelihood.moving.clock import RATE, Clocks, since_middle_s, suffixes
 from boxcal.calib.likelihood.moving.course import ORDERS, wheel_course
 from boxcal.detect.correspondences import Correspondences, StopObservation
 from boxcal.target.arrays import Array, Ids, Mask
@@ -20,28 +22,37 @@ APART_S = 0.005
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Woven:
-    """A drive whose stops and frames on the move stand in one row.
+    """Drives whose stops and frames on the move stand in one row.
 
     Attributes
     ----------
-    drive
-        Stops and frames, in order of time.
+    drives
+        Each with its stops and frames, in order of time.
+    drive : (P,)
+        The drive of each place in the row.
     frame : (P,)
-        Number of the moving frame at each place of that row; -1 for a stop.
+        Number of the moving frame at each place, counted through all drives; -1 for a stop.
+    since_s : (P,), s
+        Stamps of frames since the middle of their drive's; 0 at stops.
     course : (P, 3, 2)
         How the right and the left wheel turn there, see :mod:`boxcal.calib.likelihood.moving.course`; 0 at stops.
     bend : (P, 2), rad
         By how much readings may be wrong for being interpolated; 0 at stops.
+    allowed
+        Values of unknowns with priors that the places allow for already, by name: the clocks' rates.
     """
 
-    drive: Correspondences
+    drives: tuple[Correspondences, ...]
+    drive: Ids
     frame: Ids
+    since_s: Array
     course: Array
     bend: Array
+    allowed: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def rates(self) -> Array:
-        """How fast the right and the left wheel turn at each place, (P, 2), rad/s; 0 at stops."""
+        """Rates of the right and the left wheel at each place, (P, 2), rad/s; 0 at stops."""
         return self.course[:, 0]
 
     @property
@@ -50,7 +61,37 @@ class Woven:
         return np.flatnonzero(self.frame >= 0)
 
 
-def weave(drive: Correspondences, kept: Ids, frames: Ids, late_s: float) -> Woven:
+def weave_drives(drives: Sequence[Correspondences], kept: Sequence[Ids], frames: Ids, clocks: Clocks) -> Woven:
+    """Return drives with some frames on the move set among some of their stops; see :func:`weave`.
+
+    Parameters
+    ----------
+    drives
+        One behind the other.
+    kept
+        Numbers of the stops to use, for each drive.
+    frames : (F,)
+        Numbers of the frames to use, counted through all drives, ascending.
+    clocks
+        Of the drives.
+    """
+    starts = np.cumsum([0, *(len(drive.moving) for drive in drives)])
+    parts = []
+    for d, (drive, stops) in enumerate(zip(drives, kept, strict=True)):
+        own = frames[(frames >= starts[d]) & (frames < starts[d + 1])] - starts[d]
+        parts.append(weave(drive, stops, own, clocks.late(d, since_middle_s(drive, own))))
+    return Woven(
+        drives=tuple(part.drives[0] for part in parts),
+        drive=np.repeat(np.arange(len(parts)), [len(part.frame) for part in parts]),
+        frame=np.concatenate([np.where(p.frame < 0, -1, p.frame + starts[d]) for d, p in enumerate(parts)]),
+        since_s=np.concatenate([part.since_s for part in parts]),
+        course=np.concatenate([part.course for part in parts]),
+        bend=np.concatenate([part.bend for part in parts]),
+        allowed={f"{RATE}{suffix}": float(r) for suffix, r in zip(suffixes(len(parts)), clocks.rate, strict=True)},
+    )
+
+
+def weave(drive: Correspondences, kept: Ids, frames: Ids, late_s: Array | float) -> Woven:
     """Return a drive with some frames on the move set among some of its stops.
 
     Frames that the offset puts into a stand, before the first or behind the last stop, where the wheels hardly turn or
@@ -64,15 +105,15 @@ def weave(drive: Correspondences, kept: Ids, frames: Ids, late_s: float) -> Wove
         Numbers of the stops to use, ascending.
     frames : (F,)
         Numbers of the frames to use, ascending.
-    late_s : s
-        Stamp of a frame less the time at which it was taken.
+    late_s : (F,) or one for all, s
+        Stamp of each less the time at which it was taken.
     """
     wheels = drive.wheels
     t0 = int(wheels.t_ns[0])
     t = (wheels.t_ns - t0) / 1e9
-    at = np.array([(drive.moving[f].t_ns - t0) / 1e9 - late_s for f in frames])
+    at = np.array([(drive.moving[f].t_ns - t0) / 1e9 for f in frames]) - late_s
     kept = kept if drive.stops else kept[:0]
-    usable = _between_stops(drive, kept, at, t0) if len(kept) else (at > t[0]) & (at < t[-1])
+    usable = _between_stops(drive, kept, at, t0) if drive.stops else (at > t[0]) & (at < t[-1])
     after = np.clip(np.searchsorted(t, at), 1, len(t) - 1)
     phi = np.stack([wheels.phi_R, wheels.phi_L], axis=1)
     course = wheel_course(wheels, t0 + np.rint(at * 1e9).astype(np.int64), after)
@@ -99,8 +140,10 @@ def weave(drive: Correspondences, kept: Ids, frames: Ids, late_s: float) -> Wove
     order = np.argsort([s.first_sample for s in (*stops, *seen)], kind="stable")
     nothing = np.zeros((len(stops), ORDERS, 2))
     return Woven(
-        drive=replace(drive, wheels=more, stops=tuple((*stops, *seen)[k] for k in order), moving=()),
+        drives=(replace(drive, wheels=more, stops=tuple((*stops, *seen)[k] for k in order), moving=()),),
+        drive=np.zeros(len(order), dtype=np.int64),
         frame=np.concatenate([np.full(len(stops), -1), np.asarray(frames)[rows]]).astype(np.int64)[order],
+        since_s=np.concatenate([np.zeros(len(stops)), since_middle_s(drive, np.asarray(frames)[rows])])[order],
         course=np.concatenate([nothing, course])[order],
         bend=np.concatenate([nothing[:, 0], bend])[order],
     )
@@ -108,6 +151,8 @@ def weave(drive: Correspondences, kept: Ids, frames: Ids, late_s: float) -> Wove
 
 def _between_stops(drive: Correspondences, kept: Ids, at: Array, t0: int) -> Mask:
     """Return whether times (F,), s, lie between the first and the last stop that count, and in no stand, (F,) bool."""
+    if not len(kept):
+        return np.zeros(len(at), dtype=np.bool_)
     spans = np.array([(s.t_start_ns - t0, s.t_end_ns - t0) for s in drive.stops]) / 1e9
     standing = np.zeros(len(at), dtype=np.bool_)
     for start, end in spans:

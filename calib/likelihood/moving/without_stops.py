@@ -53,7 +53,7 @@ def from_frames_alone(found: Estimate, fit: Fit, drive: Correspondences) -> Esti
     )
     noise = FrameNoise(slip=fit.components.slip, jitter_s=FIRST_JITTER_S, sway=1.0, scale=1.0)
     try:
-        settled, odd = sound(fit, replace(drive, stops=(), moving=frames), fit.problem.stop, noise)
+        settled, odd = sound(fit, [replace(drive, stops=(), moving=frames)], fit.problem.stop, noise)
     except np.linalg.LinAlgError as error:
         raise _refused("wheels and pictures do not fit together") from error
     if settled is None:

@@ -1,43 +1,43 @@
-"""Clock offset and readout time of each of several cameras, as unknowns of the likelihood."""
+"""Clock and readout time of each of several cameras, as unknowns of the likelihood."""
 
 from dataclasses import dataclass
 
 from boxcal.calib.likelihood.cameras.problem import own_name
 from boxcal.calib.likelihood.explanation import Columns
-from boxcal.calib.likelihood.moving.clock import LATE, CameraLate
+from boxcal.calib.likelihood.moving.clock import CameraClock
 from boxcal.calib.likelihood.moving.rolling import ROLLING, Readout
 from boxcal.calib.likelihood.problem import Problem
 from boxcal.calib.likelihood.state import State
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class LateOf:
-    """Offset of one camera's stamps against the wheels'.
+class ClockOf:
+    """Offset and rate of one camera's stamps against the wheels'.
 
     Attributes
     ----------
     number
         Of the camera, from 1.
-    late
-        What it does: the rates are those at this camera's own frames, 0 elsewhere.
+    clock
+        What it does: the rates of the wheels are those at this camera's own frames, 0 elsewhere.
     """
 
     number: int
-    late: CameraLate
+    clock: CameraClock
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Its one unknown, s."""
-        return (own_name(LATE, self.number),)
+        """Its two unknowns, s and s/s."""
+        return tuple(own_name(name, self.number) for name in self.clock.names)
 
     @property
     def prior(self) -> tuple[float, ...]:
-        """Standard deviation beforehand, s."""
-        return self.late.prior
+        """Standard deviations beforehand, s and s/s."""
+        return self.clock.prior
 
     def columns(self, problem: Problem, state: State) -> Columns:
         """Return what rolls less before each of the camera's frames, and more behind it."""
-        return self.late.columns(problem, state)
+        return self.clock.columns(problem, state)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

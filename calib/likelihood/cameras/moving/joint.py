@@ -7,12 +7,12 @@ from functools import partial
 import numpy as np
 
 from boxcal.calib.likelihood.cameras.equations import About, Levels, about
-from boxcal.calib.likelihood.cameras.moving.row import MovingRow, Seen, moving_row
+from boxcal.calib.likelihood.cameras.moving.row import MovingRow, Seen, clocks_of, moving_row
 from boxcal.calib.likelihood.cameras.problem import own_name
 from boxcal.calib.likelihood.cameras.solve import RobotFit
 from boxcal.calib.likelihood.cameras.state import RobotState, stepped
 from boxcal.calib.likelihood.levenberg_marquardt import Weights
-from boxcal.calib.likelihood.moving.clock import LATE
+from boxcal.calib.likelihood.moving.clock import LATE, RATE, Clocks
 from boxcal.calib.likelihood.moving.grid import over_levels
 from boxcal.calib.likelihood.moving.levels import jitter_axis, slip_axis
 from boxcal.calib.likelihood.moving.noise import local_sigmas
@@ -75,11 +75,14 @@ class AllMoving:
         """Values of all unknowns."""
         return self.here.state
 
-    def late(self, number: int) -> float:
-        """Return what is left of a camera's clock offset, s; the camera numbered from 1."""
-        names = self.row.robot.problem.names
-        first = int(self.row.robot.problem.explained.start)
-        return float(self.state.body.explained[names.index(own_name(LATE, number)) - first])
+    @property
+    def clocks_left(self) -> Clocks:
+        """Offsets and rates (C,) of the cameras' clocks beyond those that the frames' places allow for."""
+        names = self.row.robot.problem.names[self.row.robot.problem.explained]
+        said = dict(zip(names, self.state.body.explained.tolist(), strict=True))
+        numbers = range(1, len(self.row.clocks.rate) + 1)
+        late, rate = (np.array([said.get(own_name(name, c), 0.0) for c in numbers]) for name in (LATE, RATE))
+        return Clocks(late_s=late, rate=rate)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -112,8 +115,7 @@ def settled_together(stops: RobotFit, row: Correspondences, cameras: Sequence[Se
     cameras
         What each saw, with the frames, clock offset, jitter, sway and corners' errors that it found by itself.
     """
-    late_s = np.array([seen.late_s for seen in cameras])
-    joint = _begun(stops, moving_row(stops, row, cameras, late_s), cameras)
+    joint = _begun(stops, moving_row(stops, row, cameras, clocks_of(cameras)), cameras)
     reached = _maximised(stops, row, cameras, joint)
     if reached is None:
         return None
@@ -139,8 +141,7 @@ def covariance_at(
 
     That is the Cramer-Rao bound to first order. Arguments as of :func:`settled_together`.
     """
-    late_s = np.array([seen.late_s for seen in cameras])
-    joint = _begun(stops, moving_row(stops, row, cameras, late_s), cameras)
+    joint = _begun(stops, moving_row(stops, row, cameras, clocks_of(cameras)), cameras)
     return _solved(joint, np.array([slip]), np.array([JITTER_S])).solution.cov[0], joint
 
 
@@ -200,7 +201,7 @@ def _rewoven_state(before: AllMoving, row: MovingRow, fresh: RobotState) -> Robo
     a, b = before.state.body, fresh.body
     explained = a.explained[: row.robot.causes].copy()
     for k, name in enumerate(row.robot.problem.names[row.robot.problem.explained][: row.robot.causes]):
-        if name.endswith(LATE):
+        if name.endswith((LATE, RATE)):
             explained[k] = 0.0
     body = replace(
         a,
@@ -228,15 +229,16 @@ def _maximised(stops: RobotFit, row: Correspondences, cameras: Sequence[Seen], j
         if float(solutions.solution.decrease[0]) < CLOSE:
             return joint
         joint = _stepped(joint, solutions, np.ones(1))
-        numbers = [c for c, seen in enumerate(cameras, 1) if seen.settled is not None]
-        late_s = joint.row.late_s.copy()
-        for c in numbers:
-            late_s[c - 1] += joint.late(c)
-        change = np.abs(late_s - joint.row.late_s).max()
+        left, there = joint.clocks_left, joint.row
+        change = max(
+            float(np.abs(left.late(c, there.since_s[there.camera == c])).max(initial=0.0))
+            for c in range(len(left.late_s))
+        )
         if change > LONGEST_S:
             return None
         if change > REWOVEN_S:
-            joint = _begun(stops, moving_row(stops, row, cameras, late_s), cameras, joint)
+            clocks = there.clocks.plus(left.late_s, left.rate)
+            joint = _begun(stops, moving_row(stops, row, cameras, clocks), cameras, joint)
     return None
 
 

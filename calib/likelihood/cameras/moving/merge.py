@@ -16,7 +16,7 @@ from boxcal.calib.likelihood.cameras.state import RobotState
 from boxcal.calib.likelihood.estimate import DriveEstimate, Estimate
 from boxcal.calib.likelihood.fit import Fit
 from boxcal.calib.likelihood.moving.agreement import agreement
-from boxcal.calib.likelihood.moving.clock import LATE
+from boxcal.calib.likelihood.moving.clock import LATE, RATE
 from boxcal.calib.likelihood.moving.covariance import joint_covariance
 from boxcal.calib.likelihood.moving.faults import FEWEST, sound
 from boxcal.calib.likelihood.moving.leave_out import leave_out
@@ -77,7 +77,7 @@ def _by_itself(found: Estimate, fit: Fit, drives: Sequence[Correspondences]) -> 
         return Seen(fit=fit, drive=drive, settled=None), nothing, why
     noise = FrameNoise(slip=fit.components.slip, jitter_s=FIRST_JITTER_S, sway=1.0, scale=1.0)
     try:
-        settled, odd = sound(fit, drive, np.arange(len(drive.moving)), noise)
+        settled, odd = sound(fit, drives, np.arange(len(drive.moving)), noise)
     except np.linalg.LinAlgError:
         settled, odd = None, 0
     if settled is None:
@@ -139,7 +139,7 @@ def _merged(cameras: Cameras, stops: RobotFit, settled: SettledAll, cov: Array, 
     estimates = tuple(_estimate(own, c, stops, settled, gain, fresh) for c, own in enumerate(cameras.estimates))
     counts = [int(np.sum(settled.joint.row.camera == c)) for c in range(len(estimates))]
     said = [
-        said_of_clock(count, f"camera {c + 1}", float(e.values[-2]), float(np.sqrt(e.cov_all[-2, -2])))
+        said_of_clock(count, f"camera {c + 1}", e.values[-3:-1], np.sqrt(np.diag(e.cov_all)[-3:-1]))
         for c, (count, e) in enumerate(zip(counts, estimates, strict=True))
         if count
     ]
@@ -178,13 +178,14 @@ def _estimate(  # noqa: PLR0917 - one camera of two solutions
     if part.course is None:
         return found
     all_names = list(robot.problem.names)
-    at = [all_names.index(own_name(name, number + 1)) for name in (LATE, ROLLING)]
+    at = [all_names.index(own_name(name, number + 1)) for name in (LATE, RATE, ROLLING)]
     clock = np.array([causes[all_names[k]] for k in at])
-    clock[0] += settled.joint.row.late_s[number]
+    clocks = settled.joint.row.clocks
+    clock[:2] += clocks.late_s[number], clocks.rate[number]
     cross = fresh[np.ix_([all_names.index(names[c]) for c in columns], at)]
     return replace(
         found,
-        names=(*found.names, LATE, ROLLING),
+        names=(*found.names, LATE, RATE, ROLLING),
         values=np.concatenate([found.values, clock]),
         cov_all=np.block([[found.cov_all, cross], [cross.T, fresh[np.ix_(at, at)]]]),
     )

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from boxcal.calib.likelihood.cameras.moving.clocks import LateOf, ReadoutOf
+from boxcal.calib.likelihood.cameras.moving.clocks import ClockOf, ReadoutOf
 from boxcal.calib.likelihood.cameras.problem import Part, Together, together
 from boxcal.calib.likelihood.cameras.problem import own_name as named
 from boxcal.calib.likelihood.cameras.row import Row
@@ -13,7 +13,7 @@ from boxcal.calib.likelihood.cameras.solve import RobotFit
 from boxcal.calib.likelihood.corner_floor import with_floor
 from boxcal.calib.likelihood.explanation import Explanation
 from boxcal.calib.likelihood.fit import Fit
-from boxcal.calib.likelihood.moving.clock import CameraLate
+from boxcal.calib.likelihood.moving.clock import RATE, CameraClock, Clocks, one_time, since_middle_s
 from boxcal.calib.likelihood.moving.levels import Settled
 from boxcal.calib.likelihood.moving.rolling import ROLLING, Readout
 from boxcal.calib.likelihood.moving.solve import FINEST_STEP
@@ -40,11 +40,9 @@ class Seen:
     settled: Settled | None
 
     @property
-    def late_s(self) -> float:
-        """Offset of its clock as it found it by itself, s."""
-        if self.settled is None:
-            return 0.0
-        return self.settled.joint.late_s + float(self.settled.joint.state.explained[-2])
+    def clock(self) -> Clocks:
+        """Offset and rate of its clock, (1,), as it found them by itself."""
+        return one_time(1) if self.settled is None else self.settled.joint.all_of_clocks
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -61,18 +59,29 @@ class MovingRow:
         The camera, from 0, of each frame in the row; -1 for stops.
     number : (P,)
         Which of its camera's frames it is; of a stop which of the row's stops.
-    late_s : (C,), s
-        Offsets of the clocks that the frames' places allow for.
+    since_s : (P,), s
+        Stamps of frames since the middle of their camera's.
+    clocks
+        Offsets and rates (C,) that the frames' places allow for.
     """
 
     robot: Together
     woven: Woven
     camera: Ids
     number: Ids
-    late_s: Array
+    since_s: Array
+    clocks: Clocks
 
 
-def moving_row(stops: RobotFit, row: Correspondences, cameras: Sequence[Seen], late_s: Array) -> MovingRow:
+def clocks_of(cameras: Sequence[Seen]) -> Clocks:
+    """Return the clocks of all cameras as each found its own by itself."""
+    own = [seen.clock for seen in cameras]
+    return Clocks(
+        late_s=np.concatenate([clock.late_s for clock in own]), rate=np.concatenate([clock.rate for clock in own])
+    )
+
+
+def moving_row(stops: RobotFit, row: Correspondences, cameras: Sequence[Seen], clocks: Clocks) -> MovingRow:
     """Return all stops and frames of a robot in one row.
 
     Of frames of two cameras at one moment only one is used, that of the camera with fewer so far.
@@ -83,24 +92,27 @@ def moving_row(stops: RobotFit, row: Correspondences, cameras: Sequence[Seen], l
         Solution of the stops of all cameras, and the drive with all those stops.
     cameras
         What each camera saw.
-    late_s : (C,), s
-        Offsets of their clocks.
+    clocks
+        Offsets and rates (C,) of their clocks.
     """
-    t_ns, camera, number = _frames(cameras, late_s)
+    t_ns, camera, number = _frames(cameras, clocks)
     moving = [replace(cameras[c].drive.moving[k], t_ns=int(t)) for t, c, k in zip(t_ns, camera, number, strict=True)]
     every = replace(row, moving=tuple(moving))
     woven = weave(every, np.arange(len(row.stops)), np.arange(len(moving)), 0.0)
+    woven = replace(woven, allowed={named(RATE, c): rate for c, rate in enumerate(clocks.rate.tolist(), 1)})
     of_place = np.where(woven.frame >= 0, camera[np.maximum(woven.frame, 0)], -1) if moving else woven.frame
     problems, corners, places = zip(
         *(_own(stops.robot.parts[c], seen, woven, of_place == c, number) for c, seen in enumerate(cameras)), strict=True
     )
-    clocks: list[Explanation] = []
+    since_s = _since_s(cameras, camera, number, woven)
+    own_clocks: list[Explanation] = []
     for c, seen in enumerate(cameras, 1):
         if seen.settled is not None:
             own = woven.rates * (of_place == c - 1)[:, None]
-            clocks += [LateOf(number=c, late=CameraLate(rates=own)), ReadoutOf(number=c)]
-    causes = (*stops.robot.problem.explanations, *clocks)
-    robot = together(problems, corners, Row(drives=(woven.drive,), places=places), cameras[0].fit.options, causes)
+            clock = CameraClock(rates=own, since_s=since_s, drive=woven.drive, drives=1)
+            own_clocks += [ClockOf(number=c, clock=clock), ReadoutOf(number=c)]
+    causes = (*stops.robot.problem.explanations, *own_clocks)
+    robot = together(problems, corners, Row(drives=woven.drives, places=places), cameras[0].fit.options, causes)
     parts = [
         part if seen.settled is None else _rolling(robot, part, own, woven.course, c, seen.drive.image_size[1])
         for c, (part, own, seen) in enumerate(zip(robot.parts, problems, cameras, strict=True), 1)
@@ -108,17 +120,26 @@ def moving_row(stops: RobotFit, row: Correspondences, cameras: Sequence[Seen], l
     of_camera = np.cumsum(woven.frame < 0) - 1
     of_camera[woven.moving] = number[woven.frame[woven.moving]]
     robot = replace(robot, parts=tuple(parts))
-    return MovingRow(robot=robot, woven=woven, camera=of_place, number=of_camera, late_s=late_s)
+    return MovingRow(robot=robot, woven=woven, camera=of_place, number=of_camera, since_s=since_s, clocks=clocks)
 
 
-def _frames(cameras: Sequence[Seen], late_s: Array) -> tuple[Ids, Ids, Ids]:
+def _since_s(cameras: Sequence[Seen], camera: Ids, number: Ids, woven: Woven) -> Array:
+    """Return how long after the middle of its camera's frames each frame in the row is stamped, (P,), s."""
+    since = np.zeros(len(camera))
+    for c in np.unique(camera).tolist():
+        since[camera == c] = since_middle_s(cameras[c].drive, number[camera == c])
+    return np.where(woven.frame >= 0, since[np.maximum(woven.frame, 0)], 0.0) if len(since) else woven.since_s
+
+
+def _frames(cameras: Sequence[Seen], clocks: Clocks) -> tuple[Ids, Ids, Ids]:
     """Return times (ns), cameras and numbers of the frames to use, in order of time."""
     found: list[tuple[int, int, int]] = []
     for c, seen in enumerate(cameras):
         if seen.settled is not None:
             there = seen.settled.joint.woven
-            late_ns = int(np.rint(late_s[c] * 1e9))
-            found += [(seen.drive.moving[k].t_ns - late_ns, c, k) for k in there.frame[there.moving].tolist()]
+            frames = there.frame[there.moving]
+            late_ns = np.rint(1e9 * clocks.late(c, since_middle_s(seen.drive, frames))).astype(np.int64)
+            found += [(seen.drive.moving[k].t_ns - late_ns[i], c, k) for i, k in enumerate(frames.tolist())]
     kept: list[tuple[int, int, int]] = []
     count = np.zeros(len(cameras), dtype=np.int64)
     for frame in sorted(found):
@@ -142,7 +163,7 @@ def _own(part: Part, seen: Seen, woven: Woven, mine: Array, number: Ids) -> tupl
     stops: list[StopObservation] = []
     weights: list[Array] = []
     for place in places.tolist():
-        there = woven.drive.stops[place]
+        there = woven.drives[0].stops[place]
         k = stop_of.get(place)
         if k is None:
             stops.append(there)
@@ -151,7 +172,7 @@ def _own(part: Part, seen: Seen, woven: Woven, mine: Array, number: Ids) -> tupl
         own = seen.drive.stops[int(seen.fit.problem.stop[k])]
         stops.append(replace(own, first_sample=there.first_sample, last_sample=there.last_sample))
         weights.append(part.corners[starts[k] : starts[k + 1]])
-    drive = replace(seen.drive, wheels=woven.drive.wheels, stops=tuple(stops), moving=())
+    drive = replace(seen.drive, wheels=woven.drives[0].wheels, stops=tuple(stops), moving=())
     explanations: tuple[Explanation, ...] = () if seen.settled is None else (Readout(),)
     options = replace(seen.fit.options, lens=seen.fit.problem.lens, explanations=explanations)
     step = max(seen.fit.problem.step, FINEST_STEP)
