@@ -64,7 +64,7 @@ printables: $(INSTALLED)
 # The source distribution, and the wheel from it: nothing that lies about in build/ gets in.
 dist: $(ALL_INSTALLED)
 	rm -rf dist
-	$(BIN)/python -m build --no-isolation --outdir dist .
+	$(BIN)/python -m build --no-isolation --config-setting compile=no --outdir dist .
 
 docker:
 	docker build --tag boxcal .

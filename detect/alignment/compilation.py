@@ -32,6 +32,8 @@ PATIENCE_S = 180.0
 _SIZE = 32
 """Side of the picture that functions are compiled with, px; what it shows does not matter."""
 _HALVES = ("first", "second")
+PASSING = ("lock", "second")
+"""Names of files that matter only while code is compiled."""
 _MODULE = "boxcal.detect.alignment.compilation"
 Tell = Callable[[str], None]
 
@@ -49,13 +51,13 @@ def prepare(tell: Tell | None = None, further: Sequence[str] = ()) -> None:
     """
     if backend().name == "numpy":
         return
-    tell, folder = tell or _silent, _cache_folder()
+    tell, folder = tell or _silent, detector_folder()
     if folder is None:
         tell("compiling in memory, as no folder for compiled code can be written (some 10 s each time)")
         return
     if _complete(folder).exists():
         return
-    with _locked(folder / "lock", tell):
+    with _locked(folder / PASSING[0], tell):
         if _complete(folder).exists():
             return
         tell("compiling, once on this computer (some 10 s) ...")
@@ -79,7 +81,7 @@ def finish(module: str) -> None:
     folder: Path | None = import_module(module).cache_folder()
     if folder is None or _complete(folder).exists():
         return
-    with _locked(folder / "lock", _silent):
+    with _locked(folder / PASSING[0], _silent):
         if not _complete(folder).exists():
             with _no_collector():
                 import_module(module).compile_all()
@@ -88,7 +90,7 @@ def finish(module: str) -> None:
 
 def _help(further: Sequence[str]) -> None:
     """Compile the detector's second half, say so by a file, and go on with other modules' code."""
-    folder = _cache_folder()
+    folder = detector_folder()
     with _no_collector():
         compile_half(_HALVES[1])
     if folder is not None:
@@ -130,18 +132,21 @@ def _no_collector() -> Iterator[None]:
             gc.enable()
 
 
-def _cache_folder() -> Path | None:
+def detector_folder() -> Path | None:
+    """Return the folder for the detector's compiled code; None if no place can be written."""
     from boxcal.detect.alignment.numba.kernel import cache_folder  # noqa: PLC0415 - slow to import
 
     return cache_folder()
 
 
 def _second(folder: Path) -> Path:
-    return folder / "second"
+    return folder / PASSING[1]
 
 
 def _complete(folder: Path) -> Path:
-    return folder / "complete"
+    from boxcal.detect.alignment.numba.kernel import COMPLETE  # noqa: PLC0415 - slow to import
+
+    return folder / COMPLETE
 
 
 def compile_half(which: str) -> None:

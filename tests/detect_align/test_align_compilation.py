@@ -66,15 +66,49 @@ def test_compiled_code_is_kept_by_what_it_is_made_of(monkeypatch, tmp_path):
     assert kernel.cache_folder.__wrapped__() != folder
 
 
-def test_two_copies_of_the_same_sources_do_not_take_each_others_code_for_their_own(monkeypatch, tmp_path):
-    """The compiler names its files by the place of the sources: a second copy found all complete, nothing its own."""
+@pytest.mark.parametrize(("name", "told"), [("_processor", ("another",)), ("__version__", "0")])
+def test_code_for_another_processor_or_of_another_compiler_is_not_taken(monkeypatch, tmp_path, name, told):
+    monkeypatch.setattr(kernel._CONFIG, "CACHE_DIR", str(tmp_path))
+    folder = kernel.folder_for([])
+    monkeypatch.setattr(kernel, name, (lambda: told) if name == "_processor" else told)
+    assert kernel.folder_for([]) != folder
+
+
+ADDS = "from boxcal.detect.alignment.numba.kernel import compiled_in\nfrom pathlib import Path\n"
+ADDS += "@compiled_in(Path(FOLDER))\ndef add(x, y):\n    return x + y\n"
+
+
+def _added(place, folder):
+    """Return how often a function whose source lies in a place was read from a folder, and how often compiled."""
+    place.mkdir()
+    (place / "adding.py").write_text(ADDS.replace("FOLDER", repr(str(folder))))
+    program = "import adding; assert adding.add(1.0, 2) == 3; s = adding.add.stats; "
+    program += "print(sum(s.cache_hits.values()), sum(s.cache_misses.values()))"
+    free = {name: value for name, value in os.environ.items() if not name.startswith("NUMBA_")}
+    done = subprocess.run(
+        [sys.executable, "-c", program], cwd=place, env=free, capture_output=True, check=True, text=True
+    )
+    return tuple(map(int, done.stdout.split()))
+
+
+def test_compiled_code_is_found_by_any_copy_of_its_sources(tmp_path):
+    """As after an installation anew, which writes the same sources again, or to another place."""
+    assert _added(tmp_path / "first", tmp_path / "kept") == (0, 1)
+    assert _added(tmp_path / "second", tmp_path / "kept") == (1, 0)
+
+
+def test_installed_code_is_read_if_complete_and_never_written(monkeypatch, tmp_path):
+    installed = tmp_path / "package"
+    monkeypatch.setattr(kernel, "_INSTALLED", installed)
     monkeypatch.setattr(kernel._CONFIG, "CACHE_DIR", str(tmp_path / "cache"))
-    copies = [tmp_path / name / "source.py" for name in ("first", "second")]
-    for copy in copies:
-        copy.parent.mkdir()
-        copy.write_text("the same")
-    assert kernel.folder_for(copies[:1]) != kernel.folder_for(copies[1:])
-    assert kernel.folder_for(copies[:1]) == kernel.folder_for(copies[:1])
+    elsewhere = kernel.folder_for([])
+    assert elsewhere.parent == tmp_path / "cache"
+    (installed / elsewhere.name).mkdir(parents=True)
+    assert kernel.folder_for([]) == elsewhere
+    (installed / elsewhere.name / "complete").touch()
+    assert kernel.folder_for([]) == installed / elsewhere.name
+    assert kernel.compiled_in(installed / elsewhere.name)(lambda x: x + 1)(2.0) == 3.0
+    assert [path.name for path in (installed / elsewhere.name).iterdir()] == ["complete"]
 
 
 def test_a_second_process_waits_for_the_first(tmp_path):
@@ -108,7 +142,7 @@ def further(monkeypatch, tmp_path):
     module.cache_folder = lambda: module.folder
     module.compile_all = lambda: module.calls.append((compilation._second(tmp_path).exists(), gc.isenabled()))
     monkeypatch.setitem(sys.modules, module.__name__, module)
-    monkeypatch.setattr(compilation, "_cache_folder", lambda: tmp_path)
+    monkeypatch.setattr(compilation, "detector_folder", lambda: tmp_path)
     return module
 
 

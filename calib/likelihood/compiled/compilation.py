@@ -1,5 +1,6 @@
 """The likelihood's loops called once each, so that they are compiled before they are needed."""
 
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -7,7 +8,7 @@ import numpy as np
 from boxcal.calib.geometry.diff_drive import Legs
 from boxcal.calib.likelihood.backend import loops
 from boxcal.calib.likelihood.wheel_path import wheel_path
-from boxcal.detect.alignment.compilation import Tell, finish, prepare
+from boxcal.detect.alignment.compilation import PASSING, Tell, detector_folder, finish, prepare
 
 
 def prepare_detector(tell: Tell) -> None:
@@ -22,6 +23,21 @@ def prepare_all(tell: Tell) -> None:
     """Have the detector's and the likelihood's code compiled, unless it is; ``tell`` is told what takes long."""
     prepare(tell, (__name__,))
     finish(__name__)
+
+
+def compile_into(place: Path) -> None:
+    """Have all compiled code copied to a place, once it is compiled and kept in the user's cache.
+
+    Raises
+    ------
+    OSError
+        If no folder can be written where it would be kept.
+    """
+    prepare_all(print)
+    for kept in (detector_folder(), cache_folder()):
+        if kept is None:
+            raise OSError("no folder for compiled code can be written: neither the user's cache nor NUMBA_CACHE_DIR")
+        shutil.copytree(kept, place / kept.name, ignore=shutil.ignore_patterns(*PASSING, "*.tmp.*"))
 
 
 def cache_folder() -> Path | None:

@@ -1,11 +1,13 @@
-"""Compilation of functions by numba, and the cache of compiled code.
+"""Compilation of functions by numba, and where compiled code is kept.
 
-Compiled code lies in the user's cache (``~/.cache/boxcal``, or where ``NUMBA_CACHE_DIR``, ``XDG_CACHE_HOME`` or the
-system says), in a folder named by the hash of its sources and numba's version, so that an update never meets old code;
-numba tells processors apart. Without a place that can be written it is compiled in memory, in each process.
+It lies in the installed package, if that was built on a computer like this one, else in the user's cache
+(``~/.cache/boxcal``, or where ``NUMBA_CACHE_DIR``, ``XDG_CACHE_HOME`` or the system says): in a folder named by the hash
+of its sources, of numba's and Python's version and of the processor, so that an update never meets old code and any copy
+of the same sources finds it. Without a place that can be written it is compiled in memory, in each process.
 """
 
 import hashlib
+import sys
 import tempfile
 from collections.abc import Callable, Iterable
 from functools import cache
@@ -15,9 +17,14 @@ from typing import Any
 
 from numba import __version__, njit
 
+from boxcal.detect.alignment.numba.kept_code import keep_in
+
+COMPLETE = "complete"
+"""Name of the empty file that says of a folder that all code is there."""
 _CONFIG: Any = import_module("numba.core.config")
 _APPDIRS: Any = import_module("numba.misc.appdirs")
 _HERE = Path(__file__).resolve().parent
+_INSTALLED = _HERE / "compiled"
 _SOURCES = (
     *sorted(_HERE.glob("*.py")),
     *sorted((_HERE.parent / "registration").glob("*.py")),
@@ -33,14 +40,13 @@ def cache_folder() -> Path | None:
 
 def folder_for(sources: Iterable[Path]) -> Path | None:
     """Return the folder for code compiled from some sources, made if need be; None if no place can be written."""
-    digest = hashlib.sha256(__version__.encode())
-    for source in sources:  # with their place, by which the compiler names its files: another copy finds none of them
-        digest.update(str(source).encode())
-        digest.update(source.read_bytes())
+    name = _name(sources)
+    if (_INSTALLED / name / COMPLETE).exists():
+        return _INSTALLED / name
     places = [Path(_CONFIG.CACHE_DIR)] if _CONFIG.CACHE_DIR else []
     places += [Path(_APPDIRS.user_cache_dir("boxcal"))]
     for place in places:
-        folder = place / f"compiled-{digest.hexdigest()[:16]}"
+        folder = place / name
         try:
             folder.mkdir(mode=0o700, parents=True, exist_ok=True)
             with tempfile.TemporaryFile(dir=folder):
@@ -48,6 +54,22 @@ def folder_for(sources: Iterable[Path]) -> Path | None:
         except OSError:
             continue
     return None
+
+
+def _name(sources: Iterable[Path]) -> str:
+    """Return the name of a folder: it differs where code compiled elsewhere could not be used."""
+    digest = hashlib.sha256(repr((__version__, sys.implementation.cache_tag, _processor())).encode())
+    for source in sources:  # names of functions' files have the module's name and the line in them
+        digest.update(source.name.encode())
+        digest.update(source.read_bytes())
+    return f"compiled-{digest.hexdigest()[:16]}"
+
+
+def _processor() -> tuple[str, ...]:
+    """Return what numba tells processors apart by: system, name and instruction sets."""
+    registry: Any = import_module("numba.core.registry")
+    told: tuple[str, ...] = registry.cpu_target.target_context.codegen().magic_tuple()
+    return told
 
 
 Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
@@ -68,18 +90,12 @@ def kernel(*, inner: bool = False, **options: Any) -> Decorator:
 
 def compiled_in(folder: Path | None, *, inner: bool = False, **options: Any) -> Decorator:
     """Return a decorator as :func:`kernel` does, of code that is kept in a folder, if there is one."""
-    kept = folder is not None and not inner
     wrappers: dict[str, Any] = {"no_cpython_wrapper": inner, "no_cfunc_wrapper": True}
 
     def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
-        before = _CONFIG.CACHE_DIR
-        _CONFIG.CACHE_DIR = str(folder or before)
-        try:
-            made: Callable[..., Any] = njit(cache=kept, nogil=True, error_model="numpy", **wrappers, **options)(
-                function
-            )
-        finally:
-            _CONFIG.CACHE_DIR = before
+        made: Callable[..., Any] = njit(nogil=True, error_model="numpy", **wrappers, **options)(function)
+        if folder is not None and not inner:
+            keep_in(folder, made, written=folder.parent != _INSTALLED)
         return made
 
     return compiled
