@@ -39,7 +39,7 @@ __all__ = [
 
 Settings = Mapping[str, Any] | None
 _SWITCH = "BOXCAL_BUILD_COMPILES"
-_COMPILE = "from boxcal.calib.likelihood.compiled.compilation import compile_into; compile_into(__import__('sys').argv[1])"
+_COMPILER = "boxcal.calib.likelihood.compiled.compilation"
 
 
 def get_requires_for_build_wheel(config_settings: Settings = None) -> list[str]:
@@ -77,7 +77,7 @@ class BuildWithCompiledCode(build_py):
         folder = library / "boxcal" / "detect" / "alignment" / "numba" / "compiled"
         found = os.pathsep.join([str(library), *filter(None, [os.environ.get("PYTHONPATH")])])
         done = subprocess.run(
-            [sys.executable, "-P", "-c", _COMPILE, str(folder)],
+            [sys.executable, "-P", "-m", _COMPILER, str(folder)],
             env={**os.environ, "PYTHONPATH": found, "PYTHONDONTWRITEBYTECODE": "1"},
             capture_output=True,
             text=True,

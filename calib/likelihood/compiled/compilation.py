@@ -1,6 +1,12 @@
-"""The likelihood's loops called once each, so that they are compiled before they are needed."""
+"""The likelihood's loops called once each, so that they are compiled before they are needed.
+
+    python -m boxcal.calib.likelihood.compiled.compilation FOLDER
+
+puts all compiled code into a folder, as the build of a package does.
+"""
 
 import shutil
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -65,3 +71,7 @@ def compile_all() -> None:
     corners.fill_rows(np.array([0, 1]), (pair, one, one), derivatives, poses, one.copy(), np.empty((1, 2, 9)))
     rows, first = (np.ones((1, 2, 3)), one, np.ones(1)), np.zeros(1, dtype=np.int64)
     compute.corner_sums(rows, first, first, 1, np.ones((1, 3, 4)), np.ones((1, 3, 2)))
+
+
+if __name__ == "__main__":
+    compile_into(Path(sys.argv[1]))
