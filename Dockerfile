@@ -12,7 +12,7 @@ FROM python:3.12-slim
 RUN --mount=type=bind,from=build,source=/wheels,target=/wheels \
     python -m pip install --no-cache-dir --no-index --find-links /wheels "$(ls /wheels/boxcal-*.whl)[report]" \
     && useradd --create-home --uid 1000 boxcal
-# Code compiled at the first picture is kept where any user may write.
+# boxcal's wheel has compiled code inside for the processor that built it; on another, code is kept where any may write.
 ENV NUMBA_CACHE_DIR=/tmp/boxcal-numba PYTHONUNBUFFERED=1
 USER 1000
 WORKDIR /data

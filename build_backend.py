@@ -1,8 +1,8 @@
 """Build of the distribution: setuptools', and a wheel takes compiled code for this computer along.
 
-Without that the first command compiles what it needs, half a minute of work. A wheel that is built to be installed here,
-as by ``pip install .``, has it inside, for this processor and the versions of Python and numba that it was built with;
-elsewhere it is passed over and compiled as if it were not there. Wheels to be published go without:
+Without that the first command compiles what it needs, half a minute of work. A wheel that is built to be installed
+here, as by ``pip install .``, has it inside, for this processor and the versions of Python and numba that it was built
+with; elsewhere it is passed over, and the first command compiles. Wheels to be published go without:
 ``python -m build --config-setting compile=no``. An editable installation never has it.
 """
 
@@ -76,7 +76,7 @@ class BuildWithCompiledCode(build_py):
         library = Path(self.build_lib).resolve()
         folder = library / "boxcal" / "detect" / "alignment" / "numba" / "compiled"
         found = os.pathsep.join([str(library), *filter(None, [os.environ.get("PYTHONPATH")])])
-        done = subprocess.run(
+        done = subprocess.run(  # noqa: S603 - this package's own module
             [sys.executable, "-P", "-m", _COMPILER, str(folder)],
             env={**os.environ, "PYTHONPATH": found, "PYTHONDONTWRITEBYTECODE": "1"},
             capture_output=True,

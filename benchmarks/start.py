@@ -1,11 +1,12 @@
 """What starts cost: imports, compiled code made for the first time, and read from the cache later.
 
-python benchmarks/start.py
+python benchmarks/start.py [--installed]
 
 Processor time of all processes, and time by the clock, of new interpreters; compiled code goes to a folder of its own.
 Python's bytecode is there from the beginning, as pip writes it when it installs.
 Of ``fleet-calibrate`` on one simulated robot, without and with compiled code: when its first line, the robot's first
-stage and its end come.
+stage and its end come. With ``--installed`` also what ``pip install .`` costs in a fresh environment, where the code is
+compiled as the package is built, and how the first run goes there.
 """
 
 import argparse
@@ -15,6 +16,7 @@ import subprocess
 import sys
 import tempfile
 import time
+import venv
 from contextlib import redirect_stdout
 from io import StringIO
 from pathlib import Path
@@ -22,6 +24,7 @@ from pathlib import Path
 from boxcal.calib.simulate.cli import main as simulate_fleet
 from boxcal.target.cli import main as make_target
 
+ROOT = Path(__file__).resolve().parents[1]
 FURTHER = "boxcal.calib.likelihood.compiled.compilation"
 INSTALLED = "import boxcal.calib.calibrate, boxcal.calib.cli, boxcal.calib.fleet.batch, numba"
 """What has bytecode written of all that it imports."""
@@ -53,13 +56,13 @@ def start(program: str, folder: str) -> tuple[float, float]:
     return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime, clock
 
 
-def command(robots: Path, folder: str) -> list[float]:
+def command(robots: Path, environment: dict[str, str], python: str = sys.executable) -> list[float]:
     """Return the times, s, of a command's first line, its robot's first stage and its end, and its processor time."""
     words = ["fleet-calibrate", str(robots / "r01.mcap"), "--target", str(robots / "box" / "target.json")]
     before, begun, times = resource.getrusage(resource.RUSAGE_CHILDREN), time.monotonic(), []
     with subprocess.Popen(
-        [sys.executable, "-P", "-u", "-m", "boxcal", *words, "--out", str(robots / "out"), "--force"],
-        env=environment(folder), stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+        [python, "-P", "-u", "-m", "boxcal", *words, "--out", str(robots / "out"), "--force"],
+        env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
     ) as process:  # fmt: skip
         for line in process.stdout or ():
             if not times or (len(times) == 1 and "reading" in line):
@@ -71,22 +74,57 @@ def command(robots: Path, folder: str) -> list[float]:
     return [*times, time.monotonic() - begun, used]
 
 
-def commands() -> None:
-    """Print the times of a first and of later runs of fleet-calibrate."""
+def installed(robots: Path) -> tuple[Path, dict[str, str], float, float]:
+    """Install into a fresh environment; return its Python, the environment's variables, and what that took, s."""
+    place = robots / "installed"
+    venv.create(place, with_pip=True)
+    python, home = place / "bin" / "python", robots / "home"
+    home.mkdir()
+    hidden = ("NUMBA_CACHE_DIR", "XDG_CACHE_HOME", "PYTHONDONTWRITEBYTECODE", "PYTHONPATH", "PYTHONPYCACHEPREFIX")
+    variables = {name: value for name, value in os.environ.items() if name not in hidden} | {"HOME": str(home)}
+    words = [
+        "-m",
+        "pip",
+        "install",
+        "--quiet",
+        "--disable-pip-version-check",
+        "--constraint",
+        str(ROOT / "constraints.txt"),
+    ]
+    before, begun = resource.getrusage(resource.RUSAGE_CHILDREN), time.monotonic()
+    subprocess.run([str(python), *words, f"{ROOT}[report]"], env=variables, check=True)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    used = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    return python, variables, used, time.monotonic() - begun
+
+
+def commands(*, install: bool) -> None:
+    """Print the times of a first and of later runs of fleet-calibrate, if wanted also of a fresh installation's."""
     print("\n| fleet-calibrate, one robot | first line | first stage | end s | processor s |\n|---|---|---|---|---|")
     with tempfile.TemporaryDirectory() as here:
         robots = Path(here)
         with redirect_stdout(StringIO()):
             make_target([str(robots / "box")])
             simulate_fleet([here, "--robots", "1", "--stops", "20", "--frames", "6", "--moving-frames", "0"])
-        start(INSTALLED, str(robots / "compiled"))
+        compiled = str(robots / "compiled")
+        start(INSTALLED, compiled)
         for name in ("first run", "later", "later again"):
-            first, stage, end, used = command(robots, str(robots / "compiled"))
-            print(f"| {name} | {first:.2f} | {stage:.2f} | {end:.1f} | {used:.1f} |", flush=True)
+            print(_row(name, command(robots, environment(compiled))), flush=True)
+        if install:
+            python, variables, used, clock = installed(robots)
+            print(_row("first run after pip install .", command(robots, variables, str(python))), flush=True)
+            print(f"\npip install '.[report]': {used:.0f} s of processor time, {clock:.0f} s by the clock")
+
+
+def _row(name: str, times: list[float]) -> str:
+    first, stage, end, used = times
+    return f"| {name} | {first:.2f} | {stage:.2f} | {end:.1f} | {used:.1f} |"
 
 
 def main() -> None:
-    argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--installed", action="store_true", help="install into a fresh environment, too")
+    options = parser.parse_args()
     print(f"{os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}")
     print("| start | processor s | by the clock s |\n|---|---|---|")
     with tempfile.TemporaryDirectory() as folder:
@@ -94,7 +132,7 @@ def main() -> None:
         for name, program in STARTS.items():
             used, clock = start(program, folder)
             print(f"| {name} | {used:.2f} | {clock:.1f} |", flush=True)
-    commands()
+    commands(install=options.installed)
 
 
 if __name__ == "__main__":

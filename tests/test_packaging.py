@@ -16,6 +16,7 @@ from pathlib import Path
 import pytest
 
 import boxcal
+from boxcal.calib.likelihood.compiled.compilation import prepare_all
 
 ROOT = Path(__file__).resolve().parents[1]
 PARTS = ("target", "detect", "calib")
@@ -50,9 +51,10 @@ def _kept() -> list[str]:
 
 @pytest.fixture(scope="module")
 def wheel(source: Path) -> Path:
-    """The wheel, built offline from the clean copy."""
+    """The wheel as it is published, built offline from the clean copy."""
     out = source.parent / "dist"
-    subprocess.run([*_PIP, "wheel", *_OFFLINE, "--wheel-dir", str(out), str(source)], check=True, env=CLEAN)
+    words = [*_OFFLINE, "--config-settings", "compile=no", "--wheel-dir", str(out), str(source)]
+    subprocess.run([*_PIP, "wheel", *words], check=True, env=CLEAN)
     (built,) = out.glob("boxcal-*.whl")
     return built
 
@@ -112,7 +114,8 @@ def test_a_wheel_holds_nothing_of_an_earlier_build(source: Path, tmp_path: Path)
     stale = copy / "build" / "lib" / "boxcal" / "gone.py"
     stale.parent.mkdir(parents=True)
     stale.write_text("removed = True\n")
-    build = [sys.executable, "-m", "build", "--no-isolation", "--outdir", str(tmp_path / "dist"), str(copy)]
+    pure = ["--no-isolation", "--config-setting", "compile=no"]
+    build = [sys.executable, "-m", "build", *pure, "--outdir", str(tmp_path / "dist"), str(copy)]
     subprocess.run(build, check=True, env=CLEAN, capture_output=True)
     (built,) = (tmp_path / "dist").glob("*.whl")
     (archive,) = (tmp_path / "dist").glob("*.tar.gz")
@@ -138,6 +141,47 @@ def test_only_boxcal_appears_in_site_packages(way: str, wheel: Path, source: Pat
     )
     assert done.returncode == 0
     assert (home.parent / "box" / "target.json").is_file()
+
+
+_COMPILED_AT_FIRST_USE = """
+from boxcal.calib.likelihood.compiled import chain, compilation as likelihood, corner_sums, corners, legs
+from boxcal.detect.alignment import compilation as detector
+from boxcal.detect.alignment.numba import box_refinement, finish, gauss_newton, misfit_sums
+
+likelihood.prepare_all(print)
+detector.compile_half("all")
+likelihood.compile_all()
+modules = chain, corner_sums, corners, legs, box_refinement, finish, gauss_newton, misfit_sums
+stats = [f.stats for m in modules for f in vars(m).values() if getattr(getattr(f, "stats", None), "cache_hits", None)]
+print(len(stats) > 8, sum(sum(s.cache_misses.values()) for s in stats))
+"""
+
+
+@pytest.mark.slow
+def test_an_installation_from_sources_has_its_code_compiled(source: Path, home: Path) -> None:
+    """As by `pip install .`: the first command compiles nothing, and needs no place to write."""
+    prepare_all(print)  # building copies what lies in the cache
+    _install(home, str(source))
+    nowhere = {"NUMBA_CACHE_DIR": "/dev/null/cache", "XDG_CACHE_HOME": "/dev/null/home", "HOME": "/dev/null"}
+    done = subprocess.run(
+        [str(home), "-c", _COMPILED_AT_FIRST_USE],
+        cwd=home.parent,
+        env=CLEAN | nowhere,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout == "True 0\n"
+
+
+@pytest.mark.parametrize("setting", ["yes", "no", "maybe"])
+def test_what_a_build_needs_is_what_compiling_needs(setting: str) -> None:
+    program = "import build_backend, sys; print(*build_backend.get_requires_for_build_wheel({'compile': sys.argv[1]}))"
+    words = [sys.executable, "-c", program, setting]
+    done = subprocess.run(words, cwd=ROOT, env=CLEAN, capture_output=True, text=True, check=False)
+    assert ("numba" in done.stdout) == (setting == "yes")
+    assert (done.returncode != 0) == ("it is yes or no" in done.stderr) == (setting == "maybe")
 
 
 _SCRIPT = """

@@ -1,4 +1,4 @@
-"""Where numba keeps the code of a function: in one folder, wherever its source lies and whenever it was written.
+"""The cache of a function's compiled code: one folder, wherever its source lies and whenever it was written.
 
 numba by itself names its folders by the place of the source and takes code for stale whose source was written anew, as
 an installer does. Here the folder's own name says what the code was made of (:mod:`.kernel`).
@@ -26,7 +26,7 @@ def keep_in(folder: Path, function: Callable[..., Any], *, written: bool) -> Non
 
 @dataclass(frozen=True, slots=True)
 class _Place:
-    """What numba calls a locator: it says in which folder a function's code is kept, and what makes it stale."""
+    """A locator, as numba calls what says in which folder a function's code is kept, and what makes it stale."""
 
     folder: Path
     line: str

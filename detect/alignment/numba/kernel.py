@@ -1,9 +1,9 @@
 """Compilation of functions by numba, and where compiled code is kept.
 
 It lies in the installed package, if that was built on a computer like this one, else in the user's cache
-(``~/.cache/boxcal``, or where ``NUMBA_CACHE_DIR``, ``XDG_CACHE_HOME`` or the system says): in a folder named by the hash
-of its sources, of numba's and Python's version and of the processor, so that an update never meets old code and any copy
-of the same sources finds it. Without a place that can be written it is compiled in memory, in each process.
+(``~/.cache/boxcal``, or where ``NUMBA_CACHE_DIR``, ``XDG_CACHE_HOME`` or the system says): in a folder named by the
+hash of its sources, of numba's and Python's version and of the processor, so that an update never meets old code and
+any copy of the same sources finds it. Without a place that can be written it is compiled in memory, in each process.
 """
 
 import hashlib
