@@ -261,8 +261,7 @@ def grow_from_pose(
     rough = limits.relaxed()
     fit, lost, doubtful = search.fit, 0.0, None
     pyramid = pyramid.under(fit.lens)
-    height, width = pyramid.frame.grey.shape
-    image_size = (width, height)
+    image_size = pyramid.size
     tags = align_coarsely(pyramid, patterns, search.rows, search.corners_px)
     tags = tags.take(verified(patterns, tags, rough))
     for _ in range(ROUNDS):

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from boxcal.detect.alignment.homography import from_square
 from boxcal.detect.alignment.tag_patterns import Index, Patterns
+from boxcal.detect.image.gray import halved
 from boxcal.target.arrays import Array
 
 MIN_SIDE_PX = 7.0
@@ -86,12 +87,13 @@ def find_candidates(
     windows_px
         Sizes (odd) of the neighbourhoods that tell dark from bright.
     scale
-        How much larger than the image to search; 2 finds tags whose modules are little more than a pixel.
+        How much larger than the image to search, a power of 2; 2 finds tags whose modules are little more than a pixel.
     """
     image = grey
-    if scale != 1:
-        kind = cv2.INTER_CUBIC if scale > 1 else cv2.INTER_AREA
-        image = np.asarray(cv2.resize(grey, None, fx=scale, fy=scale, interpolation=kind), dtype=np.uint8)
+    if scale > 1:
+        image = np.asarray(cv2.resize(grey, None, fx=scale, fy=scale, interpolation=cv2.INTER_CUBIC), dtype=np.uint8)
+    for _ in range(round(-np.log2(scale))):
+        image = np.asarray(halved(image), dtype=np.uint8)
     found = [_decoded(image, quads, patterns) for quads in (_quads(image, w) for w in windows_px) if len(quads)]
     if not found:
         return TagCandidates.none()

@@ -28,7 +28,7 @@ from boxcal.detect.alignment.tag_patterns import Index, Patterns, target_pattern
 from boxcal.detect.alignment.uneven_light import align_unevenly_lit, box_distance2, crossed, displacement_px2
 from boxcal.detect.alignment.verification import Limits, module_px, verified
 from boxcal.detect.errors import DetectError
-from boxcal.detect.image.gray import to_grey, to_grey8
+from boxcal.detect.image.gray import Levels, to_grey8, to_levels
 from boxcal.detect.image.response_curve import (
     RESPONSES,
     ImagingParameters,
@@ -201,26 +201,26 @@ def detect_tags(
     patterns = target_patterns(target)
     if settings.fast:
         return _previewed(patterns, preview(to_grey8(image), target, settings.response, settings.windows_px[0]))
-    return detect_in_grey(*to_grey(image), target, settings, camera, expected)
+    return detect_in_grey(*to_levels(image), target, settings, camera, expected)
 
 
 def detect_in_grey(  # noqa: PLR0917
-    grey: NDArray[np.float32],
+    grey: Levels,
     grey8: NDArray[np.uint8],
     target: Target,
     settings: DetectorSettings,
     camera: KnownCamera | None = None,
     expected: ExpectedTags | None = None,
 ) -> DetectorOutput:
-    """Return the target's tags in grey levels (H, W), 1 at full scale, and their copy in 8 bits.
+    """Return the target's tags in grey levels (H, W) and their copy in 8 bits.
 
     Where the camera is known from other pictures, the search is for the box alone; where tags are expected, they are
     looked for there first. For the rest see :func:`detect_tags`; a preview is not made.
     """
     patterns = target_patterns(target)
     size = (grey.shape[1], grey.shape[0])
-    frame = Frame(grey=grey, response=response_table(_first_response(settings, camera)), lens=no_distortion(size))
-    pyramid, prior, found = Pyramid(frame), None if camera is None else camera.prior, None
+    pyramid = Pyramid(grey, response_table(_first_response(settings, camera)), no_distortion(size))
+    prior, found = None if camera is None else camera.prior, None
     if expected is not None:
         found = find_expected(pyramid, target, patterns, expected, settings.limits, prior)
     if found is None and not (expected is not None and expected.alone):
@@ -230,7 +230,9 @@ def detect_in_grey(  # noqa: PLR0917
     if found is None:
         return nothing(_first_response(settings, camera))
     tags, fit = found.tags, found.fit
-    frame = replace(frame, lens=fit.lens, blur=ROUND if expected is None else shape(*expected.blur))
+    frame = replace(
+        pyramid.around(tags.corners_px), lens=fit.lens, blur=ROUND if expected is None else shape(*expected.blur)
+    )
     imaging = camera.imaging if camera and camera.imaging.settled else None
     if imaging is None:
         imaging = estimate_response(frame, patterns, tags, settings.response)
@@ -323,10 +325,11 @@ def detect_copies(
     """
     settings = settings or DetectorSettings()
     limits = settings.limits.relaxed()
-    grey, grey8 = to_grey(image)
+    grey, grey8 = to_levels(image)
     candidates = search_copies(grey8, patterns, settings.windows_px)
-    frame = Frame(grey=grey, response=response_table("linear"), lens=no_distortion((grey.shape[1], grey.shape[0])))
-    tags = align_coarsely(Pyramid(frame), patterns, candidates.rows, candidates.corners_px)
+    pyramid = Pyramid(grey, response_table("linear"), no_distortion((grey.shape[1], grey.shape[0])))
+    tags = align_coarsely(pyramid, patterns, candidates.rows, candidates.corners_px)
+    frame = pyramid.level(0)
     tags = tags.take(verified(patterns, tags, limits.relaxed()))
     frame, tags = _finely(frame, patterns, tags, estimate_response(frame, patterns, tags, settings.response))
     tags = tags.take(verified(patterns, tags, limits))

@@ -67,7 +67,7 @@ def find_expected(  # noqa: PLR0917
 
     A few are aligned first: they tell that it is worth while, and how far off the expectation is on the whole.
     """
-    size = pyramid.frame.grey.shape[::-1]
+    size = pyramid.size
     rows, corners = _within_image(target, patterns, expected, size)
     if len(rows) < FEW_TAGS:
         return None

@@ -1,9 +1,7 @@
 """Tags aligned on shrunken copies of the image: few pixels each, and a catch of about a module."""
 
-from dataclasses import replace
-
-import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from boxcal.detect.alignment.radial_camera import PER_RADIUS
 from boxcal.detect.alignment.registration.align import align
@@ -12,6 +10,7 @@ from boxcal.detect.alignment.registration.tag_alignments import TagAlignments
 from boxcal.detect.alignment.registration.tag_batch import Frame
 from boxcal.detect.alignment.tag_patterns import Index, Patterns
 from boxcal.detect.alignment.verification import module_px
+from boxcal.detect.image.gray import Levels, from_levels, halved
 from boxcal.target.arrays import Array
 
 LEAST_MODULE_PX = 2.4
@@ -19,37 +18,64 @@ LEAST_MODULE_PX = 2.4
 STOP_PX = 0.15
 SIDE_PX = 12.0
 MAX_LEVEL = 6
+AROUND = 0.6
+"""How far around tags the image is needed, sides of the largest: alignments look at a quarter beyond its corners."""
 
 
 class Pyramid:
-    """An image and its copies of half, a quarter ... of the size, made when they are asked for."""
+    """An image and its copies of half, a quarter ... of the size, made when they are asked for.
 
-    def __init__(self, frame: Frame) -> None:
-        self._frame, self._greys = frame, [frame.grey]
+    Copies of an image of 8 bits have 8 bits too: rounding adds less than a third of a level to what is aligned roughly.
+
+    Parameters
+    ----------
+    levels : (H, W)
+        The image.
+    response : (K,)
+        The response curve under which tags are aligned, see :class:`Frame`.
+    lens : (10,)
+        The lens, see there.
+    """
+
+    def __init__(self, levels: Levels, response: Array, lens: Array) -> None:
+        self._response, self._lens = response, lens
+        self._copies: list[Levels] = [levels]
+        self._greys: dict[int, NDArray[np.float32]] = {}
 
     @property
-    def frame(self) -> Frame:
-        """The image itself."""
-        return self._frame
+    def size(self) -> tuple[int, int]:
+        """Width and height of the image, px."""
+        height, width = self._copies[0].shape
+        return width, height
 
     def under(self, lens: Array) -> "Pyramid":
         """Return the same images, taken through another lens."""
-        other = Pyramid(replace(self._frame, lens=lens))
-        other._greys = self._greys
+        other = Pyramid(self._copies[0], self._response, lens)
+        other._copies, other._greys = self._copies, self._greys
         return other
 
     def level(self, level: int) -> Frame:
         """Return the copy shrunk by ``2**level``."""
-        while len(self._greys) <= level:
-            last = self._greys[-1]
-            height, width = (max(s // 2, 1) for s in last.shape)
-            even = np.ascontiguousarray(last[: 2 * height, : 2 * width])
-            grey = np.asarray(cv2.resize(even, (width, height), interpolation=cv2.INTER_AREA), dtype=np.float32)
-            self._greys.append(grey)
-        lens = self._frame.lens.copy()
+        while len(self._copies) <= level:
+            self._copies.append(halved(self._copies[-1]))
+        if level not in self._greys:
+            self._greys[level] = from_levels(self._copies[level])
+        lens = self._lens.copy()
         lens[:2] = (lens[:2] + 0.5) / 2**level - 0.5
         lens[PER_RADIUS] *= 2**level
-        return Frame(grey=self._greys[level], response=self._frame.response, lens=lens)
+        return Frame(grey=self._greys[level], response=self._response, lens=lens)
+
+    def around(self, corners_px: Array) -> Frame:
+        """Return the image itself; of 8 bits, it may be black but around tags with corners (N, 4, 2), px."""
+        if 0 in self._greys or self._copies[0].dtype != np.uint8 or len(corners_px) == 0:
+            return self.level(0)
+        side = float(np.ptp(corners_px, axis=1).max())
+        low = np.maximum(np.floor(corners_px.min(axis=(0, 1)) - AROUND * side), 0).astype(int)
+        high = np.maximum(np.ceil(corners_px.max(axis=(0, 1)) + AROUND * side) + 1, 0).astype(int)
+        part = slice(low[1], high[1]), slice(low[0], high[0])
+        grey = np.zeros(self._copies[0].shape, dtype=np.float32)  # whose pages cost nothing until they are written to
+        grey[part] = from_levels(self._copies[0][part])
+        return Frame(grey=grey, response=self._response, lens=self._lens)
 
 
 def align_coarsely(

@@ -19,7 +19,7 @@ _GAINS = (0.05, 20.0)
 
 
 _LINES = 100
-"""Lines each way that are looked at."""
+"""Rows that are looked at, and as many pairs of neighbouring rows."""
 _ALTERNATES, _LEAST_LEVELS = 1.07, 0.2
 """Neighbours that differ so many times and levels more than pixels two apart, over the whole picture, alternate.
 
@@ -33,12 +33,20 @@ def alternation(image: NDArray[Any]) -> tuple[bool, bool]:
     Of a scene, neighbours differ less than pixels two apart. Where they differ more, columns and rows alternate in a
     colour mosaic that was sent as grey, rows alone in an interlaced picture of something that moved.
     """
-    down, across = (max(1, side // _LINES) for side in image.shape)
-    out = []
-    for lines in (image[::down].astype(np.float32).T, image[:, ::across].astype(np.float32)):
-        one, two = (float(np.abs(lines[step:] - lines[:-step]).mean()) for step in (1, 2))
-        out.append(one > _ALTERNATES * two + _LEAST_LEVELS)
-    return out[0], out[1]
+    if image.dtype not in {np.dtype(np.uint8), np.dtype(np.uint16)}:
+        image = image.astype(np.float32)
+    every = max(1, image.shape[0] // _LINES) | 1  # odd, so that both kinds of alternating rows are met
+    rows = image[::every]
+    across = _mean_step(rows[:, 1:], rows[:, :-1]), _mean_step(rows[:, 2:], rows[:, :-2])
+    first, second, third = (image[k : image.shape[0] - 2 + k : every] for k in range(3))
+    down = _mean_step(second, first), _mean_step(third, first)
+    alternates = [one > _ALTERNATES * two + _LEAST_LEVELS for one, two in (across, down)]
+    return alternates[0], alternates[1]
+
+
+def _mean_step(levels: NDArray[Any], others: NDArray[Any]) -> float:
+    """Return the mean difference of grey levels (R, W), without their signs."""
+    return float(cv2.norm(levels, others, cv2.NORM_L1)) / levels.size
 
 
 def unnamed_mosaic(image: NDArray[Any], alternates: tuple[bool, bool] | None = None) -> str | None:

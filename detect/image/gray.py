@@ -11,28 +11,53 @@ from boxcal.detect.image.bayer import alternation, even_mosaic, unnamed_mosaic
 from boxcal.detect.image.interlaced import averaged_fields
 
 LEAST_SIDE_PX, MAX_SIDE_PX = 8, 16_384
+Levels = NDArray[np.float32] | NDArray[np.uint8]
+"""Grey levels (H, W), 1 at full scale, or those of an image of 8 bits as they are."""
 
 
 def to_grey(image: NDArray[np.generic], bits: int | None = None) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
     """Return an image as grey levels 0..1 (H, W) and in 8 bits; ``bits`` is what full scale of uint16 has (16)."""
+    grey, grey8 = to_levels(image, bits)
+    return from_levels(grey), grey8
+
+
+def to_levels(image: NDArray[np.generic], bits: int | None = None) -> tuple[Levels, NDArray[np.uint8]]:
+    """Return an image's grey levels, and in 8 bits, as :func:`to_grey`, but those of 8 bits as they are.
+
+    Of a large picture it takes long to make others of them all, and tags fill a part of it.
+    """
     single, full = _single(image, bits)
+    if single.dtype == np.uint8:
+        grey8 = np.ascontiguousarray(single, dtype=np.uint8)
+        return grey8, grey8
     grey = np.multiply(single, np.float32(1 / full), dtype=np.float32)
-    return grey, _eight_bits(single, grey)
+    return grey, _eight_bits(grey)
+
+
+def from_levels(levels: Levels) -> NDArray[np.float32]:
+    """Return grey levels 0..1."""
+    if levels.dtype == np.uint8:
+        return np.multiply(levels, np.float32(1 / 255), dtype=np.float32)
+    return np.asarray(levels, dtype=np.float32)
+
+
+def halved(levels: Levels) -> Levels:
+    """Return grey levels of half the size each way, means of four pixels; an odd last row or column is left out."""
+    height, width = (max(side // 2, 1) for side in levels.shape)
+    even = levels[: 2 * height, : 2 * width]
+    return np.asarray(cv2.resize(even, (width, height), interpolation=cv2.INTER_AREA), dtype=levels.dtype)
 
 
 def to_grey8(image: NDArray[np.generic]) -> NDArray[np.uint8]:
     """Return an image as grey levels in 8 bits (H, W), as :func:`to_grey` does."""
-    single, full = _single(image, None)
-    if single.dtype == np.uint8:
-        return np.ascontiguousarray(single, dtype=np.uint8)
-    return _eight_bits(single, np.multiply(single, np.float32(1 / full), dtype=np.float32))
+    return to_levels(image)[1]
 
 
 def eight_bit_copy(levels: NDArray[np.float32], full: float) -> NDArray[np.uint8]:
     """Return grey levels (H, W) of images of 8 bits (``full`` 255) rounded, others stretched to 8 bits."""
     if full == 255:
         return np.asarray(cv2.convertScaleAbs(levels), dtype=np.uint8)
-    return _eight_bits(levels, np.multiply(levels, np.float32(1 / full), dtype=np.float32))
+    return _eight_bits(np.multiply(levels, np.float32(1 / full), dtype=np.float32))
 
 
 def _single(image: NDArray[np.generic], bits: int | None) -> tuple[NDArray[Any], float]:
@@ -60,10 +85,8 @@ def _single(image: NDArray[np.generic], bits: int | None) -> tuple[NDArray[Any],
     return (averaged_fields(single) if alternates == (False, True) else single), full
 
 
-def _eight_bits(single: NDArray[Any], grey: NDArray[np.float32]) -> NDArray[np.uint8]:
-    """Return 8 bits as they are, others stretched to what there is of black and white."""
-    if single.dtype == np.uint8:
-        return np.ascontiguousarray(single, dtype=np.uint8)
+def _eight_bits(grey: NDArray[np.float32]) -> NDArray[np.uint8]:
+    """Return grey levels 0..1 in 8 bits, stretched to what there is of black and white."""
     if not np.isfinite(grey).all():
         raise DetectError("an image with values that are not finite: numbers from 0 to 1 are needed; convert it first")
     low, high = np.quantile(grey[::4, ::4], (0.001, 0.999))

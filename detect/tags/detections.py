@@ -10,12 +10,11 @@ from numpy.typing import NDArray
 from boxcal.detect.alignment.detector import DetectorSettings, detect_tags
 from boxcal.detect.alignment.pyramid import Pyramid, align_coarsely
 from boxcal.detect.alignment.radial_camera import no_distortion
-from boxcal.detect.alignment.registration.tag_batch import Frame
 from boxcal.detect.alignment.tag_patterns import family_patterns
 from boxcal.detect.alignment.verification import Limits, verified
 from boxcal.detect.errors import DetectError
 from boxcal.detect.image.bit_depth import DeepGrey, eight_bits
-from boxcal.detect.image.gray import LEAST_SIDE_PX, to_grey, to_grey8
+from boxcal.detect.image.gray import LEAST_SIDE_PX, to_grey8, to_levels
 from boxcal.detect.image.response_curve import Response, response_table
 from boxcal.detect.tags.line_fit import CornerSettings, refine, systematic_px
 from boxcal.target.arrays import Array, Ids
@@ -154,10 +153,9 @@ def other_family(image: NDArray[np.uint8], dictionary: str, settings: TagSetting
     if min(image.shape) < LEAST_SIDE_PX:
         return None
     settings = settings or TagSettings()
-    grey, _ = to_grey(image)
+    grey, _ = to_levels(image)
     height, width = grey.shape
-    frame = Frame(grey=grey, response=response_table("linear"), lens=no_distortion((width, height)))
-    pyramid, limits = Pyramid(frame), Limits().relaxed()
+    pyramid, limits = Pyramid(grey, response_table("linear"), no_distortion((width, height))), Limits().relaxed()
     best = (_MIN_OTHER_TAGS - 1, 0, "")
     for name in dictionary_names():
         if np.array_equal(load_dictionary(name).bytesList, load_dictionary(dictionary).bytesList):

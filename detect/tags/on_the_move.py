@@ -18,7 +18,7 @@ from boxcal.detect.alignment.pyramid_search import FEW_TAGS
 from boxcal.detect.alignment.tag_patterns import target_patterns
 from boxcal.detect.image.bayer import even_mosaic, unnamed_mosaic
 from boxcal.detect.image.bit_depth import DeepGrey
-from boxcal.detect.image.gray import LEAST_SIDE_PX, to_grey
+from boxcal.detect.image.gray import LEAST_SIDE_PX, to_levels
 from boxcal.detect.log.wheel_samples import WheelSamples
 from boxcal.detect.stops import Stop
 from boxcal.detect.tags.averaging import FLOOR_PX, AveragedCorners
@@ -210,7 +210,7 @@ class BoxOnTheMove:
         """Return what a frame shows; None if it shows too little of the box."""
         expected = None if self._views is None else self._views.expected(t_ns)
         mosaic = unnamed_mosaic(image)
-        grey, grey8 = to_grey(image if mosaic is None else even_mosaic(image, mosaic))
+        grey, grey8 = to_levels(image if mosaic is None else even_mosaic(image, mosaic))
         patterns, settings = target_patterns(self._target), detector_settings(self._tags)
         if expected is None and not any(
             len(find_candidates(grey8, patterns, settings.windows_px[:1], scale=scale).rows) >= FEW_TAGS
