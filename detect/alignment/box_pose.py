@@ -6,7 +6,7 @@ lens and pose, each held by a weak prior, fitted robustly to the corners of one 
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -17,6 +17,7 @@ from boxcal.detect.alignment.box_refinement import CAMERA, FITTED
 from boxcal.detect.alignment.homography import least_squares_homography
 from boxcal.detect.alignment.radial_camera import (
     A1,
+    LOG_ASPECT,
     PER_RADIUS,
     depth,
     fisheye_distortion,
@@ -40,6 +41,7 @@ LEAST_SIGMA_PX = 0.05
 LEAST_DEPTH = 0.02
 _PRIORS = np.array([0.7, 0.05, 0.05, 0.15, 0.05, 0.02, 0.03, 0.003, 0.003, 0.003])
 """Deviations of log f, centre (image widths), a1 to a3, log aspect, skew and tangential terms of an unknown camera."""
+_ASPECT = 1 + FITTED.index(LOG_ASPECT)
 _LEAST_PRIORS = np.array([0.003, 0.003, 0.003, 0.003, 0.001, 0.0005, 0.001, 0.001, 0.001, 0.001])
 """The same of a camera that took an earlier picture: as well as that picture told, and no better."""
 
@@ -65,6 +67,12 @@ class CameraPrior:
     def expected(self) -> Array:
         """Log f and what of the lens is fitted, (10,)."""
         return np.array([np.log(self.focal_px), *self.lens[FITTED]])
+
+    def with_square_pixels(self) -> "CameraPrior":
+        """Return the same with pixels that are known to be square."""
+        lens, deviation = self.lens.copy(), self.deviation.copy()
+        lens[LOG_ASPECT], deviation[_ASPECT] = 0.0, _LEAST_PRIORS[_ASPECT]
+        return replace(self, lens=lens, deviation=deviation)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

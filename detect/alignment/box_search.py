@@ -1,6 +1,6 @@
 """From a few tags to all of them: predict where the box's other tags must be, align, accept what is really there."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +32,11 @@ TOLD_MODULES = 0.1
 """Median deviation of tags from the box, modules, up to which the box says which other tags ought to be seen."""
 SQUARE = 0.02
 """Largest log aspect of a pixel that counts as square; cameras with square pixels keep to a few thousandths."""
+PREDICTED_SIDE_PX = 24.0
+"""Of tags that the box predicts no more pixels are aligned than one with sides of this length has: twice as many each way
+as of those that were read, since they are mostly seen at a slant."""
+REGION_SPREADS, REGION_MODULES = 3.0, 8.0
+"""Around where a tag is predicted: deviations of its place, and modules, to be searched too."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -68,6 +73,8 @@ class BoxDetection:
     lost_module_px
         How wide the modules are seen at most of tags that the box turns to the camera, but that were not found; 0 if
         there are none, infinite where the fit is too poor to say which those are.
+    lost_region_px : (2, 2), px
+        First and last (x, y) of where those may be seen; all of the image where the fit is too poor to say.
     contradicting_faces
         See :class:`PredictedRegions`.
     read
@@ -77,6 +84,7 @@ class BoxDetection:
     tags: TagAlignments
     fit: BoxFit
     lost_module_px: float
+    lost_region_px: Array
     contradicting_faces: tuple[int, ...] = ()
     read: TagCandidates = field(default_factory=TagCandidates.none)
 
@@ -129,8 +137,8 @@ def predict_regions(
     uv, spread = fit.predict(target.tag_corners[rows].reshape(-1, 3))
     surer = (spread.reshape(-1, 4).max(axis=1) < sigma_px) & (fit.off_px < 4 * sigma_px)
     corners = np.where(surer[:, None, None], uv.reshape(-1, 4, 2), corners)
-    more, more_corners, sure = predicted(target, patterns, fit, rows, image_size)
-    rows, corners = np.concatenate([rows, more[sure]]), np.concatenate([corners, more_corners[sure]])
+    more = predicted(target, patterns, fit, rows, image_size)
+    rows, corners = np.concatenate([rows, more.rows[more.sure]]), np.concatenate([corners, more.corners_px[more.sure]])
     return PredictedRegions(
         rows=rows, corners_px=corners, fit=fit, contradicting_faces=tuple(sorted({*others, *candidates.seen_twice}))
     )
@@ -229,26 +237,57 @@ def _tolerance(patterns: Patterns, corners_px: Array, sigma_px: float) -> Array:
     return np.asarray(RIGID_TOLERANCE_MODULES * module + RIGID_TOLERANCE_PX + 4 * sigma_px)
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PredictedTags:
+    """Tags that the camera should see beside known ones.
+
+    Attributes
+    ----------
+    rows : (N,)
+    corners_px : (N, 4, 2), px
+    spread_px : (N,), px
+        How uncertain that is.
+    module_px : (N,), px
+        How wide their modules are seen.
+    """
+
+    rows: Index
+    corners_px: Array
+    spread_px: Array
+    module_px: Array
+
+    @property
+    def sure(self) -> NDArray[np.bool_]:
+        """Whether each is predicted surely enough to be searched for there."""
+        return np.asarray(self.spread_px <= MAX_SPREAD_MODULES * self.module_px)
+
+    def region_px(self, image_size: tuple[int, int]) -> Array:
+        """Return first and last (x, y) of where they may be seen, (2, 2) px, within the image."""
+        if len(self.rows) == 0:
+            return np.zeros((2, 2))
+        around = REGION_SPREADS * self.spread_px + REGION_MODULES * self.module_px
+        low = (self.corners_px.min(axis=1) - around[:, None]).min(axis=0)
+        high = (self.corners_px.max(axis=1) + around[:, None]).max(axis=0)
+        return np.clip([low, high], 0, np.array(image_size) - 1)
+
+
 def predicted(
     target: Target, patterns: Patterns, fit: BoxFit, known: Index, image_size: tuple[int, int]
-) -> tuple[Index, Array, NDArray[np.bool_]]:
-    """Return the tags that the camera should see beside the known ones, where, and whether that is sure enough.
-
-    Shapes: (N,), (N, 4, 2) px and (N,).
-    """
+) -> PredictedTags:
+    """Return the tags that the camera should see beside the known ones."""
     turned = fit.faces_camera(target.tag_corners)
     turned[known] = False
     rows = np.flatnonzero(turned)
     if len(rows) == 0:
-        return rows, np.zeros((0, 4, 2)), np.zeros(0, dtype=np.bool_)
+        none = np.zeros(0)
+        return PredictedTags(rows=rows, corners_px=np.zeros((0, 4, 2)), spread_px=none, module_px=none)
     uv, spread = fit.predict(target.tag_corners[rows].reshape(-1, 3))
     uv, spread = uv.reshape(-1, 4, 2), spread.reshape(-1, 4).max(axis=1)
     module = module_px(patterns, uv)
     with np.errstate(invalid="ignore"):
         inside = np.all((uv >= -0.5) & (uv <= np.array(image_size) - 0.5), axis=(1, 2))
         inside &= (module >= MIN_MODULE_PX) & convex(uv)
-        sure = spread <= MAX_SPREAD_MODULES * module
-    return rows[inside], uv[inside], sure[inside]
+    return PredictedTags(rows=rows[inside], corners_px=uv[inside], spread_px=spread[inside], module_px=module[inside])
 
 
 def grow_from_pose(
@@ -259,7 +298,7 @@ def grow_from_pose(
     Whatever the box then predicts beside them is tried too, until nothing new turns up.
     """
     rough = limits.relaxed()
-    fit, lost, doubtful = search.fit, 0.0, None
+    fit, doubtful = search.fit, None
     pyramid = pyramid.under(fit.lens)
     image_size = pyramid.size
     tags = align_coarsely(pyramid, patterns, search.rows, search.corners_px)
@@ -273,12 +312,11 @@ def grow_from_pose(
         )
         if len(rows) < len(tags):
             tags = tags.take(np.isin(tags.rows, rows))
-        more, corners, sure = predicted(target, patterns, fit, tags.rows, image_size)
-        lost = float(module_px(patterns, corners).max(initial=0))
-        more, corners = more[sure], corners[sure]
+        more_tags = predicted(target, patterns, fit, tags.rows, image_size)
+        more, corners = more_tags.rows[more_tags.sure], more_tags.corners_px[more_tags.sure]
         if len(more) == 0:
             break
-        new = align_coarsely(pyramid, patterns, more, corners, side_px=np.inf)
+        new = align_coarsely(pyramid, patterns, more, corners, side_px=PREDICTED_SIDE_PX)
         moved = np.linalg.norm(new.corners_px - corners, axis=2).max(axis=1)
         near = moved <= module_px(patterns, corners) + 0.5
         believed = verified(patterns, new, rough)
@@ -287,15 +325,40 @@ def grow_from_pose(
         if len(new) == 0:
             break
         tags = tags.joined(new)
-    # a box that is turned wrongly hides faces that the camera sees
-    told = len(tags) > 0 and bool(
-        np.median(fit.off_px) < TOLD_MODULES * np.median(module_px(patterns, tags.corners_px))
-    )
-    # pixels that are not square can stand for that: they need two faces that say so
-    told = told and (abs(fit.lens[LOG_ASPECT]) < SQUARE or len(np.unique(target.tag_faces[tags.rows])) > 1)
+    lost_px, region = _lost(target, patterns, tags, fit, image_size)
     return BoxDetection(
         tags=tags if doubtful is None else tags.joined(doubtful.take(~np.isin(doubtful.rows, tags.rows))),
         fit=fit,
-        lost_module_px=lost if told else np.inf,
+        lost_module_px=lost_px,
+        lost_region_px=region,
         contradicting_faces=search.contradicting_faces,
+    )
+
+
+def _lost(
+    target: Target, patterns: Patterns, tags: TagAlignments, fit: BoxFit, image_size: tuple[int, int]
+) -> tuple[float, Array]:
+    """Return how wide modules are seen at most of tags that were not found, px, and where, (2, 2) px.
+
+    Infinite, and the whole image, where the fit does not tell: a box that is turned wrongly hides faces that the camera
+    sees. Pixels that are not square can stand for that, unless two faces say so; then the box is asked with square
+    pixels too.
+    """
+    unknown = np.inf, np.array([[0, 0], image_size]) - [[0, 0], [1, 1]]
+    fits = [fit]
+    if len(tags) > 0 and abs(fit.lens[LOG_ASPECT]) >= SQUARE and len(np.unique(target.tag_faces[tags.rows])) == 1:
+        start = replace(fit, prior=fit.prior.with_square_pixels())
+        fits.append(
+            fit_box(target, tags.rows, tags.corners_px, image_size=image_size, sigma_px=ALIGNED_SIGMA_PX, start=start)
+        )
+    off = TOLD_MODULES * np.median(module_px(patterns, tags.corners_px)) if len(tags) else 0.0
+    if not all(np.median(f.off_px) < off for f in fits):
+        return unknown
+    lost = [predicted(target, patterns, f, tags.rows, image_size) for f in fits]
+    lost = [tags for tags in lost if len(tags.rows)]
+    if not lost:
+        return 0.0, np.zeros((2, 2))
+    regions = np.array([tags.region_px(image_size) for tags in lost])
+    return max(float(tags.module_px.max()) for tags in lost), np.array(
+        [regions[:, 0].min(axis=0), regions[:, 1].max(axis=0)]
     )

@@ -58,22 +58,30 @@ def find_box(
     camera
         The camera, if it is known from other pictures.
     """
-    size = (grey8.shape[1], grey8.shape[0])
-    lost_module_px = np.inf
+    size, found = pyramid.size, None
     for factor in shrinkings(size):
-        if lost_module_px < CANDIDATE_MODULE_PX * factor:
+        if found is not None and found.lost_module_px < CANDIDATE_MODULE_PX * factor:
             continue
-        read = find_candidates(grey8, patterns, windows_px[:1], scale=1 / factor)
+        if found is None:
+            read = find_candidates(grey8, patterns, windows_px[:1], scale=1 / factor)
+        else:
+            there = _around_lost(grey8, patterns, windows_px[:1], factor, found)
+            if np.isin(there.rows, found.tags.rows).all():
+                continue
+            read = there.merged(_as_candidates(found)).merged(found.read)
         candidates = consistent_candidates(target, read, size)
         if len(candidates) < FEW_TAGS:
             continue
         search = predict_regions(
             target, patterns, candidates, size, sigma_px=CANDIDATE_SIGMA_PX * factor, camera=camera
         )
-        found = grow_from_pose(pyramid, target, patterns, search, limits)
-        lost_module_px = found.lost_module_px if len(found.tags) >= FEW_TAGS else np.inf
-        if factor == 1 or lost_module_px < CANDIDATE_MODULE_PX:
-            return replace(found, read=read)
+        now = grow_from_pose(pyramid, target, patterns, search, limits)
+        if len(now.tags) >= FEW_TAGS or factor == 1:
+            found = replace(now, read=read)
+        if found is not None and found.lost_module_px < CANDIDATE_MODULE_PX:
+            break
+    if found is not None:
+        return found
     read = find_candidates(grey8, patterns, windows_px)
     candidates = consistent_candidates(target, read, size)
     if len(candidates) < FEW_TAGS and _may_grow(grey8):
@@ -83,6 +91,23 @@ def find_box(
         return None
     search = predict_regions(target, patterns, candidates, size, camera=camera)
     return replace(grow_from_pose(pyramid, target, patterns, search, limits), read=read)
+
+
+def _around_lost(
+    grey8: NDArray[np.uint8], patterns: Patterns, windows_px: tuple[int, ...], factor: int, found: BoxDetection
+) -> TagCandidates:
+    """Return what resembles a tag in the image shrunk by a factor, where tags of a box that was found are missing."""
+    (x0, y0), (x1, y1) = found.lost_region_px.astype(int) // factor * factor
+    part = grey8[y0 : y1 + 1, x0 : x1 + 1]
+    if min(part.shape) < LEAST_SIDE_PX * factor:
+        return TagCandidates.none()
+    there = find_candidates(part, patterns, windows_px, scale=1 / factor)
+    return TagCandidates(rows=there.rows, corners_px=there.corners_px + np.array([x0, y0]), score=there.score)
+
+
+def _as_candidates(found: BoxDetection) -> TagCandidates:
+    """Return the tags of a box that was found as places where tags may be."""
+    return TagCandidates(rows=found.tags.rows, corners_px=found.tags.corners_px, score=found.tags.correlation)
 
 
 def search_copies(grey8: NDArray[np.uint8], patterns: Patterns, windows_px: tuple[int, ...]) -> TagCandidates:
