@@ -21,7 +21,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from boxcal.detect.alignment.detector import DetectorSettings, detect_copies
 from boxcal.detect.alignment.radial_camera import no_distortion
-from boxcal.detect.alignment.registration.align import align, footprints
+from boxcal.detect.alignment.registration.align import align
+from boxcal.detect.alignment.registration.begin import footprints
 from boxcal.detect.alignment.registration.image_model import differentiate
 from boxcal.detect.alignment.registration.parameters import LOG_PSF
 from boxcal.detect.alignment.registration.tag_batch import Batch, Frame

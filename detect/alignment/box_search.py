@@ -33,8 +33,8 @@ TOLD_MODULES = 0.1
 SQUARE = 0.02
 """Largest log aspect of a pixel that counts as square; cameras with square pixels keep to a few thousandths."""
 PREDICTED_SIDE_PX = 24.0
-"""Of tags that the box predicts no more pixels are aligned than one with sides of this length has: twice as many each way
-as of those that were read, since they are mostly seen at a slant."""
+"""Of tags that the box predicts no more pixels are aligned than one with sides of this length has: twice as many each
+way as of those that were read, since they are mostly seen at a slant."""
 REGION_SPREADS, REGION_MODULES = 3.0, 8.0
 """Around where a tag is predicted: deviations of its place, and modules, to be searched too."""
 

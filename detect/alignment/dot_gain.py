@@ -15,7 +15,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from boxcal.detect.alignment.registration.align import EDGE_SIDE_PX
+from boxcal.detect.alignment.registration.begin import EDGE_SIDE_PX
 from boxcal.detect.alignment.registration.tag_alignments import TagAlignments
 from boxcal.detect.alignment.tag_curvature import small_homographies
 from boxcal.detect.alignment.tag_patterns import Index, Patterns

@@ -1,0 +1,71 @@
+"""The beginning of an alignment: where tags' corners lie on their charts, parameters to start from, pixels to use."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from boxcal.detect.alignment.homography import to_square
+from boxcal.detect.alignment.radial_camera import undistort_locally
+from boxcal.detect.alignment.registration.parameters import BLACK, CONTRAST, LOG_PSF, PARAMETERS
+from boxcal.detect.alignment.registration.tag_batch import Frame
+from boxcal.detect.alignment.tag_patterns import Patterns
+from boxcal.target.arrays import Array
+
+START_SIGMA_PX = 0.8
+MARGIN_MODULES = 0.9
+EDGE_SIDE_PX = 30.0
+"""Of tags larger than this not even the pixels at edges are all used."""
+_NEXT = np.array([1, 2, 3, 0])
+_FIBONACCI = np.array([1, 1, 2, 3, 5, 8, 13, 21, 34, 55, 89, 144, 233, 377, 610, 987], dtype=np.int64)
+Footprints = tuple[NDArray[np.int64], Array, NDArray[np.int64], Array]
+"""What :func:`footprints` returns."""
+
+
+def footprints(
+    frame: Frame, patterns: Patterns, corners_px: Array, log_sigma: Array, *, side_px: float, edges: bool
+) -> Footprints:
+    """Return which pixels of tags to use: boxes (N, 4), margins (N,), strides (N, 3), and modules' widths (N,) px.
+
+    For the first three see :class:`boxcal.detect.alignment.registration.tag_batch.Batch`. Of the white ring so much
+    may be used as
+    its neighbours' blur does not reach. Of large tags no more pixels are used than one with sides of ``side_px`` has,
+    on a Fibonacci lattice: of m pixels one, in each row shifted by q. Unlike every second row and column it meets a
+    module's edges at all phases, also where they run along the pixels. With ``edges``, of the pixels that an edge blurs
+    all count, or of very large tags every n-th.
+    """
+    m = patterns.modules
+    corners = np.where(np.isfinite(corners_px), corners_px, 0.0)
+    along = corners[:, _NEXT] - corners
+    side = np.hypot(along[..., 0], along[..., 1])
+    blur = np.exp(_within(log_sigma, -2, 2)) * m / np.maximum(side.min(axis=1), 1e-3)
+    margin = _within(patterns.gap_modules - 2.5 * blur, 0.35, min(MARGIN_MODULES, 0.9 * patterns.gap_modules))
+    centre = 0.25 * corners.sum(axis=1)
+    reach, limit = (1 + 2.2 * margin / m)[:, None], frame.grey.shape[::-1]
+    bounding_boxes = np.empty((len(corners), 2, 2), dtype=np.int64)
+    bounding_boxes[:, :, 0] = _within(np.floor(centre + reach * (corners.min(axis=1) - centre)), 0, limit)
+    bounding_boxes[:, :, 1] = _within(np.ceil(centre + reach * (corners.max(axis=1) - centre)) + 1, 0, limit)
+    mean = side.mean(axis=1)
+    at = np.searchsorted(_FIBONACCI, (mean / side_px) ** 2, side="right") - 1
+    at = np.minimum(np.maximum(at, 1), len(_FIBONACCI) - 1)
+    stride = np.empty((len(at), 3), dtype=np.int64)
+    stride[:, 0], stride[:, 1] = _FIBONACCI[at], _FIBONACCI[at - 1]
+    stride[:, 2] = _within(mean / EDGE_SIDE_PX, 1, 1000) if edges else 1 << 40
+    return bounding_boxes.reshape(-1, 4), margin, stride, side.max(axis=1) / m
+
+
+def _within(values: Array, low: float, high: float | tuple[int, ...]) -> Array:
+    """Return values held between limits; ``np.clip`` takes several times as long on few values."""
+    return np.asarray(np.minimum(np.maximum(values, low), high))
+
+
+def start_at(lens: Array, patterns: Patterns, corners_px: Array) -> tuple[Array, Array, Array]:
+    """Return centres and scales (N, 3), the corners' normalised places (N, 4, 2) and parameters (N, 14)."""
+    normalisation = np.empty((len(corners_px), 3))
+    normalisation[:, :2] = 0.25 * corners_px.sum(axis=1)
+    apart = corners_px - normalisation[:, None, :2]
+    normalisation[:, 2] = 1 / np.maximum(np.hypot(apart[..., 0], apart[..., 1]).max(axis=1), 1.0)
+    normalised = undistort_locally(lens, normalisation, corners_px)
+    theta = np.zeros((len(corners_px), PARAMETERS))
+    theta[:, :8] = to_square(normalised, patterns.modules)
+    theta[:, BLACK], theta[:, CONTRAST] = 0.2, 0.5
+    theta[:, LOG_PSF] = np.log(START_SIGMA_PX)
+    return normalisation, normalised, theta
