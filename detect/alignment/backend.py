@@ -19,6 +19,8 @@ class Backend:
     ----------
     name
         ``numba`` or ``numpy``.
+    begin
+        Start and pixels of an alignment, :func:`boxcal.detect.alignment.registration.begin.begin`.
     accumulate
         Normal equations of tags, :func:`boxcal.detect.alignment.registration.image_model.accumulate`.
     iterate
@@ -32,6 +34,7 @@ class Backend:
     """
 
     name: str
+    begin: Callable[..., Any]
     accumulate: Callable[..., Any]
     iterate: Callable[..., None]
     finish: Callable[..., Any]
@@ -51,6 +54,7 @@ def numpy_backend() -> Backend:
     """Return the reference in numpy."""
     from boxcal.detect.alignment import box_refinement  # noqa: PLC0415 - these modules import this one
     from boxcal.detect.alignment.registration import (  # noqa: PLC0415
+        begin,
         finish,
         gauss_newton,
         image_model,
@@ -59,6 +63,7 @@ def numpy_backend() -> Backend:
 
     return Backend(
         name="numpy",
+        begin=begin.begin,
         accumulate=image_model.accumulate,
         iterate=gauss_newton.iterate,
         finish=finish.finish,
@@ -72,6 +77,7 @@ def numpy_backend() -> Backend:
 def numba_backend() -> Backend:
     """Return compiled code; each function is compiled, or read from the cache, when it is first called."""
     from boxcal.detect.alignment.numba import (  # noqa: PLC0415 - slow to import
+        begin,
         box_refinement,
         finish,
         gauss_newton,
@@ -80,6 +86,7 @@ def numba_backend() -> Backend:
 
     return Backend(
         name="numba",
+        begin=begin.begin,
         accumulate=gauss_newton.accumulate,
         iterate=gauss_newton.iterate,
         finish=finish.finish,

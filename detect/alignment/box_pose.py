@@ -15,11 +15,10 @@ from numpy.typing import NDArray
 from boxcal.detect.alignment.backend import backend
 from boxcal.detect.alignment.box_refinement import CAMERA, FITTED
 from boxcal.detect.alignment.homography import least_squares_homography
+from boxcal.detect.alignment.order_statistics import median
 from boxcal.detect.alignment.radial_camera import (
     A1,
     LOG_ASPECT,
-    PER_RADIUS,
-    depth,
     fisheye_distortion,
     local_undistortion,
     no_distortion,
@@ -38,7 +37,6 @@ FOCAL_LENGTHS = (1.1, 0.6, 2.2)
 FISHEYES = (0.32, 0.45)
 """Focal lengths of the fisheyes that are tried where no ordinary camera explains the tags, image widths."""
 LEAST_SIGMA_PX = 0.05
-LEAST_DEPTH = 0.02
 _PRIORS = np.array([0.7, 0.05, 0.05, 0.15, 0.05, 0.02, 0.03, 0.003, 0.003, 0.003])
 """Deviations of log f, centre (image widths), a1 to a3, log aspect, skew and tangential terms of an unknown camera."""
 _ASPECT = 1 + FITTED.index(LOG_ASPECT)
@@ -158,7 +156,7 @@ def fit_box(
     refine = partial(_refine, target, rows, corners_px, sigma_px=sigma_px)
     if start is not None:
         fit = refine(start.focal_px, start.lens, start.T_cam_box, prior=start.prior, fair=FAIR * sigma_px)
-        if np.median(fit.off_px) < FAIR * sigma_px or abs(fit.lens[A1]) < PLAIN:
+        if median(fit.off_px) < FAIR * sigma_px or abs(fit.lens[A1]) < PLAIN:
             return fit
     faces, counts = np.unique(target.tag_faces[rows], return_counts=True)
     main = target.tag_faces[rows] == faces[counts.argmax()]
@@ -167,9 +165,9 @@ def fit_box(
     for focal, lens, prior in _cameras(image_size, camera):
         T = _start(target, rows[main], corners_px[main], lens, focal)
         fits.append(refine(focal, lens, T, prior=prior))
-        if np.median(fits[-1].off_px) < GOOD * sigma_px and (prior is camera or abs(fits[-1].lens[A1]) < PLAIN):
+        if median(fits[-1].off_px) < GOOD * sigma_px and (prior is camera or abs(fits[-1].lens[A1]) < PLAIN):
             break
-    return min(fits, key=lambda fit: float(np.median(fit.off_px)))
+    return min(fits, key=lambda fit: median(fit.off_px))
 
 
 def _widths(width: int) -> Array:
@@ -228,30 +226,18 @@ def _refine(  # noqa: PLR0917 - the state by position
     fair: float = np.inf,
 ) -> BoxFit:
     """Return the fit from a start; longer where the median deviation stays above ``fair``, px."""
-    lens, T = lens.copy(), T_cam_box.copy()
     p_box, uv = target.tag_corners[rows].reshape(-1, 3), corners_px.reshape(-1, 2)
-    _bring_forward(focal, lens, T, p_box, uv)
     weight = (sigma_px / prior.deviation) ** 2
     focal, lens, T, information, off = backend().levenberg_marquardt(
-        p_box, uv, (focal, lens, T), weight, prior.expected, sigma_px, fair
+        p_box, uv, (focal, lens, T_cam_box), weight, prior.expected, sigma_px, fair
     )
+    information.flat[:: len(information) + 1] *= 1 + 1e-12  # invertible
     return BoxFit(
         focal_px=focal,
         lens=lens,
         T_cam_box=T,
         prior=prior,
-        information=information + 1e-12 * np.diag(np.diag(information)),
-        sigma_px=max(LEAST_SIGMA_PX, sigma_px, 1.2 * float(np.median(off))),
+        information=information,
+        sigma_px=max(LEAST_SIGMA_PX, sigma_px, 1.2 * median(off)),
         off_px=off.reshape(-1, 4).max(axis=1),
     )
-
-
-def _bring_forward(focal: float, lens: Array, T_cam_box: Array, p_box: Array, uv: Array) -> None:
-    """Move a box, whose tags may not be on one plane as its start took them, until all are before the camera."""
-    d = uv - lens[:2]
-    g, slope, D = depth(lens, np.sum(d * d, axis=1) * lens[PER_RADIUS] ** 2)
-    rays = np.column_stack([d, focal * g])
-    away = np.mean(rays / np.linalg.norm(rays, axis=1, keepdims=True), axis=0)
-    across = np.column_stack([-focal * slope[:, None] * d, np.ones(len(d))]) / D[:, None]
-    short = LEAST_DEPTH - np.sum(across * (p_box @ T_cam_box[:3, :3].T + T_cam_box[:3, 3]), axis=1)
-    T_cam_box[:3, 3] += away * max(0.0, float((short / np.maximum(across @ away, 1e-3)).max()))

@@ -32,6 +32,8 @@ CAMERA = 10
 """Log f, centre (2), a1, a2, a3, log aspect, skew and two tangential terms stand before the pose."""
 FITTED = [CENTRE_X, CENTRE_Y, A1, A2, A3, LOG_ASPECT, SKEW, P1, P2]
 """Which entries of a lens are fitted."""
+LEAST_DEPTH = 0.02
+"""All points of a start lie before the camera by so much, m over the focal length in px."""
 RANGE = (-0.5, 1.5)
 """Of a1, a2 and a3; of the logarithm of the aspect, the skew and the tangential terms its lower end both ways."""
 State = tuple[float, Array, Array]
@@ -42,7 +44,8 @@ def levenberg_marquardt(  # noqa: PLR0917 - as the compiled one
     p_box: Array, uv: Array, start: State, prior: Array, expected: Array, sigma_px: float, fair: float
 ) -> tuple[float, Array, Array, Array, Array]:
     """Return focal length, lens, T_cam_box, information (16, 16) and deviations (P,), px, by reweighted squares."""
-    kept = focal, lens, T = start
+    focal, lens, T = start
+    kept = focal, lens, T = focal, lens.copy(), bring_forward(focal, lens, T, p_box, uv)
     full = np.zeros(CAMERA + 6)
     full[:CAMERA] = prior
     damping, cost = 1e-4, np.inf
@@ -163,3 +166,16 @@ def predict(p_box: Array, focal: float, lens: Array, T_cam_box: Array, informati
     spread = np.sqrt((half**2).sum(axis=0).reshape(2, -1).sum(axis=0))
     uv[~before] = np.nan
     return uv, np.where(before, spread, np.inf)
+
+
+def bring_forward(focal: float, lens: Array, T_cam_box: Array, p_box: Array, uv: Array) -> Array:
+    """Return the pose of a box, whose tags may not be on one plane as its start took them, with all before the camera."""
+    d = uv - lens[:2]
+    g, slope, D = depth(lens, np.sum(d * d, axis=1) * lens[PER_RADIUS] ** 2)
+    rays = np.column_stack([d, focal * g])
+    away = np.mean(rays / np.linalg.norm(rays, axis=1, keepdims=True), axis=0)
+    across = np.column_stack([-focal * slope[:, None] * d, np.ones(len(d))]) / D[:, None]
+    short = LEAST_DEPTH - np.sum(across * (p_box @ T_cam_box[:3, :3].T + T_cam_box[:3, 3]), axis=1)
+    moved = T_cam_box.copy()
+    moved[:3, 3] += away * max(0.0, float((short / np.maximum(across @ away, 1e-3)).max()))
+    return moved

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from boxcal.detect.alignment.box_pose import BoxFit, CameraPrior, fit_box
 from boxcal.detect.alignment.candidates import TagCandidates
 from boxcal.detect.alignment.face_agreement import CANDIDATE_TOLERANCE, FACE_TAGS
+from boxcal.detect.alignment.order_statistics import median
 from boxcal.detect.alignment.pyramid import Pyramid, align_coarsely
 from boxcal.detect.alignment.radial_camera import LOG_ASPECT
 from boxcal.detect.alignment.registration.tag_alignments import TagAlignments
@@ -351,8 +352,8 @@ def _lost(
         fits.append(
             fit_box(target, tags.rows, tags.corners_px, image_size=image_size, sigma_px=ALIGNED_SIGMA_PX, start=start)
         )
-    off = TOLD_MODULES * np.median(module_px(patterns, tags.corners_px)) if len(tags) else 0.0
-    if not all(np.median(f.off_px) < off for f in fits):
+    off = TOLD_MODULES * median(module_px(patterns, tags.corners_px)) if len(tags) else 0.0
+    if not all(median(f.off_px) < off for f in fits):
         return unknown
     lost = [predicted(target, patterns, f, tags.rows, image_size) for f in fits]
     lost = [tags for tags in lost if len(tags.rows)]

@@ -156,6 +156,7 @@ def compile_half(which: str) -> None:
         _pixels(compute)
     if which != _HALVES[0]:
         _box(compute)
+        _begin(compute)
         _corners(compute)
         _misfit()
 
@@ -186,6 +187,11 @@ def _batch() -> Batch:
 
 def _pixels(compute: Backend) -> None:
     compute.accumulate(_batch())
+
+
+def _begin(compute: Backend) -> None:
+    patterns = family_patterns("DICT_APRILTAG_36h11", np.arange(1))
+    compute.begin(_batch().frame, patterns, np.zeros((1, 4, 2)), None, 1.0)
 
 
 def _corners(compute: Backend) -> None:

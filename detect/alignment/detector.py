@@ -15,6 +15,7 @@ from boxcal.detect.alignment.dot_gain import without_dot_gain
 from boxcal.detect.alignment.expected_tags import ExpectedTags, find_expected
 from boxcal.detect.alignment.face_scatter import ENOUGH, scatter
 from boxcal.detect.alignment.motion_blur import estimate_blur, shape, shape_of
+from boxcal.detect.alignment.order_statistics import median
 from boxcal.detect.alignment.preview import Preview, preview
 from boxcal.detect.alignment.pyramid import Pyramid, align_coarsely
 from boxcal.detect.alignment.pyramid_search import FEW_TAGS, find_box, search_copies
@@ -266,7 +267,7 @@ def detect_in_grey(  # noqa: PLR0917
     located = _with_lens_and_box(located, target, frame, fit, uneven, flat=left_out.deformation_px2 == 0)
     if len(tags) < FEW_TAGS:
         return located
-    imaging = replace(imaging, kurtosis=float(np.median(tags.theta[:, KURTOSIS])))
+    imaging = replace(imaging, kurtosis=median(tags.theta[:, KURTOSIS]))
     return replace(located, camera=KnownCamera(prior=fit.camera(max(size)), imaging=imaging, round_inflation=rounded))
 
 

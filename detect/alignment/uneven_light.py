@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from boxcal.detect.alignment.backend import backend
 from boxcal.detect.alignment.box_pose import BoxFit
+from boxcal.detect.alignment.order_statistics import median
 from boxcal.detect.alignment.registration.align import align, aligned_batch
 from boxcal.detect.alignment.registration.parameters import BLACK, CONTRAST
 from boxcal.detect.alignment.registration.tag_alignments import TagAlignments
@@ -91,4 +92,4 @@ def box_distance2(target: Target, tags: TagAlignments, fit: BoxFit) -> Array:
 def displacement_px2(target: Target, tags: TagAlignments, fit: BoxFit, uneven: NDArray[np.bool_]) -> Array:
     """Return the variance (N,) px^2 per axis by which unevenly lit tags lie further beside the box than the others."""
     off2 = box_distance2(target, tags, fit)
-    return np.where(uneven, np.maximum(off2 - float(np.median(off2)), 0.0), 0.0)
+    return np.where(uneven, np.maximum(off2 - median(off2), 0.0), 0.0)

@@ -10,6 +10,7 @@ from typing import Literal
 
 import numpy as np
 
+from boxcal.detect.alignment.order_statistics import median
 from boxcal.detect.alignment.registration.align import align
 from boxcal.detect.alignment.registration.parameters import BLACK, CONTRAST, GRADIENT_X, GRADIENT_Y, KURTOSIS
 from boxcal.detect.alignment.registration.tag_alignments import TagAlignments
@@ -104,6 +105,6 @@ def estimate_response(frame: Frame, patterns: Patterns, tags: TagAlignments, res
     kurtosis = left[best].theta[fitted, KURTOSIS]
     return ImagingParameters(
         response=best,
-        kurtosis=float(np.median(kurtosis)) if len(kurtosis) else 0.0,
+        kurtosis=median(kurtosis) if len(kurtosis) else 0.0,
         settled=min(residual.values()) <= CLEAR * max(residual.values()) or len(left) == 1,
     )

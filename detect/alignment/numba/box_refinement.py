@@ -7,7 +7,15 @@ from typing import Any
 
 import numpy as np
 
-from boxcal.detect.alignment.box_refinement import CAMERA, FITTED, ITERATIONS, MORE_ITERATIONS, RANGE, State
+from boxcal.detect.alignment.box_refinement import (
+    CAMERA,
+    FITTED,
+    ITERATIONS,
+    LEAST_DEPTH,
+    MORE_ITERATIONS,
+    RANGE,
+    State,
+)
 from boxcal.detect.alignment.numba.arrays import clear, clear_rows, median, put, put_rows
 from boxcal.detect.alignment.numba.cholesky import factor, solve_lower, solve_positive
 from boxcal.detect.alignment.numba.kernel import kernel
@@ -57,6 +65,7 @@ def _refine(  # noqa: PLR0912, PLR0917 - arrays in, arrays out
     """Fit lens (6,), T_cam_box (4, 4), information (16, 16) and deviations (P,) in place; return the focal length."""
     p_box, uv, sigma_px, fair = points
     prior, expected = knowledge
+    _bring_forward(focal, lens, T, p_box, uv)
     moved = (focal, lens.copy(), T.copy())
     now_off, room = np.empty(len(uv)), np.empty(len(uv))
     gradient, step = np.zeros(_UNKNOWNS), np.zeros(_UNKNOWNS)
@@ -105,6 +114,29 @@ def _refine(  # noqa: PLR0912, PLR0917 - arrays in, arrays out
             step[i] = min(max(step[i], -_LONGEST[i]), _LONGEST[i]) if np.isfinite(step[i]) else 0.0
         moved = _moved(focal, lens, T, step)
     return focal
+
+
+@kernel(inner=True)
+def _bring_forward(focal: Any, lens: Any, T: Any, p_box: Any, uv: Any) -> None:
+    """Move a box until all its points lie before the camera, as ``box_refinement.bring_forward`` does."""
+    away_x, away_y, away_z, per_px2 = 0.0, 0.0, 0.0, lens[PER_RADIUS] * lens[PER_RADIUS]
+    for k in range(len(uv)):
+        dx, dy = uv[k, 0] - lens[CENTRE_X], uv[k, 1] - lens[CENTRE_Y]
+        q = (dx * dx + dy * dy) * per_px2
+        z = focal * (1 - q * (lens[A1] + q * (lens[A2] + q * lens[A3])))
+        length = np.sqrt(dx * dx + dy * dy + z * z)
+        away_x, away_y, away_z = away_x + dx / length, away_y + dy / length, away_z + z / length
+    away_x, away_y, away_z = away_x / len(uv), away_y / len(uv), away_z / len(uv)
+    way = 0.0
+    for k in range(len(uv)):
+        _, D, ax, ay, _ = _tangent(focal, lens, uv[k, 0] - lens[CENTRE_X], uv[k, 1] - lens[CENTRE_Y])
+        ax, ay, az = focal * ax, focal * ay, 1 / D
+        x, y, z = _point(T, p_box[k])
+        short = LEAST_DEPTH - (ax * x + ay * y + az * z)
+        way = max(way, short / max(ax * away_x + ay * away_y + az * away_z, 1e-3))
+    T[0, 3] += way * away_x
+    T[1, 3] += way * away_y
+    T[2, 3] += way * away_z
 
 
 @kernel(inner=True)

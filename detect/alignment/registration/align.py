@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from boxcal.detect.alignment.backend import Backend, backend
 from boxcal.detect.alignment.registration import image_model as model
-from boxcal.detect.alignment.registration.begin import Footprints, footprints, start_at
+from boxcal.detect.alignment.registration.begin import Begun
 from boxcal.detect.alignment.registration.gauss_newton import StepRules
 from boxcal.detect.alignment.registration.parameters import BLACK, CONTRAST, KURTOSIS, LOG_PSF, PARAMETERS
 from boxcal.detect.alignment.registration.tag_alignments import TagAlignments
@@ -85,11 +85,10 @@ def align(
         As many as went in, in their order; those that diverged have a correlation of -1.
     """
     schedule = _FIRST if start is None else (_AGAIN if intensity_unknown else _FURTHER)
-    normalisation, normalised, theta = start_at(frame.lens, patterns, corners_px)
-    if start is not None:
-        theta[:, BLACK:] = start.theta[:, BLACK:]
-    used = footprints(frame, patterns, corners_px, theta[:, LOG_PSF], side_px=side_px, edges=start is not None)
-    batch = _batch(frame, patterns, rows, theta, normalisation, used)
+    compute = compute or backend()
+    begun = compute.begin(frame, patterns, corners_px, None if start is None else start.theta, side_px)
+    theta, normalisation = begun.theta, begun.normalisation
+    batch = _batch(frame, patterns, rows, begun)
     last = model.no_sums(len(rows), patterns.cells)
     rules = StepRules(
         free=np.stack(schedule),
@@ -99,8 +98,7 @@ def align(
         guess=start is None,
         thinned=thinned and iterations > 1,
     )
-    compute = compute or backend()
-    compute.iterate(batch, last, normalised=normalised, module_px=used[3], rules=rules)
+    compute.iterate(batch, last, normalised=begun.normalised, module_px=begun.module_px, rules=rules)
     corners, cov, quality = compute.finish(
         frame, patterns, theta=theta, normalisation=normalisation, sums=last, covariance=covariance
     )
@@ -125,22 +123,19 @@ def align(
 
 def aligned_batch(frame: Frame, patterns: Patterns, tags: TagAlignments, side_px: float) -> Batch:
     """Return aligned tags with the pixels on which they were aligned; for ``side_px`` see :func:`align`."""
-    used = footprints(frame, patterns, tags.corners_px, tags.theta[:, LOG_PSF], side_px=side_px, edges=True)
-    return _batch(frame, patterns, tags.rows, tags.theta, tags.normalisation, used)
+    begun = backend().begin(frame, patterns, tags.corners_px, tags.theta, side_px)
+    return _batch(frame, patterns, tags.rows, begun._replace(theta=tags.theta, normalisation=tags.normalisation))
 
 
-def _batch(  # noqa: PLR0917
-    frame: Frame, patterns: Patterns, rows: Index, theta: Array, normalisation: Array, used: Footprints
-) -> Batch:
+def _batch(frame: Frame, patterns: Patterns, rows: Index, begun: Begun) -> Batch:
     """Return tags with the pixels to use."""
-    bounding_boxes, margin, stride, _ = used
     return Batch(
         frame=frame,
         cells=patterns.cells,
         rows=rows,
-        theta=theta,
-        normalisation=normalisation,
-        bounding_boxes=bounding_boxes,
-        margin=margin,
-        stride=stride,
+        theta=begun.theta,
+        normalisation=begun.normalisation,
+        bounding_boxes=begun.bounding_boxes,
+        margin=begun.margin,
+        stride=begun.stride,
     )

@@ -1,5 +1,7 @@
 """The beginning of an alignment: where tags' corners lie on their charts, parameters to start from, pixels to use."""
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -15,21 +17,65 @@ MARGIN_MODULES = 0.9
 EDGE_SIDE_PX = 30.0
 """Of tags larger than this not even the pixels at edges are all used."""
 _NEXT = np.array([1, 2, 3, 0])
-_FIBONACCI = np.array([1, 1, 2, 3, 5, 8, 13, 21, 34, 55, 89, 144, 233, 377, 610, 987], dtype=np.int64)
-Footprints = tuple[NDArray[np.int64], Array, NDArray[np.int64], Array]
-"""What :func:`footprints` returns."""
+FIBONACCI = np.array([1, 1, 2, 3, 5, 8, 13, 21, 34, 55, 89, 144, 233, 377, 610, 987], dtype=np.int64)
+
+
+class Begun(NamedTuple):
+    """What an alignment begins with.
+
+    Attributes
+    ----------
+    theta : (N, 14)
+        Parameters.
+    normalisation : (N, 3)
+        Centres (x, y) px and 1 / scale px.
+    normalised : (N, 4, 2)
+        The corners on the charts, from the centre in units of the scale.
+    bounding_boxes, margin, stride
+        Pixels to use, see :class:`boxcal.detect.alignment.registration.tag_batch.Batch`.
+    module_px : (N,), px
+        Width of a module along the longest side.
+    """
+
+    theta: Array
+    normalisation: Array
+    normalised: Array
+    bounding_boxes: NDArray[np.int64]
+    margin: Array
+    stride: NDArray[np.int64]
+    module_px: Array
+
+
+def begin(frame: Frame, patterns: Patterns, corners_px: Array, given: Array | None, side_px: float) -> Begun:
+    """Return what an alignment of tags with rough corners (N, 4, 2), px, begins with.
+
+    Parameters
+    ----------
+    frame, patterns
+        The image, and what all tags look like.
+    corners_px : (N, 4, 2), px
+        Where to begin.
+    given : (N, 14)
+        Parameters of the same tags aligned before, for their light and blur; a guess if None.
+    side_px
+        Use no more pixels of a tag than one with sides of this length has.
+    """
+    normalisation, normalised, theta = start_at(frame.lens, patterns, corners_px)
+    if given is not None:
+        theta[:, BLACK:] = given[:, BLACK:]
+    used = footprints(frame, patterns, corners_px, theta[:, LOG_PSF], side_px=side_px, edges=given is not None)
+    return Begun(theta, normalisation, normalised, *used)
 
 
 def footprints(
     frame: Frame, patterns: Patterns, corners_px: Array, log_sigma: Array, *, side_px: float, edges: bool
-) -> Footprints:
+) -> tuple[NDArray[np.int64], Array, NDArray[np.int64], Array]:
     """Return which pixels of tags to use: boxes (N, 4), margins (N,), strides (N, 3), and modules' widths (N,) px.
 
     For the first three see :class:`boxcal.detect.alignment.registration.tag_batch.Batch`. Of the white ring so much
-    may be used as
-    its neighbours' blur does not reach. Of large tags no more pixels are used than one with sides of ``side_px`` has,
-    on a Fibonacci lattice: of m pixels one, in each row shifted by q. Unlike every second row and column it meets a
-    module's edges at all phases, also where they run along the pixels. With ``edges``, of the pixels that an edge blurs
+    may be used as its neighbours' blur does not reach. Of large tags no more pixels are used than one with sides of
+    ``side_px`` has, on a Fibonacci lattice: of m pixels one, in each row shifted by q. Unlike every second row and
+    column it meets a module's edges at all phases, also where they run along the pixels. With ``edges``, of the pixels that an edge blurs
     all count, or of very large tags every n-th.
     """
     m = patterns.modules
@@ -44,10 +90,10 @@ def footprints(
     bounding_boxes[:, :, 0] = _within(np.floor(centre + reach * (corners.min(axis=1) - centre)), 0, limit)
     bounding_boxes[:, :, 1] = _within(np.ceil(centre + reach * (corners.max(axis=1) - centre)) + 1, 0, limit)
     mean = side.mean(axis=1)
-    at = np.searchsorted(_FIBONACCI, (mean / side_px) ** 2, side="right") - 1
-    at = np.minimum(np.maximum(at, 1), len(_FIBONACCI) - 1)
+    at = np.searchsorted(FIBONACCI, (mean / side_px) ** 2, side="right") - 1
+    at = np.minimum(np.maximum(at, 1), len(FIBONACCI) - 1)
     stride = np.empty((len(at), 3), dtype=np.int64)
-    stride[:, 0], stride[:, 1] = _FIBONACCI[at], _FIBONACCI[at - 1]
+    stride[:, 0], stride[:, 1] = FIBONACCI[at], FIBONACCI[at - 1]
     stride[:, 2] = _within(mean / EDGE_SIDE_PX, 1, 1000) if edges else 1 << 40
     return bounding_boxes.reshape(-1, 4), margin, stride, side.max(axis=1) / m
 
