@@ -6,8 +6,8 @@ lens and pose, each held by a weak prior, fitted robustly to the corners of one 
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
-from functools import partial
+from dataclasses import dataclass
+from functools import lru_cache, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,6 @@ from boxcal.detect.alignment.homography import least_squares_homography
 from boxcal.detect.alignment.order_statistics import median
 from boxcal.detect.alignment.radial_camera import (
     A1,
-    LOG_ASPECT,
     fisheye_distortion,
     local_undistortion,
     no_distortion,
@@ -39,7 +38,6 @@ FISHEYES = (0.32, 0.45)
 LEAST_SIGMA_PX = 0.05
 _PRIORS = np.array([0.7, 0.05, 0.05, 0.15, 0.05, 0.02, 0.03, 0.003, 0.003, 0.003])
 """Deviations of log f, centre (image widths), a1 to a3, log aspect, skew and tangential terms of an unknown camera."""
-_ASPECT = 1 + FITTED.index(LOG_ASPECT)
 _LEAST_PRIORS = np.array([0.003, 0.003, 0.003, 0.003, 0.001, 0.0005, 0.001, 0.001, 0.001, 0.001])
 """The same of a camera that took an earlier picture: as well as that picture told, and no better."""
 
@@ -65,12 +63,6 @@ class CameraPrior:
     def expected(self) -> Array:
         """Log f and what of the lens is fitted, (10,)."""
         return np.array([np.log(self.focal_px), *self.lens[FITTED]])
-
-    def with_square_pixels(self) -> "CameraPrior":
-        """Return the same with pixels that are known to be square."""
-        lens, deviation = self.lens.copy(), self.deviation.copy()
-        lens[LOG_ASPECT], deviation[_ASPECT] = 0.0, _LEAST_PRIORS[_ASPECT]
-        return replace(self, lens=lens, deviation=deviation)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -116,15 +108,18 @@ class BoxFit:
             deviation=np.clip(deviation, _LEAST_PRIORS * scale, _PRIORS * scale),
         )
 
-    def faces_camera(self, corners_box: Array) -> NDArray[np.bool_]:
-        """Return which tags (T, 4, 3) turn their printed side to the camera."""
-        centre = -self.T_cam_box[:3, :3].T @ self.T_cam_box[:3, 3]
-        down, right = corners_box[:, 3] - corners_box[:, 0], corners_box[:, 1] - corners_box[:, 0]
-        # the triple product of two edges and the way to the camera, written out: np.cross is slow on few vectors
-        x, y, z = (centre - corners_box.mean(axis=1)).T
-        dx, dy, dz = down.T
-        rx, ry, rz = right.T
-        return np.asarray(x * (dy * rz - dz * ry) + y * (dz * rx - dx * rz) + z * (dx * ry - dy * rx) > 0)
+    def faces_camera(self, target: Target) -> NDArray[np.bool_]:
+        """Return which of all tags (T,) turn their printed side to the camera."""
+        normal, offset = _planes(target)
+        return np.asarray(normal @ (-self.T_cam_box[:3, :3].T @ self.T_cam_box[:3, 3]) > offset)
+
+
+@lru_cache(maxsize=16)
+def _planes(target: Target) -> tuple[Array, Array]:
+    """Return outward normals (T, 3) of tags, not of unit length, and how far along them their centres lie (T,)."""
+    corners = target.tag_corners
+    normal = np.cross(corners[:, 3] - corners[:, 0], corners[:, 1] - corners[:, 0])
+    return normal, np.sum(normal * corners.mean(axis=1), axis=1)
 
 
 def fit_box(

@@ -45,7 +45,8 @@ def levenberg_marquardt(  # noqa: PLR0917 - as the compiled one
 ) -> tuple[float, Array, Array, Array, Array]:
     """Return focal length, lens, T_cam_box, information (16, 16) and deviations (P,), px, by reweighted squares."""
     focal, lens, T = start
-    kept = focal, lens, T = focal, lens.copy(), bring_forward(focal, lens, T, p_box, uv)
+    T = bring_forward(focal, lens, T, p_box, uv)
+    kept = focal, lens.copy(), T
     full = np.zeros(CAMERA + 6)
     full[:CAMERA] = prior
     damping, cost = 1e-4, np.inf
@@ -169,7 +170,7 @@ def predict(p_box: Array, focal: float, lens: Array, T_cam_box: Array, informati
 
 
 def bring_forward(focal: float, lens: Array, T_cam_box: Array, p_box: Array, uv: Array) -> Array:
-    """Return the pose of a box, whose tags may not be on one plane as its start took them, with all before the camera."""
+    """Return the pose of a box with all points before the camera: its start took them to be on one plane."""
     d = uv - lens[:2]
     g, slope, D = depth(lens, np.sum(d * d, axis=1) * lens[PER_RADIUS] ** 2)
     rays = np.column_stack([d, focal * g])

@@ -1,6 +1,6 @@
 """From a few tags to all of them: predict where the box's other tags must be, align, accept what is really there."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -105,7 +105,7 @@ class BoxDetection:
         uv, _ = fit.predict(target.tag_corners[read.rows].reshape(-1, 3))
         off = np.linalg.norm(uv.reshape(-1, 4, 2) - read.corners_px, axis=2).max(axis=1)
         side = patterns.modules * module_px(patterns, read.corners_px)
-        near = (off < CANDIDATE_TOLERANCE * side) & fit.faces_camera(target.tag_corners[read.rows])
+        near = (off < CANDIDATE_TOLERANCE * side) & fit.faces_camera(target)[read.rows]
         return np.setdiff1d(read.rows, read.rows[near])
 
 
@@ -176,7 +176,7 @@ def _outvoted(target: Target, candidates: TagCandidates, fit: BoxFit) -> tuple[i
     apart = np.linalg.norm(uv - candidates.corners_px.mean(axis=1), axis=1)
     side = np.linalg.norm(candidates.corners_px - np.roll(candidates.corners_px, -1, axis=1), axis=2).max(axis=1)
     kept = apart <= OFF_CENTRE * side + OFF_SIGMAS * spread
-    kept &= fit.faces_camera(target.tag_corners[candidates.rows])
+    kept &= fit.faces_camera(target)[candidates.rows]
     faces = target.tag_faces[candidates.rows]
     seen = np.bincount(faces, minlength=1)
     there = np.bincount(faces[kept], minlength=len(seen))
@@ -230,7 +230,7 @@ def _good(  # noqa: PLR0917
 ) -> NDArray[np.bool_]:
     """Return which of the tags (N,) that were fitted lie on the box and face the camera."""
     on_box = fit.off_px <= _tolerance(patterns, corners_px, sigma_px)
-    return on_box & fit.faces_camera(target.tag_corners[rows])
+    return on_box & fit.faces_camera(target)[rows]
 
 
 def _tolerance(patterns: Patterns, corners_px: Array, sigma_px: float) -> Array:
@@ -276,7 +276,7 @@ def predicted(
     target: Target, patterns: Patterns, fit: BoxFit, known: Index, image_size: tuple[int, int]
 ) -> PredictedTags:
     """Return the tags that the camera should see beside the known ones."""
-    turned = fit.faces_camera(target.tag_corners)
+    turned = fit.faces_camera(target)
     turned[known] = False
     rows = np.flatnonzero(turned)
     if len(rows) == 0:
@@ -299,7 +299,7 @@ def grow_from_pose(
     Whatever the box then predicts beside them is tried too, until nothing new turns up.
     """
     rough = limits.relaxed()
-    fit, doubtful = search.fit, None
+    fit, doubtful, missing = search.fit, None, None
     pyramid = pyramid.under(fit.lens)
     image_size = pyramid.size
     tags = align_coarsely(pyramid, patterns, search.rows, search.corners_px)
@@ -313,8 +313,8 @@ def grow_from_pose(
         )
         if len(rows) < len(tags):
             tags = tags.take(np.isin(tags.rows, rows))
-        more_tags = predicted(target, patterns, fit, tags.rows, image_size)
-        more, corners = more_tags.rows[more_tags.sure], more_tags.corners_px[more_tags.sure]
+        missing = predicted(target, patterns, fit, tags.rows, image_size)
+        more, corners = missing.rows[missing.sure], missing.corners_px[missing.sure]
         if len(more) == 0:
             break
         new = align_coarsely(pyramid, patterns, more, corners, side_px=PREDICTED_SIDE_PX)
@@ -326,7 +326,7 @@ def grow_from_pose(
         if len(new) == 0:
             break
         tags = tags.joined(new)
-    lost_px, region = _lost(target, patterns, tags, fit, image_size)
+    lost_px, region = _lost(target, patterns, tags, fit, missing, image_size)
     return BoxDetection(
         tags=tags if doubtful is None else tags.joined(doubtful.take(~np.isin(doubtful.rows, tags.rows))),
         fit=fit,
@@ -336,30 +336,22 @@ def grow_from_pose(
     )
 
 
-def _lost(
-    target: Target, patterns: Patterns, tags: TagAlignments, fit: BoxFit, image_size: tuple[int, int]
+def _lost(  # noqa: PLR0917
+    target: Target,
+    patterns: Patterns,
+    tags: TagAlignments,
+    fit: BoxFit,
+    missing: PredictedTags | None,
+    image_size: tuple[int, int],
 ) -> tuple[float, Array]:
-    """Return how wide modules are seen at most of tags that were not found, px, and where, (2, 2) px.
+    """Return how wide modules are seen at most of tags that are missing, px, and where those may be seen, (2, 2) px.
 
     Infinite, and the whole image, where the fit does not tell: a box that is turned wrongly hides faces that the camera
-    sees. Pixels that are not square can stand for that, unless two faces say so; then the box is asked with square
-    pixels too.
+    sees. Pixels that are not square can stand for that, unless two faces say so.
     """
-    unknown = np.inf, np.array([[0, 0], image_size]) - [[0, 0], [1, 1]]
-    fits = [fit]
-    if len(tags) > 0 and abs(fit.lens[LOG_ASPECT]) >= SQUARE and len(np.unique(target.tag_faces[tags.rows])) == 1:
-        start = replace(fit, prior=fit.prior.with_square_pixels())
-        fits.append(
-            fit_box(target, tags.rows, tags.corners_px, image_size=image_size, sigma_px=ALIGNED_SIGMA_PX, start=start)
-        )
-    off = TOLD_MODULES * median(module_px(patterns, tags.corners_px)) if len(tags) else 0.0
-    if not all(median(f.off_px) < off for f in fits):
-        return unknown
-    lost = [predicted(target, patterns, f, tags.rows, image_size) for f in fits]
-    lost = [tags for tags in lost if len(tags.rows)]
-    if not lost:
-        return 0.0, np.zeros((2, 2))
-    regions = np.array([tags.region_px(image_size) for tags in lost])
-    return max(float(tags.module_px.max()) for tags in lost), np.array(
-        [regions[:, 0].min(axis=0), regions[:, 1].max(axis=0)]
-    )
+    whole = np.array([[0, 0], image_size]) - [[0, 0], [1, 1]]
+    if missing is None or not median(fit.off_px) < TOLD_MODULES * median(module_px(patterns, tags.corners_px)):
+        return np.inf, whole
+    if abs(fit.lens[LOG_ASPECT]) >= SQUARE and len(np.unique(target.tag_faces[tags.rows])) == 1:
+        return np.inf, whole
+    return float(missing.module_px.max(initial=0)), missing.region_px(image_size)

@@ -38,7 +38,7 @@ def crossed(tags: TagAlignments, patterns: Patterns, limits: Limits) -> NDArray[
     """Return which tags (N,) a shadow's edge or a highlight may cross: aligned, but some modules are off."""
     if len(tags) == 0:
         return np.zeros(0, dtype=np.bool_)
-    usual = float(np.quantile(tags.worst_block, 0.25))
+    usual = float(np.sort(tags.worst_block)[(len(tags) - 1) // 4])
     unusual = tags.worst_block > max(SUSPICIOUS, UNUSUAL * usual)
     return unusual & verified(patterns, tags, doubtful_limits(limits))
 

@@ -107,6 +107,25 @@ def test_a_first_step_with_few_pixels_leads_to_the_same_corners(response):
     np.testing.assert_allclose(*ends, atol=2e-3)
 
 
+@pytest.mark.parametrize("lens", [LENS, BENT], ids=["plain", "fisheye"])
+@pytest.mark.parametrize("side_px", [12.0, 22.0, np.inf])
+def test_compiled_beginning_of_an_alignment_is_that_of_the_reference(lens, side_px):
+    pytest.importorskip("numba", reason="numba is not installed")
+    rng = np.random.default_rng(2)
+    frame = Frame(grey=np.zeros((480, 640), np.float32), response=response_table("linear"), lens=lens)
+    squares = np.array([[0, 0], [1, 0], [1, 1], [0, 1]]) * rng.uniform(5, 90, (60, 1, 1))
+    corners = rng.uniform(-40, 620, (60, 1, 2)) + squares + rng.normal(0, 2, (60, 4, 2))
+    corners[3, 1], corners[4] = np.nan, corners[4, :1]  # not known, and no quadrilateral
+    for given in (None, rng.normal(0, 1, (60, PARAMETERS))):
+        plain = numpy_backend().begin(frame, PATTERNS, corners, given, side_px)
+        fast = numba_backend().begin(frame, PATTERNS, corners, given, side_px)
+        assert np.isnan(fast.theta[3:5, :8]).all()
+        known = np.delete(np.arange(60), 3)
+        for name, expected, got in zip(plain._fields, plain, fast, strict=True):
+            np.testing.assert_allclose(got[known], expected[known], rtol=1e-9, atol=1e-11, err_msg=name)
+        assert np.array_equal(fast.bounding_boxes, plain.bounding_boxes)
+
+
 def test_compiled_end_of_an_alignment_is_that_of_the_reference():
     pytest.importorskip("numba", reason="numba is not installed")
     batch = some_tags(33.0)

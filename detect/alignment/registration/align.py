@@ -27,12 +27,9 @@ def _free(*names: slice) -> NDArray[np.bool_]:
 
 _LIGHT, _AFFINE, _PERSPECTIVE = slice(BLACK, LOG_PSF), slice(0, 6), slice(0, 8)
 _BLUR, _SHAPE = slice(LOG_PSF, LOG_PSF + 1), slice(KURTOSIS, KURTOSIS + 1)
-_FIRST = (
-    _free(_LIGHT, _BLUR, _AFFINE),
-    _free(_LIGHT, _BLUR, _PERSPECTIVE),
-)
-_FURTHER = (_free(_LIGHT, _BLUR, _PERSPECTIVE, _SHAPE),)
-_AGAIN = (*_FURTHER, *_FURTHER)
+_FIRST = np.stack([_free(_LIGHT, _BLUR, _AFFINE), _free(_LIGHT, _BLUR, _PERSPECTIVE)])
+_FURTHER = np.stack([_free(_LIGHT, _BLUR, _PERSPECTIVE, _SHAPE)])
+_AGAIN = np.concatenate([_FURTHER, _FURTHER])
 """What each step may change."""
 
 
@@ -91,7 +88,7 @@ def align(
     batch = _batch(frame, patterns, rows, begun)
     last = model.no_sums(len(rows), patterns.cells)
     rules = StepRules(
-        free=np.stack(schedule),
+        free=schedule,
         damping=_DAMPING if start is not None else _FIRST_DAMPING,
         stop_px=float(stop_px),
         iterations=iterations,
@@ -102,12 +99,14 @@ def align(
     corners, cov, quality = compute.finish(
         frame, patterns, theta=theta, normalisation=normalisation, sums=last, covariance=covariance
     )
-    good = np.isfinite(corners).all(axis=(1, 2)) & np.isfinite(cov).all(axis=(1, 2, 3))
+    n = len(rows)
+    good = np.isfinite(corners).reshape(n, 8).all(axis=1) & np.isfinite(cov).reshape(n, 16).all(axis=1)
     good &= last.stats[:, 0] > 2 * PARAMETERS
+    corners[~good], cov[~good] = 0.0, 1.0
     return TagAlignments(
         rows=rows,
-        corners_px=np.where(good[:, None, None], corners, 0.0),
-        cov_px2=np.where(good[:, None, None, None], cov, 1.0),
+        corners_px=corners,
+        cov_px2=cov,
         psf_sigma_px=np.exp(theta[:, LOG_PSF]),
         black_level=theta[:, BLACK],
         contrast=theta[:, CONTRAST],

@@ -75,8 +75,8 @@ def footprints(
     For the first three see :class:`boxcal.detect.alignment.registration.tag_batch.Batch`. Of the white ring so much
     may be used as its neighbours' blur does not reach. Of large tags no more pixels are used than one with sides of
     ``side_px`` has, on a Fibonacci lattice: of m pixels one, in each row shifted by q. Unlike every second row and
-    column it meets a module's edges at all phases, also where they run along the pixels. With ``edges``, of the pixels that an edge blurs
-    all count, or of very large tags every n-th.
+    column it meets a module's edges at all phases, also where they run along the pixels. With ``edges``, of the pixels
+    that an edge blurs all count, or of very large tags every n-th.
     """
     m = patterns.modules
     corners = np.where(np.isfinite(corners_px), corners_px, 0.0)
