@@ -292,11 +292,17 @@ def predicted(
 
 
 def grow_from_pose(
-    pyramid: Pyramid, target: Target, patterns: Patterns, search: PredictedRegions, limits: Limits
+    pyramid: Pyramid,
+    target: Target,
+    patterns: Patterns,
+    search: PredictedRegions,
+    limits: Limits,
+    *,
+    others: bool = True,
 ) -> BoxDetection:
     """Return the tags of a search that are really there, aligned on few pixels, and the box through them.
 
-    Whatever the box then predicts beside them is tried too, until nothing new turns up.
+    With ``others``, whatever the box then predicts beside them is tried too, until nothing new turns up.
     """
     rough = limits.relaxed()
     fit, doubtful, missing = search.fit, None, None
@@ -315,7 +321,7 @@ def grow_from_pose(
             tags = tags.take(np.isin(tags.rows, rows))
         missing = predicted(target, patterns, fit, tags.rows, image_size)
         more, corners = missing.rows[missing.sure], missing.corners_px[missing.sure]
-        if len(more) == 0:
+        if len(more) == 0 or not others:
             break
         new = align_coarsely(pyramid, patterns, more, corners, side_px=PREDICTED_SIDE_PX)
         moved = np.linalg.norm(new.corners_px - corners, axis=2).max(axis=1)

@@ -9,10 +9,11 @@ from boxcal.detect.alignment.box_pose import LEAST_SIGMA_PX, BoxFit, CameraPrior
 from boxcal.detect.alignment.box_search import (
     RIGID_TOLERANCE_MODULES,
     RIGID_TOLERANCE_PX,
+    BoxDetection,
 )
 from boxcal.detect.alignment.covariance import Misfit, misfit, rigid_share
 from boxcal.detect.alignment.dot_gain import without_dot_gain
-from boxcal.detect.alignment.expected_tags import ExpectedTags, find_expected
+from boxcal.detect.alignment.expected_tags import ExpectedTags, at_most, find_expected
 from boxcal.detect.alignment.face_scatter import ENOUGH, scatter
 from boxcal.detect.alignment.motion_blur import estimate_blur, shape, shape_of
 from boxcal.detect.alignment.order_statistics import median
@@ -221,13 +222,7 @@ def detect_in_grey(  # noqa: PLR0917
     patterns = target_patterns(target)
     size = (grey.shape[1], grey.shape[0])
     pyramid = Pyramid(grey, response_table(_first_response(settings, camera)), no_distortion(size))
-    prior, found = None if camera is None else camera.prior, None
-    if expected is not None:
-        found = find_expected(pyramid, target, patterns, expected, settings.limits, prior)
-    if found is None and not (expected is not None and expected.alone):
-        found = find_box(
-            pyramid, grey8, target, patterns, windows_px=settings.windows_px, limits=settings.limits, camera=prior
-        )
+    found = _searched(pyramid, grey8, target, settings, None if camera is None else camera.prior, expected)
     if found is None:
         return nothing(_first_response(settings, camera))
     tags, fit = found.tags, found.fit
@@ -269,6 +264,24 @@ def detect_in_grey(  # noqa: PLR0917
         return located
     imaging = replace(imaging, kurtosis=median(tags.theta[:, KURTOSIS]))
     return replace(located, camera=KnownCamera(prior=fit.camera(max(size)), imaging=imaging, round_inflation=rounded))
+
+
+def _searched(  # noqa: PLR0917
+    pyramid: Pyramid,
+    grey8: NDArray[np.uint8],
+    target: Target,
+    settings: DetectorSettings,
+    camera: CameraPrior | None,
+    expected: ExpectedTags | None,
+) -> BoxDetection | None:
+    """Return the tags of one box, roughly aligned: where they are expected, or wherever they are; None without any."""
+    patterns, limits = target_patterns(target), settings.limits
+    if expected is not None:
+        found = find_expected(pyramid, target, patterns, expected, limits, camera)
+        if found is not None or expected.alone:
+            return found
+    found = find_box(pyramid, grey8, target, patterns, windows_px=settings.windows_px, limits=limits, camera=camera)
+    return found if found is None or expected is None else at_most(found, expected.most)
 
 
 def _with_lens_and_box(

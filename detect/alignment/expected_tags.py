@@ -8,6 +8,7 @@ and no corner is drawn to where it was expected.
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from boxcal.detect.alignment.box_pose import CameraPrior, fit_box
 from boxcal.detect.alignment.box_search import (
@@ -26,8 +27,11 @@ from boxcal.target.box import Target
 
 ASKED = 4
 """Expected tags that are aligned first."""
-LEAST_FOUND = 0.5
-"""Fraction of the tags, of those and of all, that must be there, or else the whole picture is searched."""
+LEAST_FOUND, MOST_FOUND = 0.5, 0.8
+"""Fraction of the tags, of those and of all, that must be there, or else the whole picture is searched; where fewer
+than the second are, the box through them must also tell which others ought to be seen."""
+SPARE = 1.25
+"""So many times the tags that are measured are aligned roughly, as some will not be believed."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -45,7 +49,7 @@ class ExpectedTags:
     alone
         Whether the rest of the picture is not searched where they are not there.
     most
-        Of the tags found there, so many are measured, spread evenly over the box; all if not given.
+        Of the tags found, so many are measured, spread evenly over the box; all if not given.
     """
 
     ids: Index
@@ -53,6 +57,12 @@ class ExpectedTags:
     blur: Array = field(default_factory=lambda: np.zeros(2))
     alone: bool = False
     most: int | None = None
+
+    def within(self, image_size: tuple[int, int]) -> NDArray[np.bool_]:
+        """Return which of them (N,) lie wholly within an image (width, height)."""
+        with np.errstate(invalid="ignore"):
+            inside = (self.corners_px >= -0.5) & (self.corners_px <= np.array(image_size) - 0.5)
+        return np.asarray(np.all(inside, axis=(1, 2)))
 
 
 def find_expected(  # noqa: PLR0917
@@ -71,6 +81,10 @@ def find_expected(  # noqa: PLR0917
     rows, corners = _within_image(target, patterns, expected, size)
     if len(rows) < FEW_TAGS:
         return None
+    cut = expected.most is not None and len(rows) > SPARE * expected.most
+    if cut and expected.most is not None:
+        some = _evenly(rows, round(SPARE * expected.most))
+        rows, corners = rows[some], corners[some]
     fit = fit_box(target, rows, corners, image_size=size, sigma_px=CANDIDATE_SIGMA_PX, camera=camera)
     first = np.argsort(-module_px(patterns, corners), kind="stable")[np.linspace(0, len(rows) - 1, ASKED).astype(int)]
     asked = align_coarsely(pyramid.under(fit.lens), patterns, rows[first], corners[first])
@@ -79,26 +93,31 @@ def find_expected(  # noqa: PLR0917
         return None
     moved = np.median((asked.corners_px - corners[first])[there], axis=(0, 1))
     search = PredictedRegions(rows=rows, corners_px=corners + moved, fit=fit)
-    found = grow_from_pose(pyramid, target, patterns, search, limits)
-    enough = len(found.tags) >= max(FEW_TAGS, LEAST_FOUND * len(rows)) and np.isfinite(found.lost_module_px)
-    return _spread(found, expected.most) if enough else None
+    found = grow_from_pose(pyramid, target, patterns, search, limits, others=not cut)
+    told = np.isfinite(found.lost_module_px) or len(found.tags) >= MOST_FOUND * len(rows)
+    enough = len(found.tags) >= max(FEW_TAGS, LEAST_FOUND * len(rows)) and told
+    return at_most(found, expected.most) if enough else None
 
 
-def _spread(found: BoxDetection, most: int | None) -> BoxDetection:
+def at_most(found: BoxDetection, most: int | None) -> BoxDetection:
     """Return a detection with at most so many tags, evenly over the rows of all."""
     if most is None or len(found.tags) <= most:
         return found
-    order = np.argsort(found.tags.rows, kind="stable")
-    return replace(found, tags=found.tags.take(order[np.linspace(0, len(order) - 1, most).astype(int)]))
+    return replace(found, tags=found.tags.take(_evenly(found.tags.rows, most)))
+
+
+def _evenly(rows: Index, count: int) -> Index:
+    """Return which of some tags (N,) to take for so many, spread evenly over their rows."""
+    order = np.argsort(rows, kind="stable")
+    return np.asarray(order[np.linspace(0, len(order) - 1, count).astype(int)])
 
 
 def _within_image(
     target: Target, patterns: Patterns, expected: ExpectedTags, image_size: tuple[int, int]
 ) -> tuple[Index, Array]:
     """Return rows (N,) and corners (N, 4, 2) of the expected tags that could be read there."""
-    corners = expected.corners_px
+    corners, inside = expected.corners_px, expected.within(image_size)
     with np.errstate(invalid="ignore"):
-        inside = np.all((corners >= -0.5) & (corners <= np.array(image_size) - 0.5), axis=(1, 2))
         inside &= convex(corners) & (module_px(patterns, corners) >= MIN_MODULE_PX)
     inside &= np.isin(expected.ids, target.tag_ids)
     rows = np.array([target.row_of(int(tag)) for tag in expected.ids[inside]], dtype=np.int64)

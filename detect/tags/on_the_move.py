@@ -50,6 +50,8 @@ _MOST_TURN = 0.75
 """A turn beyond this (rad, as above) tells little more: then the way in between matters."""
 _AT_ONCE = 8
 """Candidates whose views are predicted at once."""
+_IN_VAIN = 8
+"""Frames without the box after which no more are looked at, if none shows it and none was predicted to."""
 _SURPRISES = 2
 """Frames without the box that was predicted (less those with it) from which on predictions choose no more."""
 _USUALLY_SEEN = np.array([[3.0, 2.0, 0.5, 0.2, 0.1, 0.1], [3.0, 3.0, 2.5, 1.5, 1.0, 1.0]])
@@ -150,11 +152,18 @@ class Choice:
         Returns whether the box is predicted to be in view of some candidates (N,); None if nothing is predicted.
     surprises
         How many frames did not show a box that was predicted, less those that did.
+    shown, in_vain
+        How many of the frames looked at showed the box, and did not.
+    nowhere
+        Whether no frame was predicted to show the box, which some may all the same: a few are looked at.
     """
 
     among: Candidates
     in_view: Callable[[Ids], Mask] | None = None
     surprises: int = 0
+    shown: int = 0
+    in_vain: int = 0
+    nowhere: bool = False
     seen: Array = field(default_factory=_USUALLY_SEEN.copy)
     missed: Array = field(default_factory=_USUALLY_MISSED.copy)
     left: Array = field(default_factory=lambda: np.zeros(0))
@@ -170,7 +179,12 @@ class Choice:
     def next(self) -> int | None:
         """Return the candidate to look at next; None if none is left."""
         if self.in_view is not None and self.surprises < _SURPRISES:
-            return self._next_in_view(self.in_view)
+            left, predicted = self.left.copy(), self._next_in_view(self.in_view)
+            if predicted is not None or self.shown + self.in_vain > 0:
+                return predicted
+            self.left, self.in_view, self.nowhere = left, None, True
+        if self.nowhere and self.shown == 0 and self.in_vain >= _IN_VAIN:
+            return None
         kind = self._kind
         worth = self.left * self.seen[kind] / (self.seen[kind] + self.missed[kind])
         best = int(np.argmax(worth)) if len(worth) else 0
@@ -193,6 +207,7 @@ class Choice:
             self.surprises += -1 if shown else 1
         (self.seen if shown else self.missed)[kind, turn] += 1
         self.left[at] = 0
+        self.shown, self.in_vain = self.shown + shown, self.in_vain + (not shown)
         if shown:
             self.left[self.among.side == self.among.side[at]] *= 0.15
 
@@ -212,6 +227,8 @@ class BoxOnTheMove:
         mosaic = unnamed_mosaic(image)
         grey, grey8 = to_levels(image if mosaic is None else even_mosaic(image, mosaic))
         patterns, settings = target_patterns(self._target), detector_settings(self._tags)
+        if expected is not None and not expected.within((image.shape[1], image.shape[0])).any():
+            expected = None
         if expected is None and not any(
             len(find_candidates(grey8, patterns, settings.windows_px[:1], scale=scale).rows) >= FEW_TAGS
             for scale in (0.5, 1.0)

@@ -78,6 +78,25 @@ def test_what_turns_keep_the_box_in_view_is_learned() -> None:
     assert len(set(looked)) == len(looked)
 
 
+def test_a_few_frames_are_looked_at_where_none_is_predicted_to_show_the_box() -> None:
+    n = 40
+    same = np.full(n, 0.4)
+    among = Candidates(frames=np.arange(n), side=2 * np.arange(n), turn=same, way=same, rate=same)
+    looked = {}
+    for shown in (False, True):
+        choice, looked[shown] = Choice(among=among, in_view=lambda rows: np.zeros(len(rows), dtype=bool)), 0
+        while (at := choice.next()) is not None and looked[shown] < 20:
+            looked[shown] += 1
+            choice.learn(at, shown=shown)
+    assert 0 < looked[False] < 10
+    assert looked[True] == 20
+    in_view = np.arange(n) == 7
+    choice = Choice(among=among, in_view=lambda rows: in_view[rows])
+    assert choice.next() == 7
+    choice.learn(7, shown=False)
+    assert choice.next() is None
+
+
 def test_a_drive_without_frames_between_stops_has_no_candidate() -> None:
     none = Candidates(
         frames=np.zeros(0, dtype=np.int64),

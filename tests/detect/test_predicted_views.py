@@ -151,14 +151,14 @@ def test_frames_are_found_where_they_are_predicted_without_searching_their_pictu
     assert _errors(made, found).max() < 0.5
 
 
-@pytest.mark.parametrize("wrong", ["turned", "too late"])
+@pytest.mark.parametrize("wrong", ["turned", "away", "too late"])
 def test_wrong_predictions_cost_frames_or_time_but_bias_nothing(simulated, recorded: Path, wrong):
     made, _ = simulated
 
     def predictor(drive):
         views = views_by_wheels(drive)
-        if wrong == "turned":
-            turn = rigid(exp_so3(np.array([0.0, 0.08, 0.0])), np.zeros(3))
+        if wrong != "too late":
+            turn = rigid(exp_so3(np.array([0.0, 0.08 if wrong == "turned" else np.pi, 0.0])), np.zeros(3))
             return PredictedViews(camera=views.camera, T_cam_box_at=lambda t: turn @ views.T_cam_box_at(t))
         return PredictedViews(camera=views.camera, T_cam_box_at=lambda t: views.T_cam_box_at(t - 300_000_000))
 

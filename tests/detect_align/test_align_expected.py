@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from aligned_views import PLAIN, TARGET, pose, truth, view
 
-from boxcal.detect.alignment import detector
+from boxcal.detect.alignment import box_search, detector, expected_tags
 from boxcal.detect.alignment.detector import detect_tags
 from boxcal.detect.alignment.expected_tags import ExpectedTags
 
@@ -59,6 +59,22 @@ def test_other_tags_of_the_box_are_found_from_a_few_expected_ones(seen):
     expected = ExpectedTags(ids=found.ids[few], corners_px=found.corners_px[few])
     assert np.array_equal(detect_tags(image, TARGET, camera=found.camera, expected=expected).ids, found.ids)
     assert not searches
+
+
+@pytest.mark.parametrize("off_px", [0.5, 60.0], ids=["there", "elsewhere"])
+def test_no_more_tags_are_measured_than_are_wanted(seen, off_px, monkeypatch):
+    image, found, searches = seen
+    aligned = []
+    coarsely = expected_tags.align_coarsely
+    for module in (expected_tags, box_search):
+        monkeypatch.setattr(module, "align_coarsely", lambda *a, **k: aligned.append(len(a[2])) or coarsely(*a, **k))
+    expected = ExpectedTags(ids=found.ids, corners_px=found.corners_px + off_px, most=8)
+    few = detect_tags(image, TARGET, camera=found.camera, expected=expected)
+    assert len(few.ids) == 8
+    assert np.ptp(few.ids) > 0.8 * np.ptp(found.ids)
+    assert np.abs(few.corners_px - found.corners_px[np.isin(found.ids, few.ids)]).max() < 0.02
+    assert bool(searches) == (off_px > 1)
+    assert searches or max(aligned) == 10
 
 
 @pytest.mark.parametrize("off_px", [[60.0, 0.0], [0.0, -200.0], [np.nan, 0.0], [1e6, 0.0]])

@@ -21,7 +21,7 @@ FIBONACCI = np.array([1, 1, 2, 3, 5, 8, 13, 21, 34, 55, 89, 144, 233, 377, 610, 
 
 
 class Begun(NamedTuple):
-    """What an alignment begins with.
+    """Beginning of an alignment.
 
     Attributes
     ----------
