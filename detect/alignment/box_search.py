@@ -269,7 +269,7 @@ class PredictedTags:
         around = REGION_SPREADS * self.spread_px + REGION_MODULES * self.module_px
         low = (self.corners_px.min(axis=1) - around[:, None]).min(axis=0)
         high = (self.corners_px.max(axis=1) + around[:, None]).max(axis=0)
-        return np.clip([low, high], 0, np.array(image_size) - 1)
+        return np.asarray(np.clip([low, high], 0, np.array(image_size) - 1))
 
 
 def predicted(

@@ -1,6 +1,6 @@
 """Images of every kind as grey levels: from 0 to 1 to measure in, and in 8 bits to look for tags."""
 
-from typing import Any
+from typing import Any, cast
 
 import cv2
 import numpy as np
@@ -45,7 +45,7 @@ def halved(levels: Levels) -> Levels:
     """Return grey levels of half the size each way, means of four pixels; an odd last row or column is left out."""
     height, width = (max(side // 2, 1) for side in levels.shape)
     even = levels[: 2 * height, : 2 * width]
-    return np.asarray(cv2.resize(even, (width, height), interpolation=cv2.INTER_AREA), dtype=levels.dtype)
+    return cast("Levels", cv2.resize(even, (width, height), interpolation=cv2.INTER_AREA))
 
 
 def to_grey8(image: NDArray[np.generic]) -> NDArray[np.uint8]:
