@@ -19,14 +19,12 @@ def faces_by_normal(landmark_ids: Ids, p_box: Array) -> Ids:
     """
     tags, starts, counts = np.unique(landmark_ids // CORNERS, return_index=True, return_counts=True)
     faces = np.zeros(len(tags), dtype=np.int64)
-    planes: dict[int, tuple[Array, float]] = {}
     whole = counts >= 3
-    for k in np.flatnonzero(whole):
-        a, b, c = p_box[starts[k] : starts[k] + 3]  # three corners in their order turn clockwise, seen from outside
-        normal = np.cross(c - b, b - a)
-        normal /= np.linalg.norm(normal)
-        faces[k] = round(float(np.arctan2(normal[1], normal[0])) / (np.pi / 2)) % FACES
-        planes[int(faces[k])] = (normal, float(normal @ a))
+    a, b, c = np.moveaxis(p_box[starts[whole, None] + np.arange(3)], 1, 0)  # clockwise, seen from outside
+    normals = np.cross(c - b, b - a)
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    faces[whole] = np.rint(np.arctan2(normals[:, 1], normals[:, 0]) / (np.pi / 2)).astype(np.int64) % FACES
+    planes = dict(zip(faces[whole].tolist(), zip(normals, np.sum(normals * a, axis=1), strict=True), strict=True))
     for k in np.flatnonzero(~whole):
         off = {f: abs(float(normal @ p_box[starts[k]]) - d) for f, (normal, d) in planes.items()}
         faces[k] = min(off, key=lambda f: off[f], default=0)

@@ -139,8 +139,15 @@ def outline(box: Box, side: int) -> tuple[Array, Array]:
 def sides_facing(box: Box, T_cam_box: Array) -> list[int]:
     """Return the sides of the box whose outside the camera is on."""
     centre = -T_cam_box[:3, :3].T @ T_cam_box[:3, 3]
-    outlines = {side: outline(box, side) for side in range(BOTTOM + 1)}
-    return [side for side, (corners, normal) in outlines.items() if (centre - corners[0]) @ normal > 1e-9]
+    corners, normals = _planes(box)
+    return np.flatnonzero(np.sum((centre - corners) * normals, axis=1) > 1e-9).tolist()
+
+
+@lru_cache(maxsize=8)
+def _planes(box: Box) -> tuple[Array, Array]:
+    """Return a corner (6, 3) of every side and its outward normal (6, 3), frame ``box``."""
+    outlines = [outline(box, side) for side in range(BOTTOM + 1)]
+    return np.array([corners[0] for corners, _ in outlines]), np.array([normal for _, normal in outlines])
 
 
 @lru_cache(maxsize=8)
