@@ -41,22 +41,24 @@ def tags_seen(robot: Robot, target: Target, poses: Array, min_side_px: float, ma
         How far they stay off the border, as a share of the image's width.
     """
     T_cam_box = inverse(camera_poses(robot, poses))
-    corners = target.tag_corners  # (T, 4, 3)
-    p_cam = np.einsum("nij,tcj->ntci", T_cam_box[:, :3, :3], corners) + T_cam_box[:, None, None, :3, 3]
+    p_box = target.tag_corners.reshape(-1, 3)
+    p_cam = p_box @ T_cam_box[:, :3, :3].swapaxes(1, 2) + T_cam_box[:, None, :3, 3]
+    p_cam = p_cam.reshape(len(poses), *target.tag_corners.shape)  # (N, T, 4, 3)
     centre = p_cam.mean(axis=2)
     inward = np.cross(p_cam[:, :, 2] - p_cam[:, :, 1], p_cam[:, :, 0] - p_cam[:, :, 1])
     slant = np.sum(inward * centre, axis=2)
     slant /= np.linalg.norm(inward, axis=2) * np.linalg.norm(centre, axis=2)
-    before = np.all(p_cam[..., 2] > 0, axis=2)
-    p_cam[~before] = (0.0, 0.0, 1.0)
+    seen = np.all(p_cam[..., 2] > 0, axis=2) & (slant > _STEEPEST)
+    p_cam = p_cam[seen]  # (M, 4, 3): the others need not be projected
     uv = project(robot.camera, p_cam)
-    rho = np.linalg.norm(p_cam[..., :2] / p_cam[..., 2:], axis=-1)
-    reached = np.all(rho < radius_limit(robot.camera.kind, np.array(robot.camera.distortion)), axis=2)
+    rho = np.hypot(p_cam[..., 0], p_cam[..., 1]) / p_cam[..., 2]
+    reached = np.all(rho < radius_limit(robot.camera.kind, np.array(robot.camera.distortion)), axis=1)
     width, height = robot.image_size
     low = margin * width - 0.5
-    inside = np.all((uv >= low) & (uv <= (width - 1 - low, height - 1 - low)), axis=(2, 3))
-    side = np.linalg.norm(uv - np.roll(uv, -1, axis=2), axis=3).min(axis=2)
-    return np.asarray((slant > _STEEPEST) & before & reached & inside & (side >= min_side_px))
+    inside = np.all((uv >= low) & (uv <= (width - 1 - low, height - 1 - low)), axis=(1, 2))
+    edge = uv - np.roll(uv, -1, axis=1)
+    seen[seen] = reached & inside & (np.hypot(edge[..., 0], edge[..., 1]).min(axis=1) >= min_side_px)
+    return np.asarray(seen)
 
 
 def tags_by_face(target: Target, seen: Mask) -> Array:

@@ -3,6 +3,7 @@
 import hashlib
 import json
 from dataclasses import asdict, fields
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -38,6 +39,7 @@ def target_document(target: Target) -> dict[str, Any]:
     }
 
 
+@lru_cache(maxsize=8)
 def target_bytes(target: Target) -> bytes:
     """Return ``target.json`` as bytes: one tag a line, the same bytes for the same target."""
     document = target_document(target)

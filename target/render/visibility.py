@@ -7,7 +7,7 @@ from boxcal.target.box import Box, Target
 from boxcal.target.camera.camera_model import CameraModel, project
 from boxcal.target.camera.undistort import radius_limit
 from boxcal.target.errors import TargetError
-from boxcal.target.render.sides import sides_facing
+from boxcal.target.render.sides import BOTTOM, sides_facing
 
 MAX_SIDE_PX = 16_384
 """Longest side of a picture, px: more than any camera's."""
@@ -32,16 +32,17 @@ def visible_tags(
     """
     width, height = checked_size(image_size)
     T_cam_box = checked_pose(T_cam_box, target.box)
-    facing = np.isin(target.tag_faces, sides_facing(target.box, T_cam_box))
+    faces = np.zeros(BOTTOM + 1, dtype=np.bool_)
+    faces[sides_facing(target.box, T_cam_box)] = True
     p_cam = target.tag_corners @ T_cam_box[:3, :3].T + T_cam_box[:3, 3]
-    before = np.all(p_cam[..., 2] > 0, axis=1)
-    p_cam[~before] = (0, 0, 1)
+    rows = np.flatnonzero(faces[target.tag_faces] & np.all(p_cam[..., 2] > 0, axis=1))
+    p_cam = p_cam[rows]
     uv_px = project(camera, p_cam)
-    rho = np.linalg.norm(p_cam[..., :2] / p_cam[..., 2:], axis=-1)
+    rho = np.hypot(p_cam[..., 0], p_cam[..., 1]) / p_cam[..., 2]
     reached = np.all(rho < radius_limit(camera.kind, np.array(camera.distortion)), axis=1)
     low = margin_px - 0.5
     inside = np.all((uv_px >= low) & (uv_px <= (width - 1 - low, height - 1 - low)), axis=(1, 2))
-    return np.asarray(np.sort(target.tag_ids[facing & before & reached & inside]))
+    return np.asarray(np.sort(target.tag_ids[rows[reached & inside]]))
 
 
 def checked_size(image_size: tuple[int, int]) -> tuple[int, int]:
