@@ -218,11 +218,13 @@ def test_impossible_combinations_are_said_before_the_work(
     assert not out.exists()
 
 
-@pytest.mark.parametrize(("moment", "jobs"), [("starting", "2"), ("solving", "2"), ("[1/8]", "1"), ("[2/8]", "2")])
-def test_ctrl_c_at_any_moment_leaves_a_readable_folder(moment: str, jobs: str, logs: Path, tmp_path: Path) -> None:
-    out = tmp_path / "out"
-    names = [shutil.copy(logs / "r2.npz", logs / f"q{k:02d}.npz") for k in range(8)]
-    command = [sys.executable, "-m", "boxcal.calib.cli", *map(str, names), *PAPER, "--out", str(out), "--jobs", jobs]
+@pytest.mark.parametrize(("moment", "jobs"), [("starting", "2"), ("solving", "2"), ("[1/5]", "1"), ("[2/5]", "2")])
+def test_ctrl_c_at_any_moment_leaves_a_readable_folder(
+    moment: str, jobs: str, logs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out, robots = tmp_path / "out", [f"q{k:02d}" for k in range(5)]
+    words = [*(str(shutil.copy(logs / "r2.npz", logs / f"{robot}.npz")) for robot in robots), *PAPER, "--out", str(out)]
+    command = [sys.executable, "-m", "boxcal.calib.cli", *words, "--jobs", jobs]
     with subprocess.Popen(
         command, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True, process_group=0
     ) as process:
@@ -244,11 +246,11 @@ def test_ctrl_c_at_any_moment_leaves_a_readable_folder(moment: str, jobs: str, l
         assert set(rows) == finished == set(document["robots"])
     for robot in finished:
         boxcal.load_calibration(out / robot / "calibration.json")
-    again = subprocess.run([*command, "--resume"], capture_output=True, text=True, timeout=240, check=True)
-    counted = re.findall(r"\[\d/(\d)\]", again.stderr)
-    assert len(counted) == 8 - len(finished)
+    assert main([*words, "--jobs", "1", "--resume"]) == 0
+    counted = re.findall(r"\[\d/(\d)\]", capsys.readouterr().err)
+    assert len(counted) == len(robots) - len(finished)
     rows, document = _fleet(out)
-    assert set(rows) == set(document["robots"]) == {f"q{k:02d}" for k in range(8)}
+    assert set(rows) == set(document["robots"]) == set(robots)
 
 
 def test_ctrl_c_while_code_compiles_ends_both_processes_in_one_line(logs: Path, tmp_path: Path) -> None:

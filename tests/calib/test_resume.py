@@ -164,7 +164,7 @@ def test_a_full_disk_is_one_line_a_robot_and_the_same_command_goes_on(
 
 @pytest.mark.slow
 def test_a_run_that_was_killed_goes_on_to_the_same_results(tmp_path: Path) -> None:
-    words = [sys.executable, str(ROOT / "benchmarks" / "killed_runs.py"), "--robots", "6", "--moments", "1"]
+    words = [sys.executable, str(ROOT / "benchmarks" / "killed_runs.py"), "--robots", "4", "--moments", "1"]
     done = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True, timeout=600, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
     assert "1 of 1 runs ended as an undisturbed one" in done.stdout
