@@ -33,6 +33,7 @@ class Browser:
         self._events: list[dict[str, Any]] = []
         self._rest = b""
         self._session: str | None = None
+        self._target: str | None = None
 
     def __enter__(self) -> Self:
         ours_in, theirs_out = os.pipe()
@@ -100,10 +101,12 @@ class Browser:
         return [json.loads(message) for message in whole]
 
     def open(self, path: Path | str, *, width: int = 1280, height: int = 800, dark: bool = False) -> None:
-        """Open a file or an address in a new page, of the size and colour scheme asked for."""
-        self._session = None
-        target = self.send("Target.createTarget", url="about:blank")["targetId"]
-        self._session = self.send("Target.attachToTarget", targetId=target, flatten=True)["sessionId"]
+        """Open a file or an address in a new page, of this size and colour scheme; the page before is closed."""
+        before, self._session = self._target, None
+        self._target = self.send("Target.createTarget", url="about:blank")["targetId"]
+        if before is not None:  # it would go on listening and drawing
+            self.send("Target.closeTarget", targetId=before)
+        self._session = self.send("Target.attachToTarget", targetId=self._target, flatten=True)["sessionId"]
         self._events.clear()
         for domain in ("Page", "Runtime", "Network", "Log"):
             self.send(f"{domain}.enable")
