@@ -4,9 +4,11 @@
 if one of them is not "good", is further off than 0.3 %, or does not pass its check drive.
 """
 
+import io
 import json
-import subprocess
 import sys
+from contextlib import chdir, redirect_stderr, redirect_stdout
+from importlib.metadata import entry_points
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +16,6 @@ import numpy as np
 import boxcal
 from boxcal.target.measure.measured_size import Measured
 
-PROGRAMS = Path(sys.executable).parent
 LIMIT = 0.003
 """Largest relative error of radii and wheel separation."""
 TRUE = Measured(sx=0.9971, sy=0.9985, width=0.25042, depth=0.24985, height=0.2003, cov=np.eye(5) * 1e-12)
@@ -29,10 +30,11 @@ def walk(folder: Path) -> dict[str, tuple[str, float, bool]]:
     _do(folder, "make-target", "box", "--paper", "a4")
     boxcal.save_target(boxcal.make_target(measured=TRUE), folder / "built.json")
     _do(folder, "measure-target", "box/target.json", *READ)
-    simulated = ("--seed", "5", "--target", "built.json", "--hand-made")
+    simulated = ("--seed", "5", "--target", "built.json", "--hand-made", "--jobs", "1")
     _do(folder, "simulate-fleet", "robots", "--robots", "2", "--stops", "10", *simulated)
     logs = sorted(path.name for path in (folder / "robots").glob("*.mcap"))
-    _do(folder, "fleet-calibrate", *(f"robots/{log}" for log in logs), "--target", "box/target.json", "--no-report")
+    found_by = ("--target", "box/target.json", "--no-report", "--jobs", "1")
+    _do(folder, "fleet-calibrate", *(f"robots/{log}" for log in logs), *found_by)
     _do(folder, "simulate-fleet", "check", "--robots", "2", "--stops", "4", *simulated)
     found = {}
     for log in logs:
@@ -46,11 +48,15 @@ def walk(folder: Path) -> dict[str, tuple[str, float, bool]]:
     return found
 
 
-def _do(folder: Path, *words: str, expect: tuple[int, ...] = (0,)) -> int:
-    done = subprocess.run([PROGRAMS / words[0], *words[1:]], cwd=folder, capture_output=True, text=True, check=False)
-    if done.returncode not in expect:
-        raise RuntimeError(f"{' '.join(words)}: {done.stdout}{done.stderr}")
-    return done.returncode
+def _do(folder: Path, name: str, *words: str, expect: tuple[int, ...] = (0,)) -> int:
+    """Call a command's main function in a folder; what it prints is shown if its status is not as expected."""
+    (command,) = entry_points(group="console_scripts", name=name)
+    out = io.StringIO()
+    with chdir(folder), redirect_stdout(out), redirect_stderr(out):
+        status: int = command.load()(list(words))
+    if status not in expect:
+        raise RuntimeError(f"{name} {' '.join(words)}: {out.getvalue()}")
+    return status
 
 
 def main() -> int:
