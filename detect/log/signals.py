@@ -13,6 +13,8 @@ _LARGEST = 1e15
 """Readings beyond this (rad, rad/s or ticks) are damage: a double holds no tenth of a unit there."""
 LATEST_NS = 1 << 62
 """Times beyond this, ns (the year 2116), are damage: differences of two must not overflow."""
+_MANY = 64
+"""So many pieces are joined for good: a live drive asks for all its readings several times a second."""
 _FEW = 4
 """Fewer readings in a piece tell no usual speed."""
 
@@ -149,6 +151,10 @@ class OdometrySignal:
 
 
 def _joined(parts: list[Any], kind: type) -> Any:
+    """Return the pieces as one array; many are kept as one and the last two, so that a live drive joins each once."""
+    if len(parts) > _MANY:
+        before = len(parts) - 2
+        parts[:before] = [np.concatenate(parts[:before])]
     if len(parts) == 1:
         return parts[0]
     return np.concatenate(parts) if parts else np.zeros(0, dtype=kind)
