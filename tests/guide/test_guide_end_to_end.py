@@ -23,7 +23,7 @@ from boxcal.detect.log.containers.mcap import McapFile
 
 SPEED = 6.0
 """Seconds of the robot's time in a second."""
-PICTURES = 2.0
+PICTURES = 1.0
 """In a second of the robot's time: enough for a stop, and the machine has time for the rest."""
 _PAGE = """(() => ({
   ...document.body.dataset, ...document.getElementById("place").dataset, state,
