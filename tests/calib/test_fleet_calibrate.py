@@ -31,6 +31,8 @@ STORE = get_typestore(Stores.ROS2_HUMBLE)
 RECORD = RecordOptions(frames=2, moving_frames=1)
 JOINTS, CAMERA = "/joint_states", "/camera/image_raw/compressed"
 Change = Callable[[str, Any], Any]
+SHORT = ("--quiet", "--no-report", "--jobs", 1)
+"""For tests that look at neither the report nor the progress."""
 
 
 def _simulate(path: Path, *, seed: int = 5, stops: Any = None, target: Any = None, count: int = 7) -> Path:
@@ -263,7 +265,7 @@ def test_a_camera_whose_clock_is_off_is_put_right_by_the_times_of_recording_and_
     good: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     late = _rewrite(good, tmp_path / "late.mcap", _images(_later(1000)))
-    assert _run(capsys, good, late, "--out", tmp_path / "out", "--quiet", "--jobs", 1)[0] == 0
+    assert _run(capsys, good, late, "--out", tmp_path / "out", *SHORT)[0] == 0
     found, right = (load_correspondences(tmp_path / "out" / r / "correspondences.npz") for r in ("late", "good"))
     assert found.source.clock_offset == pytest.approx(1000, abs=0.1)
     assert any("clock is 1000.0 s ahead" in note for note in found.source.notes)
@@ -287,7 +289,7 @@ def test_ambiguous_topics_are_listed_and_can_be_named(
     assert CAMERA in err
     assert "/rear/image_raw/compressed" in err
     assert "--camera-topic" in err
-    status, _, err = _run(capsys, two, "--out", tmp_path / "out", "--quiet", "--camera-topic", CAMERA)
+    status, _, err = _run(capsys, two, "--out", tmp_path / "out", *SHORT, "--camera-topic", CAMERA)
     assert status == 0, err
 
 
@@ -296,7 +298,7 @@ def test_a_swapped_log_calibrates_when_the_joints_are_named(
 ) -> None:
     bad = _rewrite(good, tmp_path / "swapped.mcap", _wheels(1, 1, swap=True))
     names = ("--left-joint", "right_wheel_joint", "--right-joint", "left_wheel_joint")
-    status, _, err = _run(capsys, bad, "--out", tmp_path / "out", "--quiet", *names)
+    status, _, err = _run(capsys, bad, "--out", tmp_path / "out", *SHORT, *names)
     assert status == 0, err
 
 
@@ -492,7 +494,7 @@ def test_the_target_file_decides_what_is_looked_for(
 ) -> None:
     save_target(make_target(), tmp_path / "same.json")
     save_target(make_target(Box(first_id=140)), tmp_path / "other.json")
-    assert _run(capsys, good, "--target", tmp_path / "same.json", "--out", tmp_path / "a", "--quiet")[0] == 0
+    assert _run(capsys, good, "--target", tmp_path / "same.json", "--out", tmp_path / "a", *SHORT)[0] == 0
     status, _, err = _run(capsys, good, "--target", tmp_path / "other.json", "--out", tmp_path / "b", "--quiet")
     assert status == 1
     assert "good.mcap" in err
@@ -501,7 +503,7 @@ def test_the_target_file_decides_what_is_looked_for(
 def test_a_missing_truth_file_is_said(good: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     lonely = tmp_path / "lonely.mcap"
     shutil.copy(good, lonely)
-    status, out, err = _run(capsys, lonely, "--truth", "--out", tmp_path, "--quiet")
+    status, out, err = _run(capsys, lonely, "--truth", "--out", tmp_path, *SHORT)
     assert status == 1
     assert "lonely" in out
     assert "no truth: " in err
@@ -542,12 +544,11 @@ def test_a_drive_that_is_given_twice_is_refused_and_said_where_it_is_named_as_tw
 ) -> None:
     copy = tmp_path / "copy.mcap"
     shutil.copy(good, copy)
-    words = ("--quiet", "--no-report", "--jobs", 1)
-    status, _, err = _run(capsys, good, copy, "--out", tmp_path / "two", *words)
+    status, _, err = _run(capsys, good, copy, "--out", tmp_path / "two", *SHORT)
     assert status == 0
     assert "copy, good were calibrated from one recording" in err
     saved = tmp_path / "two" / "good" / "correspondences.npz"
     for again in (copy, saved):
-        status, _, err = _run(capsys, good, again, "--same-robot", "--out", tmp_path / "one", *words)
+        status, _, err = _run(capsys, good, again, "--same-robot", "--out", tmp_path / "one", *SHORT)
         assert status == 1
         assert f"{again.name}: the same drive as good.mcap; give each drive once" in err
