@@ -170,7 +170,7 @@ def calibrate_robot(job: Job, progress: Progress | None = None) -> Calibration:
     photos: list[dict[int, bytes]] = [{} for _ in job.logs]
     shown = job.out is not None and job.settings.report
     for k, log in enumerate(job.logs):
-        tell("read", f"reading {log.name}", _READ * k / len(job.logs))
+        tell("read", f"reading {listed([log])}", _READ * k / len(job.logs))
         keep = keeping(photos[k]) if shown else None
         before = file_state(log)
         drives.append(read(log, job, partial(_reading, tell, k, len(job.logs)), keep))

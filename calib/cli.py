@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from boxcal.calib.fleet.interrupts import interrupts_held, interrupts_remembered
 from boxcal.calib.fleet.options import options
+from boxcal.target.errors import one_line
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -33,7 +34,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     words = list(sys.argv[1:] if argv is None else argv)
     try:
         with interrupts_remembered() as stop_if_asked:
-            command = shlex.join(["fleet-calibrate", *words])
+            command = one_line(shlex.join(["fleet-calibrate", *words]))
             return _watch(args, command, stop_if_asked) if args.watch else _run(args, command, stop_if_asked)[0]
     except BrokenPipeError:  # whoever read the output has closed it (| head); all files are written
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

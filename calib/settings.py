@@ -16,7 +16,7 @@ from boxcal.detect.log.topics import Topics
 from boxcal.detect.log.wheel_parameters import DriverWheels
 from boxcal.detect.log.wheel_samples import WheelUnits
 from boxcal.target.box import Target
-from boxcal.target.errors import BoxcalError
+from boxcal.target.errors import BoxcalError, one_line
 
 CORRESPONDENCES = ".npz"
 """Suffix of a correspondence file, which stands for a log that was read before."""
@@ -255,21 +255,21 @@ class Outcome:
 
 
 def robot_name(log: Path) -> str:
-    """Return the robot that a log belongs to: the log's stem.
+    """Return the robot that a log belongs to: the log's stem, with ``_`` for what cannot be printed.
 
     Raises
     ------
     CalibError
         If the stem cannot name a folder.
     """
-    name = log.parent.name if log.name == f"correspondences{CORRESPONDENCES}" else robot_name_of(log)
-    if name in {"", ".", ".."} or not name.isprintable():
+    stem = log.parent.name if log.name == f"correspondences{CORRESPONDENCES}" else robot_name_of(log)
+    name = "".join(letter if letter.isprintable() else "_" for letter in stem)
+    if name in {"", ".", ".."}:
         raise CalibError(f"{log.name!r}: no name for a robot can be made of it", remedy="rename the file")
     return name
 
 
 def listed(logs: Sequence[Path]) -> str:
     """Return the names of logs in one line; of saved correspondences, which are all named alike, with their folder."""
-    return ", ".join(
-        f"{log.parent.name}/{log.name}" if log.name == f"correspondences{CORRESPONDENCES}" else log.name for log in logs
-    )
+    saved = f"correspondences{CORRESPONDENCES}"
+    return one_line(", ".join(f"{log.parent.name}/{log.name}" if log.name == saved else log.name for log in logs))

@@ -13,12 +13,13 @@ import numpy as np
 from boxcal.detect.errors import DetectError
 from boxcal.detect.image.gray import MAX_SIDE_PX
 from boxcal.detect.log.encoder import MAX_ANGLE, gaps_covered, without_strays
-from boxcal.detect.log.safe_text import one_line, printable
+from boxcal.detect.log.safe_text import printable
 from boxcal.detect.log.source import Source, read_source
 from boxcal.detect.log.wheel_samples import Flags, JointUnit, WheelSamples, WheelUnits
 from boxcal.detect.tags.faces import faces_by_normal
 from boxcal.detect.tags.moving_frames import MovingFrame, refuse_far_corners, refuse_odd_landmarks
 from boxcal.target.arrays import Array, Ids
+from boxcal.target.errors import one_line
 from boxcal.target.files.atomic_write import write_atomically
 from boxcal.target.files.json_document import parse_json
 

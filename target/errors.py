@@ -3,6 +3,11 @@
 from typing import Self
 
 
+def one_line(text: str) -> str:
+    """Return a name or a sentence that came with a file as one line without control characters, whole."""
+    return "".join(c if c.isprintable() else " " if c.isspace() else "?" for c in text)
+
+
 class BoxcalError(ValueError):
     """An input that cannot be used, said in one line: **which input: found, needed; what to do**.
 
@@ -19,7 +24,8 @@ class BoxcalError(ValueError):
     """
 
     def __init__(self, found: str, *, source: object = "", needed: str = "", remedy: str = "") -> None:
-        self.found, self.source, self.needed, self.remedy = found, str(source), needed, remedy
+        found, needed, remedy = map(one_line, (found, needed, remedy))  # they may quote what an input says
+        self.found, self.source, self.needed, self.remedy = found, one_line(str(source)), needed, remedy
         text = f"{found}, {needed}" if needed else found
         text = f"{text}; {remedy}" if remedy else text
         super().__init__(f"{self.source}: {text}" if self.source else text)

@@ -57,7 +57,8 @@ class Run:
             "counts": {state: states.count(state) for state in ("done", "kept", "failed", "not reached")},
             "robots": robots,
         }
-        return (json.dumps(document, indent=2, ensure_ascii=False) + "\n").encode()
+        written = json.dumps(document, indent=2, ensure_ascii=False) + "\n"
+        return written.encode(errors="backslashreplace")  # JSON's own escapes, of file names that are no text
 
     def _robot(self, job: Job, outcome: Outcome | None) -> dict[str, Any]:
         """Return what became of a robot: done, kept, failed or not reached; why; its verdict, time and logs."""

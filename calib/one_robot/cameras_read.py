@@ -93,7 +93,7 @@ def read_cameras(job: Job, tell: Callable[[str, float], None], keep: Keep) -> Re
         try:
             for k, log in enumerate(job.logs):
                 begun = (number * len(job.logs) + k) / (len(topics) * len(job.logs))
-                tell(f"reading {printable(topic)} of {log.name}", begun)
+                tell(f"reading {printable(topic)} of {listed([log])}", begun)
                 drives.append(read(log, job_of(job, topic), pictures=keep(photos[k])))
         except (DetectError, CalibError) as error:
             first = first or error

@@ -13,11 +13,6 @@ def printable(name: str) -> str:
     return shown if len(shown) <= MAX_NAME else shown[: MAX_NAME - 3] + "..."
 
 
-def one_line(text: str) -> str:
-    """Return a sentence that came with a file as one line without control characters, whole."""
-    return "".join(c if c.isprintable() else " " if c.isspace() else "?" for c in text)
-
-
 def listed(names: Iterable[str]) -> str:
     """Return names as ``a, b, c``, sorted, at most a dozen of them; ``none`` if there are none."""
     ordered = sorted(set(names))

@@ -6,7 +6,8 @@ from typing import Any
 
 from boxcal.detect.log.losses import Loss, LossKind
 from boxcal.detect.log.recording import Recording
-from boxcal.detect.log.safe_text import one_line, printable
+from boxcal.detect.log.safe_text import printable
+from boxcal.target.errors import one_line
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -70,7 +71,7 @@ def source_of(recording: Recording, target_sha256: str, notes: tuple[str, ...]) 
     base = recording.odometry_frame or about.base_frame()
     T_base_cam = about.fixed_transform(base, recording.camera_frame)
     return Source(
-        log=recording.path.name,
+        log=one_line(recording.path.name),
         sha256=recording.sha256,
         target_sha256=target_sha256,
         kind=recording.kind,

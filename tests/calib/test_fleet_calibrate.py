@@ -1,8 +1,10 @@
 """fleet-calibrate: good robots come out right, bad logs get one clear line, and never hide the others."""
 
 import json
+import os
 import re
 import shutil
+import sys
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -487,6 +489,26 @@ def test_wrong_usage_is_said_with_exit_status_2(
         found = int(leave.code or 0)
     assert found == status
     assert message in capsys.readouterr().err
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="file names are bytes on Linux")
+def test_a_file_name_that_cannot_be_printed_is_shown_without_and_names_a_robot(
+    good: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Control characters and bytes that are no text ended the run; the logs beside it were not calibrated either."""
+    names = "a\nb\x1b[31m.mcap", os.fsdecode(b"r\xff2.mcap")
+    for name in names:
+        shutil.copy(good, tmp_path / name)
+    (tmp_path / "c\x1b[31m.mcap").write_bytes(b"nothing")
+    out = tmp_path / "out"
+    status, said, err = _run(capsys, *sorted(tmp_path.glob("*.mcap")), "--out", out, "--no-report")
+    assert status == 1
+    assert "c?[31m.mcap: " in err
+    assert all(letter.isprintable() for letter in (said + err).replace("\n", ""))
+    assert {path.name for path in out.iterdir() if path.is_dir()} == {"a_b_[31m", "r_2"}
+    for name, robot in zip(names, ("a_b_[31m", "r_2"), strict=True):
+        assert load_calibration(out / robot / "calibration.json").robot == robot
+        assert json.loads((out / "run.json").read_text())["robots"][robot]["logs"] == [str(tmp_path / name)]
 
 
 def test_the_target_file_decides_what_is_looked_for(

@@ -40,7 +40,7 @@ def test_a_log_that_nothing_came_of_is_given_again_and_the_others_are_not() -> N
 
 
 def test_a_log_that_names_no_robot_or_one_that_is_there_keeps_none_of_the_others(tmp_path: Path) -> None:
-    bad = tmp_path / "a\nb.npz"
+    bad = tmp_path / "...npz"
     logs, problems = robots_of_their_own([tmp_path / "r1.mcap", tmp_path / "r1.npz", bad, tmp_path / "r2.mcap"])
     assert logs == [tmp_path / "r1.mcap", tmp_path / "r2.mcap"]
     first, second = map(str, problems)
@@ -114,7 +114,8 @@ def test_a_batch_that_met_a_dead_cluster_is_done_when_it_is_back_and_the_fault_s
     rng, robot = np.random.default_rng(1), turtlebot("r1")
     drive = simulate_drive(robot, target, DriveOptions(stops=9), rng)
     exact_correspondences(robot, target, drive, 0.1, rng).save(robots / "r1.npz")
-    (robots / "a\nb.npz").write_bytes(b"no name")
+    for name in ("x.bag", "x.mcap"):
+        (robots / name).write_bytes(b"one name")
     tries: list[object] = []
     good = chosen.chosen_engine
 
@@ -141,4 +142,4 @@ def test_a_batch_that_met_a_dead_cluster_is_done_when_it_is_back_and_the_fault_s
     said = capsys.readouterr().err
     assert said.count("no scheduler answers there") == 1
     assert said.count("scheduler is gone") == 1
-    assert said.count("no name for a robot") == 1
+    assert said.count("x.bag is called x too") == 1
