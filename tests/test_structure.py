@@ -3,6 +3,7 @@
 import ast
 import re
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -30,10 +31,10 @@ TWICE: dict[str, str] = {}
 """Files that share code, and why."""
 
 
-def _sources() -> Iterator[tuple[str, ast.Module]]:
-    for part in PARTS:
-        for path in sorted((ROOT / part).rglob("*.py")):
-            yield path.relative_to(ROOT).as_posix(), ast.parse(path.read_text())
+@cache
+def _sources() -> list[tuple[str, ast.Module]]:
+    files = [path for part in PARTS for path in sorted((ROOT / part).rglob("*.py"))]
+    return [(path.relative_to(ROOT).as_posix(), ast.parse(path.read_text())) for path in files]
 
 
 def _functions() -> Iterator[tuple[str, ast.FunctionDef]]:

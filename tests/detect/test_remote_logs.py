@@ -256,9 +256,7 @@ def test_a_damaged_indexed_log_uses_what_is_intact(folder: Path, memory: str) ->
 
 def test_reading_in_sequence_takes_few_large_requests(memory: str) -> None:
     file = RangeFile(store_of(f"{memory}/r07.mcap"))
-    content = b""
-    while block := file.read(10_000):
-        content += block
+    content = b"".join(iter(lambda: file.read(10_000), b""))
     assert content == fsspec.filesystem("memory").cat_file("/bucket/r07.mcap")
     assert file.fetched == len(content)
     assert file.requests < 14
