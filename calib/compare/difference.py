@@ -171,7 +171,7 @@ def _driven(wheels: Wheels, phi_R: float, phi_L: float) -> tuple[float, float, f
 
 def _logs(calibration: Calibration) -> list[str]:
     """Return the hashes of the logs that a calibration was made from."""
-    return [digest for name, digest in calibration.provenance.inputs.items() if name != "target" and digest]
+    return [digest for digest in calibration.provenance.logs.values() if digest]
 
 
 def _chi_square(values: Array, cov: Array) -> tuple[float, int]:

@@ -6,14 +6,12 @@ from boxcal.calib.results.calibration import Calibration
 from boxcal.detect.log.remote.store import tells_content
 from boxcal.detect.log.safe_text import listed
 
-_TARGET = "target"
-
 
 def said_of_copies(calibrations: Sequence[Calibration]) -> list[str]:
     """Return a line for each recording that several robots were calibrated from, compared by their logs' hashes."""
     robots: dict[frozenset[str], list[str]] = {}
     for c in calibrations:
-        logs = frozenset(digest for name, digest in c.provenance.inputs.items() if name != _TARGET)
+        logs = frozenset(c.provenance.logs.values())
         if logs and all(map(tells_content, logs)):
             robots.setdefault(logs, []).append(c.robot)
     return [

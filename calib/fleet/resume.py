@@ -64,7 +64,7 @@ def _why_anew(job: Job, calibration: Calibration, place: ResultsPlace, *, joint:
         return "its result is of a run with --joint-box"
     if origin.settings != plain_settings(asdict(job.settings)):
         return "other settings"
-    if by_itself and origin.inputs.get("target") != target_sha256(job.target):
+    if by_itself and origin.target != target_sha256(job.target):
         return "another box, or the box measured anew"
     if missing := _files_missing(job, place, folder):
         return missing

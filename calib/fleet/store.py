@@ -152,7 +152,7 @@ def _kept(robot: str, out: Path, target: Target, error: BoxcalError | None) -> M
         return Member(robot=robot, error=error or problem)
     if error is not None:
         stale = f"Of an earlier log ({calibration.provenance.created[:10]}): the last one gave no calibration."
-    elif calibration.provenance.inputs.get("target") != target_sha256(target):
+    elif calibration.provenance.target != target_sha256(target):
         stale = "Calibrated before the box was measured anew: calibrate it again."
     else:
         stale = ""

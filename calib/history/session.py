@@ -102,7 +102,7 @@ def session_of(calibration: Calibration) -> Session:
     detail = calibration.detail
     return Session(
         robot=calibration.robot,
-        key=drive_key(p.inputs, ends),
+        key=drive_key(p.logs, ends),
         t_ns=t_ns,
         calibrated=p.created,
         camera=np.array([k.fu, k.fv, k.cu, k.cv, k.kr]),
@@ -113,7 +113,7 @@ def session_of(calibration: Calibration) -> Session:
         image_size=calibration.image_size,
         verdict="" if verdict is None else str(verdict.level),
         hardware=str(p.settings.get("hardware") or ""),
-        target=p.inputs.get("target", ""),
+        target=p.target,
         version=p.version,
         notes=notes,
     )
@@ -141,15 +141,15 @@ def _of_camera_alone(s: Session) -> Session:
     return replace(s, covariance=cov)
 
 
-def drive_key(inputs: Mapping[str, str], stops: list[tuple[int, int]]) -> str:
+def drive_key(named: Mapping[str, str], stops: list[tuple[int, int]]) -> str:
     """Return what the same drive has in common however often it is calibrated: a hash of its logs' hashes.
 
     Logs without a hash (folders, and files of servers that tell their size alone) are identified by when their first
     and last stop began and ended.
     """
-    logs = sorted(digest for name, digest in inputs.items() if name != "target")
+    logs = sorted(named.values())
     if not logs or not all(map(tells_content, logs)):
-        logs = [*logs, *(str(t) for t in (min(stops), max(stops)) if stops)] if stops else [*inputs, *logs]
+        logs = [*logs, *(str(t) for t in (min(stops), max(stops)) if stops)] if stops else [*named, *logs]
     return hashlib.sha256("\n".join(logs).encode()).hexdigest()
 
 

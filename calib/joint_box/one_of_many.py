@@ -20,7 +20,7 @@ from boxcal.calib.one_robot.judging import judged
 from boxcal.calib.one_robot.reading import placed, read
 from boxcal.calib.one_robot.solving import options_of, solve
 from boxcal.calib.one_robot.writing import write
-from boxcal.calib.results.calibration import Calibration
+from boxcal.calib.results.calibration import TARGET, Calibration
 from boxcal.calib.settings import Job
 from boxcal.calib.uncertainty.box_size import drive_id
 from boxcal.detect.correspondences import Correspondences
@@ -159,7 +159,7 @@ def calibrate_with(member: Member, box: Target, known_as: Target) -> Calibration
     job = replace(job, target=look.target)
     result = judged(solve(job, look), look.drives, look.target)
     name = target_sha256(known_as)
-    inputs = {**result.provenance.inputs, "target": name}
+    inputs = {**result.provenance.inputs, TARGET: name}
     result = replace(result, provenance=replace(result.provenance, inputs=inputs))
     saved = [replace(d, source=replace(d.source, target_sha256=name)) for d in look.drives]
     write(job, result, saved)

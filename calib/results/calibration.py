@@ -71,6 +71,10 @@ class StopResult:
     drive: int = 0
 
 
+TARGET = "target"
+"""The landmark table's name among a result's inputs."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Provenance:
     """Provenance of a result.
@@ -84,7 +88,7 @@ class Provenance:
     created
         UTC, ISO 8601.
     inputs
-        File name -> SHA-256 of its bytes (``target``: of the landmark table).
+        File name -> SHA-256 of its bytes (``target``: of the landmark table). Logs of one name are numbered.
     settings
         Everything that was asked for, defaults included.
     fingerprint
@@ -98,6 +102,16 @@ class Provenance:
     inputs: Mapping[str, str] = field(default_factory=dict)
     settings: Mapping[str, Any] = field(default_factory=dict)
     fingerprint: str = ""
+
+    @property
+    def logs(self) -> dict[str, str]:
+        """The logs among the inputs: name -> SHA-256."""
+        return {name: digest for name, digest in self.inputs.items() if name != TARGET}
+
+    @property
+    def target(self) -> str:
+        """SHA-256 of the landmark table; empty if it was not kept."""
+        return self.inputs.get(TARGET, "")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

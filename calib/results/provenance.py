@@ -2,10 +2,11 @@
 
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
+from itertools import chain, count
 from pathlib import Path
 from typing import Any
 
-from boxcal.calib.results.calibration import Provenance
+from boxcal.calib.results.calibration import TARGET, Provenance
 from boxcal.detect.correspondences import Correspondences
 from boxcal.version import installed_version
 
@@ -30,13 +31,19 @@ def provenance(
         version=installed_version(),
         command=command,
         created=datetime.now(UTC).isoformat(timespec="seconds"),
-        inputs={
-            **{drive.source.log: drive.source.sha256 for drive in drives},
-            "target": drives[0].source.target_sha256,
-        },
+        inputs={**_hashes(drives), TARGET: drives[0].source.target_sha256},
         settings=plain_settings(settings),
         fingerprint=fingerprint,
     )
+
+
+def _hashes(drives: Sequence[Correspondences]) -> dict[str, str]:
+    """Return the hash of each drive's log by its file name, numbered where another input has that name."""
+    found: dict[str, str] = {}
+    for source in (drive.source for drive in drives):
+        names = chain([source.log], (f"{source.log} ({number})" for number in count(2)))
+        found[next(name for name in names if name not in {*found, TARGET})] = source.sha256
+    return found
 
 
 def plain_settings(settings: Mapping[str, Any]) -> dict[str, Any]:

@@ -5,10 +5,13 @@ from types import SimpleNamespace
 import pytest
 
 from boxcal.calib.fleet.copies import said_of_copies
+from boxcal.calib.results.calibration import Provenance
 
 
 def _result(robot: str, **logs: str) -> SimpleNamespace:
-    return SimpleNamespace(robot=robot, provenance=SimpleNamespace(inputs={**logs, "target": "box"}))
+    return SimpleNamespace(
+        robot=robot, provenance=Provenance(version="", command="", created="", inputs={**logs, "target": "box"})
+    )
 
 
 @pytest.mark.parametrize("identity", ["5f3a", "etag:9b:1200"])

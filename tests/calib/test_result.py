@@ -19,8 +19,12 @@ from boxcal.calib.likelihood.finding import Finding
 from boxcal.calib.results.calibration import Calibration, Provenance, Quality, StopResult
 from boxcal.calib.results.diagnostics import Covariance, Detail, Ground, HeldOut, Leg
 from boxcal.calib.results.json_format import load_calibration, save_calibration
+from boxcal.calib.results.provenance import provenance
 from boxcal.calib.results.verdict import Level, Reason, Verdict
 from boxcal.calib.uncertainty.convergence import ConvergencePoint
+from boxcal.detect.correspondences import Correspondences
+from boxcal.detect.log.source import Source
+from boxcal.detect.log.wheel_samples import WheelSamples
 from boxcal.target.camera.camera_model import CameraKind, CameraModel
 
 FINDINGS = (
@@ -239,3 +243,14 @@ def test_verdict_is_kept_in_the_file(tmp_path: Path) -> None:
     judged = Verdict(level=Level.USABLE, headline="It works.", reasons=(reason,), next_steps=("Drive slower.",))
     save_calibration(replace(_result(np.eye(4)), verdict=judged), tmp_path / "calibration.json")
     assert load_calibration(str(tmp_path / "calibration.json")).verdict == judged
+
+
+def test_every_log_has_its_hash_whatever_others_are_called() -> None:
+    """Drives of two days in files of one name, and a recording called as the landmark table is among the inputs."""
+    wheels = WheelSamples(t_ns=np.zeros(0, dtype=np.int64), phi_R=np.zeros(0), phi_L=np.zeros(0))
+    drive = Correspondences(robot="r1", image_size=(640, 480), wheels=wheels, stops=())
+    logs = ("r1.mcap", "1"), ("r1.mcap", "2"), ("target", "3"), ("r1.mcap", "4")
+    drives = [replace(drive, source=Source(log=log, sha256=digest, target_sha256="box")) for log, digest in logs]
+    found = provenance("", drives, {})
+    assert found.logs == {"r1.mcap": "1", "r1.mcap (2)": "2", "target (2)": "3", "r1.mcap (3)": "4"}
+    assert found.target == "box"
