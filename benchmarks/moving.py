@@ -7,8 +7,9 @@ solved from its stops alone and with its frames. Printed:
    square), how often 95 % intervals hold the truth, errors of the offset over their sigmas, and errors of stops over
    those with frames;
 2. with jitter of 5 ms, exposures of 20 ms, a rolling shutter of 20 ms (the same with frames used all the same), stamps
-   late by 3 s: how often frames were used and something was said, errors over their sigmas with frames and from stops
-   alone, how many are beyond 3 sigma with frames only, and how much larger they are at most, in sigmas of the stops;
+   late by 3 s, a clock that jumps by 50 ms half way, one that runs 300 ppm fast: how often frames were used and
+   something was said, errors over their sigmas with frames and from stops alone, how many are beyond 3 sigma with
+   frames only, and how much larger they are at most, in sigmas of the stops;
 3. drives without any stop, from 40 frames, by the whole line: how many are calibrated and how many called good, errors
    over their sigmas (root mean square of tx, ty, rR, b), and why others are refused.
 
@@ -59,8 +60,18 @@ WRONG = {
     "exposure 20 ms": ShutterOptions(late_s=0.02, exposure_s=0.02),
     ROLLING: ShutterOptions(late_s=0.02, readout_s=0.02),
     "late by 3 s": ShutterOptions(late_s=3.0),
+    "clock jumps 50 ms": ShutterOptions(late_s=0.02, clock_jump_s=0.05),
+    "clock at 300 ppm": ShutterOptions(late_s=0.02, clock_rate=3e-4),
 }
-SAID = ("jitter by", "shutter rolls", "disagree among themselves", "left out")
+SAID = (
+    "jitter by",
+    "shutter rolls",
+    "shutter is open",
+    "clock jumps",
+    "clock runs",
+    "disagree among themselves",
+    "left out",
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -26,6 +26,7 @@ from boxcal.target.files.json_document import parse_json
 SCHEMA = 1
 MAX_FILE_BYTES = 1 << 30
 _STOP_ARRAYS = ("landmark_ids", "p_box", "uv_px", "cov_px2", "faces")
+_FRAME_ARRAYS = (*_STOP_ARRAYS, "blur_px2")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -194,7 +195,7 @@ class Correspondences:
         for j, stop in enumerate(self.stops):
             arrays.update({f"stop{j}_{name}": getattr(stop, name) for name in _STOP_ARRAYS})
         for j, frame in enumerate(self.moving):
-            arrays.update({f"moving{j}_{name}": getattr(frame, name) for name in _STOP_ARRAYS})
+            arrays.update({f"moving{j}_{name}": getattr(frame, name) for name in _FRAME_ARRAYS})
         buffer = io.BytesIO()
         np.savez_compressed(buffer, **arrays)
         write_atomically(Path(path), buffer.getvalue())
@@ -244,7 +245,10 @@ def load_correspondences(path: str | Path) -> Correspondences:
                 source=read_source(header["source"]),
                 units=_units(header.get("units", {})),
                 moving=tuple(
-                    MovingFrame(t_ns=int(frame["t_ns"]), **{k: data[f"moving{j}_{k}"] for k in _STOP_ARRAYS})
+                    MovingFrame(
+                        t_ns=int(frame["t_ns"]),
+                        **{k: data[f"moving{j}_{k}"] for k in _FRAME_ARRAYS if f"moving{j}_{k}" in data},
+                    )
                     for j, frame in enumerate(header.get("moving", []))
                 ),
                 on_the_move=bool(header.get("on_the_move", False)),

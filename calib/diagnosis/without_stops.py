@@ -41,9 +41,10 @@ def with_frames_for_stops(drives: Sequence[Correspondences]) -> tuple[list[Corre
     """
     out, findings = [], []
     for drive in drives:
-        if len(drive.stops) < MIN_STOPS and drive.moving:
-            if len(drives) > 1:
-                raise CalibError(TOO_FEW_PLACES, remedy="calibrate this drive by itself")
+        without = len(drive.stops) < MIN_STOPS and bool(drive.moving)
+        if len(drives) > 1 and (without or drive.on_the_move):
+            raise CalibError(TOO_FEW_PLACES, source=drive.robot, remedy="calibrate this drive by itself")
+        if without:
             out.append(_frames_for_stops(drive))
         else:
             out.append(drive)

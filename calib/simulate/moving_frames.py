@@ -17,6 +17,8 @@ from boxcal.target.camera.camera_model import project
 _EXPOSURE_SAMPLES, _ROW_ROUNDS = 5, 3
 _ALONG = 0.05
 """Share of a streak's length that corners err by along it, beyond their noise."""
+_LENS_PX, _BLUR_ERROR = 0.6, 0.1
+"""Standard deviation of the blur of lens and pixels, and the share of its own that the variance of a streak errs by."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -109,7 +111,16 @@ def _frame(  # noqa: PLR0917 - a robot, its drive and its camera
     cov = options.sigma_px**2 * np.eye(2) + _ALONG**2 * streak[:, :, None] * streak[:, None, :]
     noise = (np.linalg.cholesky(cov) @ rng.standard_normal((len(ids), 2, 1)))[:, :, 0]
     uv_px = seen.mean(axis=0) + noise
-    return MovingFrame(t_ns=stamp, landmark_ids=ids, p_box=p_box, faces=target.faces(ids), uv_px=uv_px, cov_px2=cov)
+    way = streak.mean(axis=0)
+    return MovingFrame(
+        t_ns=stamp,
+        landmark_ids=ids,
+        p_box=p_box,
+        faces=target.faces(ids),
+        uv_px=uv_px,
+        cov_px2=cov,
+        blur_px2=_LENS_PX**2 * np.eye(2) + np.outer(way, way) / 12 * (1 + _BLUR_ERROR * rng.standard_normal()),
+    )
 
 
 def _seen(drive: Drive, p_box: Array, t_ns: Array | Ids, stop: int) -> Array:

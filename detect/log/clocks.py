@@ -1,15 +1,18 @@
 """Clock offset between images and wheels, estimated from when messages were recorded."""
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
-from boxcal.target.arrays import Ids
+from boxcal.target.arrays import Array, Ids
 
 LEAST_OFFSET_S = 0.4
 """Smaller differences are what images take to arrive; stops are longer."""
 _MAX_SPREAD_S = 0.5
 _FEWEST = 3
+_LEVEL, _STEADY_S = 5, 0.1
+"""Messages that show a level of ages before and after a jump, and how far ages may spread about it, s."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -26,6 +29,14 @@ class StampedTimes:
 
     t_ns: Ids
     note: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Jump:
+    """Jump of a clock: ``later_s`` seconds later stamps from a time of recording ``at_ns`` on."""
+
+    later_s: float
+    at_ns: int
 
 
 def usable_stamps(t_ns: Ids, log_ns: Ids, what: str) -> StampedTimes:
@@ -55,6 +66,50 @@ def offset_by_recording(image_t: Ids, image_log: Ids, wheel_t: Ids, wheel_log: I
         return 0
     youngest = [float(np.quantile(age, 0.9)) for age in ages]  # the messages that arrived soonest say it best
     return round((youngest[0] - youngest[1]) * 1e9)
+
+
+def without_jumps(t_ns: Ids, log_ns: Ids, others: tuple[Ids, Ids]) -> tuple[Ids, tuple[Jump, ...]]:
+    """Return stamps with jumps of their clock taken out, (N,) ns, and the jumps.
+
+    A clock that is set during a recording changes stamp less time of recording for good. The longest stretch without a
+    jump keeps its stamps. Where those of other messages jump, too, it is the recorder's clock, and nothing is changed.
+
+    Parameters
+    ----------
+    t_ns, log_ns : (N,), ns
+        Stamps and times of recording, in the order in which they were recorded.
+    others : (M,) and (M,), ns
+        Those of messages stamped by another clock.
+    """
+    age = (t_ns - log_ns) / 1e9
+    edges = [0, *_steps(age), len(age)]
+    if len(edges) == 2 or _steps((others[0] - others[1]) / 1e9):
+        return t_ns, ()
+    levels = [float(np.quantile(age[a:b], 0.9)) for a, b in pairwise(edges)]
+    spreads = [float(np.median(np.abs(age[a:b] - np.median(age[a:b])))) for a, b in pairwise(edges)]
+    if max(spreads) > _STEADY_S:
+        return t_ns, ()
+    kept = int(np.argmax(np.diff(edges)))
+    out = t_ns.copy()
+    for (a, b), level in zip(pairwise(edges), levels, strict=True):
+        out[a:b] -= round((level - levels[kept]) * 1e9)
+    found = [
+        Jump(later_s=after - before, at_ns=int(log_ns[edge]))
+        for edge, (before, after) in zip(edges[1:-1], pairwise(levels), strict=True)
+        if abs(after - before) > LEAST_OFFSET_S
+    ]
+    return out, tuple(found)
+
+
+def _steps(age: Array) -> list[int]:
+    """Return where ages (N,), s, step from one level to another for good."""
+    n = _LEVEL
+    if len(age) < 2 * n:
+        return []
+    windows = np.lib.stride_tricks.sliding_window_view(age, n)
+    low, high = windows.min(axis=1), windows.max(axis=1)
+    apart = np.maximum(low[n:] - high[:-n], low[:-n] - high[n:])  # of n messages from those before
+    return [int(k) + n for k in np.flatnonzero(apart > LEAST_OFFSET_S)]
 
 
 def offset_by_standstills(image_t: Ids, still: "np.ndarray[tuple[int], np.dtype[np.bool_]]", stands: Ids) -> int | None:

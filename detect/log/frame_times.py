@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from boxcal.detect.log.clocks import offset_by_recording, usable_stamps
+from boxcal.detect.log.clocks import offset_by_recording, usable_stamps, without_jumps
 from boxcal.detect.log.images import ImageSeries
 from boxcal.detect.log.safe_text import printable
 from boxcal.detect.log.wheel_assembly import AssembledWheels
@@ -17,7 +17,15 @@ def frame_times(images: ImageSeries, wheels: AssembledWheels, camera: str) -> tu
     notes = [times.note] if times.note else []
     if len(kept) < stamps.size:
         notes.append(f"{stamps.size - len(kept)} images without stamps were left out")
-    t_ns, first = np.unique(times.t_ns[kept], return_index=True)
+    t_kept = times.t_ns[kept]
+    if not times.note:
+        t_kept, jumps = without_jumps(t_kept, log_ns[kept], (wheels.stamp_ns, wheels.log_ns))
+        notes += [
+            f"the camera's clock jumps by {jump.later_s:+.1f} s against the times of recording, "
+            f"{(jump.at_ns - log_ns[0]) / 1e9:.0f} s after the first image; its stamps were put right by that"
+            for jump in jumps
+        ]
+    t_ns, first = np.unique(t_kept, return_index=True)
     numbers = kept[first]
     offset = 0
     if not times.note:

@@ -1,6 +1,6 @@
 """Frame taken on the move: what of the box it shows, and when it was taken."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -29,6 +29,8 @@ class MovingFrame:
         Where they were seen; pixel (0, 0) is the centre of the top-left pixel.
     cov_px2 : (L, 2, 2), px^2
         Covariance of ``uv_px``.
+    blur_px2 : (2, 2), px^2
+        Covariance of the PSF, the usual one of its tags; 0 where it is not known.
     """
 
     t_ns: int
@@ -37,11 +39,14 @@ class MovingFrame:
     faces: Ids
     uv_px: Array
     cov_px2: Array
+    blur_px2: Array = field(default_factory=lambda: np.zeros((2, 2)))
 
     def __post_init__(self) -> None:
         refuse_odd_landmarks("a frame's", self.landmark_ids, (self.p_box, self.uv_px, self.cov_px2))
         if self.faces.shape != self.landmark_ids.shape:
             raise DetectError(f"a frame's landmarks: faces of shape {self.faces.shape}; (L,) needed")
+        if self.blur_px2.shape != (2, 2) or not np.all(np.isfinite(self.blur_px2)):
+            raise DetectError("a frame's blur is no covariance (2, 2) of finite numbers; leave it out")
 
 
 def refuse_odd_landmarks(whose: str, landmark_ids: Ids, arrays: tuple[Array, Array, Array]) -> None:

@@ -241,10 +241,10 @@ class BoxOnTheMove:
             return None
         ids = (4 * found.ids[:, None] + np.arange(4)).ravel()
         frame = _frame(t_ns, ids, found.corners_px.reshape(-1, 2), found.cov_px2.reshape(-1, 2, 2), self._target)
+        (c, s), variance = found.blur_shape, float(np.median(found.blur_px**2))
         if self._views is not None:
-            blur = found.blur_shape, float(np.median(found.blur_px**2))
-            self._views.learn(t_ns, frame.p_box, frame.uv_px, blur)
-        return frame
+            self._views.learn(t_ns, frame.p_box, frame.uv_px, (found.blur_shape, variance))
+        return replace(frame, blur_px2=variance * np.array([[1 + c, s], [s, 1 - c]]))
 
 
 def single_frame(t_ns: int, seen: AveragedCorners, target: Target) -> MovingFrame | None:

@@ -14,8 +14,8 @@ from boxcal.target.arrays import Array, Ids
 LATE, RATE = "camera_late", "camera_clock_rate"
 PRIOR_S = 0.1
 """Standard deviation of the offset beforehand, s."""
-PRIOR_RATE = 1e-4
-"""Standard deviation of the rate beforehand, s/s: two crystals differ by up to 100 ppm, one clock by nothing."""
+PRIOR_RATE = 2e-4
+"""Standard deviation of the rate beforehand, s/s: crystals differ by 100 ppm, stamps that count frames by 1000."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -70,7 +70,7 @@ def _odd(fit: Fit, found: Settled) -> int | None:
     joint = found.joint
     rows = joint.woven.moving
     limit = float(chdtri(2, fit.options.false_alarm / len(rows)))
-    late = np.abs(_own_lateness(found)[rows])
+    late = np.abs(own_lateness(found)[rows])
     usual = _LATE_SIGMAS * (1.4826 * np.median(late) + _LEAST_LATE_S)
     times = np.maximum(_in_time(found)[rows] / limit, late / usual)
     count = np.maximum(np.bincount(joint.problem.corner_stop, minlength=len(joint.woven.frame)), 1)
@@ -81,7 +81,7 @@ def _odd(fit: Fit, found: Settled) -> int | None:
     return int(rows[k]) if worst[k] > 1 else None
 
 
-def _own_lateness(found: Settled) -> Array:
+def own_lateness(found: Settled) -> Array:
     """Return by how much stops and frames were taken earlier than their stamps say, beyond all others, (P,), s.
 
     One that is far off makes the jitter large, which then explains it; so it is compared with the usual frame.

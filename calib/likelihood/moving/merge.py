@@ -13,12 +13,14 @@ from boxcal.calib.likelihood.explanation import in_pictures
 from boxcal.calib.likelihood.fit import Fit
 from boxcal.calib.likelihood.moving.agreement import agreement
 from boxcal.calib.likelihood.moving.covariance import joint_covariance
+from boxcal.calib.likelihood.moving.exposure import exposure
 from boxcal.calib.likelihood.moving.faults import FEWEST, enough_frames, sound
+from boxcal.calib.likelihood.moving.jumps import jump
 from boxcal.calib.likelihood.moving.leave_out import LeaveOut, leave_out
 from boxcal.calib.likelihood.moving.levels import Settled
 from boxcal.calib.likelihood.moving.noise import FrameNoise
 from boxcal.calib.likelihood.moving.solve import FIRST_JITTER_S
-from boxcal.calib.likelihood.moving.told import merged, rolling
+from boxcal.calib.likelihood.moving.told import Doubts, merged, rolling
 from boxcal.calib.likelihood.summary import reported_cov
 from boxcal.detect.correspondences import Correspondences
 from boxcal.target.arrays import Array
@@ -77,9 +79,9 @@ def _with_frames(found: Estimate, fit: Fit, drives: Sequence[Correspondences], m
     if settled is None:
         return f"{odd} of them contradict the others" if odd else "wheels and pictures do not fit there"
     cov = joint_covariance(fit, settled)
-    rolls = rolling(settled, cov)
-    if rolls and moving is Moving.AUTO:
-        return f"{rolls}, too long for the robot's course to be told over it (--moving on uses them all the same)"
+    why = of_another_kind(settled, cov, moving)
+    if why:
+        return why
     among = leave_out(fit, settled)
     cov = among.enlarged(cov)
     if moving is Moving.AUTO and _less_sure(fit, settled, among, cov):
@@ -90,7 +92,17 @@ def _with_frames(found: Estimate, fit: Fit, drives: Sequence[Correspondences], m
             f"they contradict the stops ({compared.parameter} by {compared.sigmas:.1f} of its standard deviations; "
             f"chance of that {compared.p_value:.1g})"
         )
-    return merged(found, fit, settled, cov, (odd, among))
+    return merged(found, fit, settled, cov, Doubts(odd=odd, among=among, exposure=exposure(settled, drives)))
+
+
+def of_another_kind(settled: Settled, cov: Array, moving: Moving) -> str:
+    """Return which clock or shutter the frames have that the model does not; empty if none."""
+    jumped, rolls = jump(settled), rolling(settled, cov)
+    if jumped is not None:
+        return jumped.said(len(settled.joint.woven.drives))
+    if rolls and moving is Moving.AUTO:
+        return f"{rolls}, too long for the robot's course to be told over it (--moving on uses them all the same)"
+    return ""
 
 
 def _less_sure(fit: Fit, settled: Settled, among: LeaveOut, cov: Array) -> bool:

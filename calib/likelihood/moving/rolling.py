@@ -79,6 +79,20 @@ def with_rolling(problem: Problem, state: State, corners: Corners, course: Array
     )
 
 
+def motions_px_s(problem: Problem, corners: Corners, state: State, course: Array) -> Array:
+    """Return how fast the corners of each stop and frame move through the picture, on average, (P, 2) px/s.
+
+    Arguments as of :func:`with_rolling`.
+    """
+    stop, n = problem.corner_stop, len(state.lens)
+    twist = _twists(state, camera_motions(problem, state).J_pose @ _to_floor(state), stop, course[stop, 0])
+    whitened = corners.jacobian[:, :, n : n + 6] @ twist[:, :, None]
+    moving = np.linalg.solve(problem.whiten, whitened)[:, :, 0]
+    P = len(state.poses)
+    count = np.maximum(np.bincount(stop, minlength=P), 1)
+    return np.stack([np.bincount(stop, weights=moving[:, k], minlength=P) / count for k in (0, 1)], axis=1)
+
+
 def _to_floor(state: State) -> Array:
     """Return what turns motions ahead and turns of the robot into motions of its pose on the floor, (P, 3, 2)."""
     theta = state.poses[:, 2]

@@ -1,6 +1,6 @@
 """Estimate with values and sigmas of stops and frames on the move, and the sentence on what these are."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -8,6 +8,7 @@ from boxcal.calib.geometry.parameters import COUNT
 from boxcal.calib.geometry.so3_se3 import inverse, rigid
 from boxcal.calib.likelihood.estimate import DriveEstimate, Estimate
 from boxcal.calib.likelihood.fit import Fit
+from boxcal.calib.likelihood.moving.exposure import Exposure
 from boxcal.calib.likelihood.moving.leave_out import LeaveOut
 from boxcal.calib.likelihood.moving.levels import Settled
 from boxcal.calib.likelihood.moving.weave import Woven
@@ -16,8 +17,27 @@ from boxcal.calib.likelihood.summary import reported_cov, values_of
 from boxcal.target.arrays import Array
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Doubts:
+    """Doubtful things about frames that were used.
+
+    Attributes
+    ----------
+    odd
+        How many more contradict them and were left out.
+    among
+        Their agreement among themselves.
+    exposure
+        How long the shutter was open, where that is known.
+    """
+
+    odd: int
+    among: LeaveOut
+    exposure: Exposure | None
+
+
 def merged(  # noqa: PLR0917 - two solutions and what is doubtful of the second
-    found: Estimate, fit: Fit, settled: Settled, cov: Array, doubts: tuple[int, LeaveOut], late_s: float = 0.0
+    found: Estimate, fit: Fit, settled: Settled, cov: Array, doubts: Doubts, late_s: float = 0.0
 ) -> Estimate:
     """Return the estimate with values of stops and frames, and with as much less variance as frames take off.
 
@@ -28,7 +48,7 @@ def merged(  # noqa: PLR0917 - two solutions and what is doubtful of the second
     settled, cov
         Of stops and frames.
     doubts
-        How many frames were left out, and how the others agree among themselves.
+        Doubtful things about the frames.
     late_s : s
         Clock offset that the frames' stamps were put right by before.
     """
@@ -75,9 +95,9 @@ def rolling(settled: Settled, cov: Array) -> str:
     return f"the shutter rolls: a frame takes {1e3 * abs(readout):.1f} +- {1e3 * sigma:.1f} ms"
 
 
-def _said(settled: Settled, doubts: tuple[int, LeaveOut], values: Array, sigma: Array) -> str:
+def _said(settled: Settled, doubts: Doubts, values: Array, sigma: Array) -> str:
     """Return what the frames are and tell: clocks, readout time and jitter, of values (n,) and their sigmas."""
-    odd, among = doubts
+    odd, among = doubts.odd, doubts.among
     drives = len(settled.joint.woven.drives)
     late, rate = slice(-1 - 2 * drives, -1 - drives), slice(-1 - drives, -1)
     without = f" ({odd} more, which contradict{'s' if odd == 1 else ''} them, left out)" if odd else ""
@@ -93,6 +113,10 @@ def _said(settled: Settled, doubts: tuple[int, LeaveOut], values: Array, sigma: 
         text += f"; they jitter by {1e3 * settled.noise.jitter_s:.1f} ms"
     if abs(values[-1]) > max(SAID_SIGMAS * sigma[-1], SAID_READOUT_S):
         text += f"; the shutter rolls: a frame takes {1e3 * abs(values[-1]):.1f} +- {1e3 * sigma[-1]:.1f} ms"
+    if doubts.exposure is not None and doubts.exposure.time_s > max(
+        SAID_SIGMAS * doubts.exposure.sigma_s, SAID_EXPOSURE_S
+    ):
+        text += _of_exposure(doubts.exposure)
     if np.any(among.inflation > 1):
         text += f"; they disagree among themselves ({among.said}), which the standard deviations allow for"
     return text
@@ -126,6 +150,15 @@ def said_of_clock(count: int, camera: str, clock: Array, sigma: Array) -> str:
     return text + (_of_rate(clock[1], sigma[1]) if abs(clock[1]) > SAID_SIGMAS * sigma[1] else "")
 
 
+def _of_exposure(found: Exposure) -> str:
+    """Return how long the shutter is open, and of what moment the offset is, in words."""
+    time_ms = 1e3 * found.time_s
+    return (
+        f"; by their motion blur the shutter is open for {time_ms:.1f} +- {1e3 * found.sigma_s:.1f} ms: the stamps' "
+        f"offset is that of the middle, {time_ms / 2:.1f} ms after it opens"
+    )
+
+
 def _of_rate(rate: float, sigma: float) -> str:
     """Return how fast a clock runs, in words."""
     return f"; its clock runs {1e6 * abs(rate):.0f} +- {1e6 * sigma:.0f} ppm {'fast' if rate > 0 else 'slow'}"
@@ -133,6 +166,8 @@ def _of_rate(rate: float, sigma: float) -> str:
 
 SAID_JITTER_S, SAID_READOUT_S, SAID_SIGMAS = 2e-3, 1e-3, 4.0
 """From what on jitter and a rolling shutter are said: s, s, and standard deviations."""
+SAID_EXPOSURE_S = 0.01
+"""And an exposure."""
 
 
 ROUGH_READOUT_S = 5e-2

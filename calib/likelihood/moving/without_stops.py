@@ -11,10 +11,11 @@ from boxcal.calib.likelihood.explanation import in_pictures
 from boxcal.calib.likelihood.fit import Fit
 from boxcal.calib.likelihood.moving.covariance import joint_covariance
 from boxcal.calib.likelihood.moving.faults import sound
+from boxcal.calib.likelihood.moving.jumps import jump
 from boxcal.calib.likelihood.moving.leave_out import leave_out
 from boxcal.calib.likelihood.moving.noise import FrameNoise
 from boxcal.calib.likelihood.moving.solve import FIRST_JITTER_S
-from boxcal.calib.likelihood.moving.told import merged, rolling
+from boxcal.calib.likelihood.moving.told import Doubts, merged, rolling
 from boxcal.detect.correspondences import Correspondences
 from boxcal.detect.tags.moving_frames import MovingFrame
 from boxcal.detect.tags.on_the_move import TOO_FEW_PLACES
@@ -58,12 +59,15 @@ def from_frames_alone(found: Estimate, fit: Fit, drive: Correspondences) -> Esti
         raise _refused("wheels and pictures do not fit together") from error
     if settled is None:
         raise _refused(f"{odd} of them contradict the others" if odd else "wheels and pictures do not fit together")
+    if jumped := jump(settled):
+        raise _refused(jumped.said(1))
     cov = joint_covariance(fit, settled)
     rolls = rolling(settled, cov)
     if rolls:
         raise _refused(f"{rolls}, too long for the robot's course to be told over it")
     among = leave_out(fit, settled)
-    return merged(found, fit, settled, among.enlarged(cov), (odd, among), drive.source.clock_offset)
+    doubts = Doubts(odd=odd, among=among, exposure=None)
+    return merged(found, fit, settled, among.enlarged(cov), doubts, drive.source.clock_offset)
 
 
 def refuse_unused() -> NoReturn:

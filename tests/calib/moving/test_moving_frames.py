@@ -110,9 +110,12 @@ def test_frames_that_take_longer_than_the_course_is_told_for_are_left_out() -> N
     np.testing.assert_array_equal(found.cov_all, alone.cov_all)
 
 
-def test_a_long_exposure_does_no_harm() -> None:
+def test_a_long_exposure_does_no_harm_and_is_told_by_motion_blur() -> None:
     found = _with(ShutterOptions(exposure_s=0.02))
     assert "were used" in found.notes[-1]
+    said = re.search(r"the shutter is open for ([\d.]+) \+- ([\d.]+) ms", found.notes[-1])
+    assert said is not None
+    assert abs(float(said[1]) - 20) < 4 * float(said[2]) + 0.05 < 4
     assert max(abs(z) for z in _errors(found).values()) < 3.5
 
 
@@ -135,8 +138,14 @@ def test_one_frame_of_another_time_is_left_out_and_the_others_used() -> None:
     moving = list(drive.moving)
     moving[9] = replace(moving[9], t_ns=moving[9].t_ns + 60_000_000)
     found = with_moving_frames(*_solved(), [replace(drive, moving=tuple(moving))])
-    assert re.search(r"\([12] more, which contradicts? them, left out\)", found.notes[-1])
+    assert re.search(r"\([1-3] more, which contradicts? them, left out\)", found.notes[-1])
     assert max(abs(z) for z in _errors(found).values()) < 3.5
+
+
+def test_a_clock_that_jumps_is_found_and_the_stops_stay_the_answer() -> None:
+    alone, found = _solved()[0], _with(ShutterOptions(clock_jump_s=0.05))
+    assert "left out: the camera's clock jumps by" in found.notes[-1]
+    np.testing.assert_array_equal(found.cov_all, alone.cov_all)
 
 
 def test_without_frames_on_the_move_nothing_changes() -> None:
@@ -196,5 +205,6 @@ def test_frames_are_saved_and_read_back_and_files_without_them_are_read(tmp_path
     assert [f.t_ns for f in again.moving] == [f.t_ns for f in drive.moving]
     np.testing.assert_array_equal(again.moving[3].uv_px, drive.moving[3].uv_px)
     np.testing.assert_array_equal(again.moving[3].cov_px2, drive.moving[3].cov_px2)
+    np.testing.assert_array_equal(again.moving[3].blur_px2, drive.moving[3].blur_px2)
     replace(drive, moving=()).save(path)
     assert load_correspondences(path).moving == ()

@@ -3,6 +3,7 @@
 import re
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,6 +15,8 @@ from boxcal.calib.likelihood.estimator import fit, reported
 from boxcal.calib.likelihood.fit import Fit
 from boxcal.calib.likelihood.moving.clock import PRIOR_RATE
 from boxcal.calib.likelihood.moving.merge import Moving, with_moving_frames
+from boxcal.calib.results.unknowns import describe
+from boxcal.calib.settings import Settings
 from boxcal.calib.simulate.drive import DriveOptions, exact_correspondences, simulate_drive
 from boxcal.calib.simulate.moving_frames import ShutterOptions, moving_frames
 from boxcal.calib.simulate.robot import VGA, Robot, random_robot
@@ -111,3 +114,22 @@ def test_a_long_drive_with_a_slow_clock_is_put_right_and_one_clock_needs_no_rate
         off = found.T_body_cam[:2, 3] - simulated.robot.T_body_cam[:2, 3]
         assert abs(off[0]) < 3.5 * found.sigma["tx"]
         assert abs(off[1]) < 3.5 * found.sigma["ty"]
+
+
+def test_results_hold_each_clock_with_its_sigma_and_are_read_back(tmp_path: Path) -> None:
+    found = boxcal.calibrate(list(_drives()[1]), TARGET, settings=Settings(report=False))
+    boxcal.save_calibration(found, tmp_path / "calibration.json")
+    again = boxcal.load_calibration(tmp_path / "calibration.json")
+    assert found.detail is not None
+    assert again.detail is not None
+    for name in ("camera_late_1", "camera_late_2", "camera_clock_rate_1", "camera_clock_rate_2", "camera_readout"):
+        assert again.detail.extra[name] == found.detail.extra[name]
+        assert 0 < again.detail.extra_sigma[name] == found.detail.extra_sigma[name]
+    assert describe("camera_clock_rate_2").words == "rate of the camera's clock against the wheels', drive 2"
+    assert describe("camera_late").unit == "ms"
+
+
+def test_a_drive_of_frames_alone_is_not_solved_with_others() -> None:
+    first, second = _drives()[1]
+    with pytest.raises(CalibError, match="fewer than three places"):
+        boxcal.calibrate([first, replace(second, stops=())], TARGET, settings=Settings(report=False))

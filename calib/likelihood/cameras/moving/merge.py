@@ -20,11 +20,11 @@ from boxcal.calib.likelihood.moving.clock import LATE, RATE
 from boxcal.calib.likelihood.moving.covariance import joint_covariance
 from boxcal.calib.likelihood.moving.faults import FEWEST, sound
 from boxcal.calib.likelihood.moving.leave_out import leave_out
-from boxcal.calib.likelihood.moving.merge import unsuitable
+from boxcal.calib.likelihood.moving.merge import Moving, of_another_kind, unsuitable
 from boxcal.calib.likelihood.moving.noise import FrameNoise
 from boxcal.calib.likelihood.moving.rolling import ROLLING
 from boxcal.calib.likelihood.moving.solve import FIRST_JITTER_S
-from boxcal.calib.likelihood.moving.told import rolling, said_of_clock
+from boxcal.calib.likelihood.moving.told import said_of_clock
 from boxcal.calib.likelihood.state import camera_motions
 from boxcal.detect.correspondences import Correspondences
 from boxcal.target.arrays import Array
@@ -83,8 +83,8 @@ def _by_itself(found: Estimate, fit: Fit, drives: Sequence[Correspondences]) -> 
     if settled is None:
         why = f"{odd} of them contradict the others" if odd else "wheels and pictures do not fit there"
         return Seen(fit=fit, drive=drive, settled=None), nothing, why
-    if rolls := rolling(settled, joint_covariance(fit, settled)):
-        return Seen(fit=fit, drive=drive, settled=None), nothing, rolls
+    if why := of_another_kind(settled, joint_covariance(fit, settled), Moving.AUTO):
+        return Seen(fit=fit, drive=drive, settled=None), nothing, why
     return Seen(fit=fit, drive=drive, settled=settled), leave_out(fit, settled).inflation[: len(nothing)], ""
 
 
