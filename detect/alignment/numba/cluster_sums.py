@@ -10,7 +10,7 @@ import numpy as np
 from boxcal.detect.alignment.numba.arrays import put_rows
 from boxcal.detect.alignment.numba.cholesky import factor, solve_lower, solve_positive
 from boxcal.detect.alignment.numba.finish import moves_of
-from boxcal.detect.alignment.numba.image_model import ROWS
+from boxcal.detect.alignment.numba.image_model import ROWS, add_products
 from boxcal.detect.alignment.numba.kernel import kernel
 from boxcal.detect.alignment.numba.pixels import BLOCK
 from boxcal.detect.alignment.registration.image_model import CLUSTERS
@@ -29,13 +29,16 @@ def clusters_of_tag(  # noqa: PLR0917 - arrays in, arrays out
     moves = np.zeros((2, PARAMETERS))
     A, B = np.empty((PARAMETERS, PARAMETERS)), np.empty((8, PARAMETERS))
     normal, inverse = np.empty((PARAMETERS, PARAMETERS)), np.empty((PARAMETERS, PARAMETERS))
-    products = np.zeros((CLUSTERS * CLUSTERS, PARAMETERS, ROWS), np.float32)
-    _add(pixels, n, jac, side, batch.bounding_boxes[k], products)
+    normals, gradients = (
+        np.zeros((CLUSTERS * CLUSTERS, PARAMETERS, PARAMETERS)),
+        np.zeros((CLUSTERS * CLUSTERS, PARAMETERS)),
+    )
+    _fill_squares(pixels, n, jac, side, batch.bounding_boxes[k], normals, gradients)
     for i in range(PARAMETERS):
         for j in range(PARAMETERS):
             normal[i, j] = 0.0
             for square in range(CLUSTERS * CLUSTERS):
-                normal[i, j] += products[square, i, j]
+                normal[i, j] += normals[square, i, j]
     put_rows(A, normal)
     for i in range(PARAMETERS):
         A[i, i] += 1e-12 + 1e-9 * normal[i, i]
@@ -46,27 +49,46 @@ def clusters_of_tag(  # noqa: PLR0917 - arrays in, arrays out
             put_rows(inverse, A)
             solve_positive(inverse, moves[row], B[2 * c + row])
     factor(A)
-    return _mean_squares(products, normal, A, B, max(noise2, 1e-12))
-
-
-@kernel(inner=True, fastmath=True)
-def _add(pixels: Any, n: Any, jac: Any, side: Any, box: Any, products: Any) -> None:  # noqa: PLR0917
-    """Add the products of the Jacobian's rows, of which one is the residual, to the squares where the pixels lie."""
-    row = np.empty(ROWS, np.float32)
-    left, top = box[0] // side, box[2] // side
-    for p in range(n):
-        i = min(int(pixels[5, p]) // side - left, CLUSTERS - 1)
-        j = min(int(pixels[6, p]) // side - top, CLUSTERS - 1)
-        square = products[j * CLUSTERS + i]
-        for a in range(ROWS):
-            row[a] = jac[p // BLOCK, a, p % BLOCK]
-        for a in range(PARAMETERS):
-            for b in range(ROWS):
-                square[a, b] += row[a] * row[b]
+    return _mean_squares(normals, gradients, normal, A, B, max(noise2, 1e-12))
 
 
 @kernel(inner=True)
-def _mean_squares(products: Any, normal: Any, L: Any, B: Any, noise2: Any) -> tuple[float, float]:
+def _fill_squares(  # noqa: PLR0917 - arrays in, arrays out
+    pixels: Any, n: Any, jac: Any, side: Any, box: Any, normals: Any, gradients: Any
+) -> None:
+    """Fill the normal matrices and gradients of the squares in which pixels lie.
+
+    Pixels are put in the order of their squares first, so that the products are vector instructions.
+    """
+    left, top = box[0] // side, box[2] // side
+    square, order = np.empty(n, np.int64), np.empty(n, np.int64)
+    begin = np.zeros(CLUSTERS * CLUSTERS + 2, np.int64)
+    for p in range(n):
+        i = min(int(pixels[5, p]) // side - left, CLUSTERS - 1)
+        j = min(int(pixels[6, p]) // side - top, CLUSTERS - 1)
+        square[p] = j * CLUSTERS + i
+        begin[square[p] + 2] += 1
+    for k in range(len(begin) - 1):
+        begin[k + 1] += begin[k]
+    for p in range(n):
+        order[begin[square[p] + 1]] = p
+        begin[square[p] + 1] += 1
+    room = np.zeros((len(jac), ROWS, BLOCK), np.float32)
+    for k in range(CLUSTERS * CLUSTERS):
+        count = begin[k + 1] - begin[k]
+        parts = (count + BLOCK - 1) // BLOCK
+        for m in range(parts * BLOCK):
+            p = order[begin[k] + min(m, count - 1)]
+            for a in range(ROWS):
+                room[m // BLOCK, a, m % BLOCK] = jac[p // BLOCK, a, p % BLOCK] if m < count else np.float32(0)
+        if parts > 0:
+            add_products(room[:parts], normals[k], gradients[k])
+
+
+@kernel(inner=True)
+def _mean_squares(  # noqa: PLR0917 - arrays in
+    normals: Any, gradients: Any, normal: Any, L: Any, B: Any, noise2: Any
+) -> tuple[float, float]:
     """Return the mean over the corners' eight coordinates, observed and expected; ``L`` is the factor of the normal."""
     seen, expected = 0.0, 0.0
     W, half = np.empty(PARAMETERS), np.empty(PARAMETERS)
@@ -77,15 +99,15 @@ def _mean_squares(products: Any, normal: Any, L: Any, B: Any, noise2: Any) -> tu
                 white += B[e, i] * normal[i, j] * B[e, j]
         white = max(white, 1e-300)
         moved2, fitted = 0.0, 0.0
-        for square in range(len(products)):
-            if products[square, BLACK, BLACK] == 0:
+        for square in range(len(normals)):
+            if normals[square, BLACK, BLACK] == 0:
                 continue
             moved = 0.0
             for i in range(PARAMETERS):
-                moved += products[square, i, PARAMETERS] * B[e, i]
+                moved += gradients[square, i] * B[e, i]
                 W[i] = 0.0
                 for j in range(PARAMETERS):
-                    W[i] += products[square, i, j] * B[e, j]
+                    W[i] += normals[square, i, j] * B[e, j]
             solve_lower(L, W, half)
             moved2 += moved * moved
             for i in range(PARAMETERS):
