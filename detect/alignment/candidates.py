@@ -166,8 +166,8 @@ def _decoded(image: NDArray[np.uint8], corners: Array, patterns: Patterns) -> Ta
     ring[1:-1, 1:-1] = False
     rim[1:-1, 1:-1] = True
     rim[2:-2, 2:-2] = False
-    white, black = np.median(value[:, ring], axis=1), np.median(value[:, rim], axis=1)
-    rim_mean = value[:, rim].mean(axis=1)
+    on_rim = value[:, rim]
+    white, black, rim_mean = _middle(value[:, ring]), _middle(on_rim), on_rim.mean(axis=1)
     inner = value[:, 2:-2, 2:-2].reshape(len(corners), -1)
     inner = inner - inner.mean(axis=1, keepdims=True)
     norm = np.linalg.norm(inner, axis=1)
@@ -189,6 +189,12 @@ def _decoded(image: NDArray[np.uint8], corners: Array, patterns: Patterns) -> Ta
     return TagCandidates(
         rows=rows.astype(np.int64), corners_px=quads[np.arange(len(quads))[:, None], order], score=top[keep]
     )
+
+
+def _middle(values: Array) -> Array:
+    """Return the median of each row (N, P) of an even number of values."""
+    half = values.shape[1] // 2
+    return np.asarray(np.partition(values, (half - 1, half), axis=1)[:, half - 1 : half + 1].mean(axis=1))
 
 
 @lru_cache(maxsize=16)

@@ -21,7 +21,7 @@ KURTOSIS_RANGE = (-1.3, 1.5)
 """A disc has -1, a square pixel -1.2; beyond these the Edgeworth series is no distribution."""
 MUCH = 0.6
 """A step that explains this fraction of the squared residuals is not the last."""
-THINNED, LEAST_THINNED = 4, 1000
+THINNED, LEAST_THINNED = 4, 400
 """Of a thinned first step: one in so many pixels counts, of tags that have so many at least."""
 LONGEST_MODULES, LONGEST_LOG, MOST_EXPLAINED = 0.8, 0.35, 0.98
 """Longest step of a point, modules, and of log sigma; largest fraction of the squared residuals it may explain."""
