@@ -7,8 +7,15 @@ from boxcal.target.arrays import Array
 
 def median(values: Array) -> float:
     """Return the median of figures (N,), N > 0; NaN if one is."""
+    return quantile(values, 0.5)
+
+
+def quantile(values: Array, share: float) -> float:
+    """Return what a share (0 to 1) of figures (N,), N > 0, lies below, interpolated; NaN if one is."""
     ordered = np.sort(values)
-    n = len(ordered)
     if np.isnan(ordered[-1]):
         return float("nan")
-    return float(0.5 * (ordered[(n - 1) // 2] + ordered[n // 2]))
+    at = share * (len(ordered) - 1)
+    low = int(at)
+    above = ordered[min(low + 1, len(ordered) - 1)]
+    return float(ordered[low] + (at - low) * (above - ordered[low]))

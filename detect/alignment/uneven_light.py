@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from boxcal.detect.alignment.backend import backend
 from boxcal.detect.alignment.box_pose import BoxFit
-from boxcal.detect.alignment.order_statistics import median
+from boxcal.detect.alignment.order_statistics import median, quantile
 from boxcal.detect.alignment.registration.align import align, aligned_batch
 from boxcal.detect.alignment.registration.parameters import BLACK, CONTRAST
 from boxcal.detect.alignment.registration.tag_alignments import TagAlignments
@@ -38,7 +38,7 @@ def crossed(tags: TagAlignments, patterns: Patterns, limits: Limits) -> NDArray[
     """Return which tags (N,) a shadow's edge or a highlight may cross: aligned, but some modules are off."""
     if len(tags) == 0:
         return np.zeros(0, dtype=np.bool_)
-    usual = float(np.sort(tags.worst_block)[(len(tags) - 1) // 4])
+    usual = quantile(tags.worst_block, 0.25)
     unusual = tags.worst_block > max(SUSPICIOUS, UNUSUAL * usual)
     return unusual & verified(patterns, tags, doubtful_limits(limits))
 
