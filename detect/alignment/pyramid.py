@@ -19,7 +19,7 @@ STOP_PX = 0.15
 SIDE_PX = 12.0
 MAX_LEVEL = 6
 AROUND = 0.6
-"""How far around tags the image is needed, sides of the largest: alignments look at a quarter beyond its corners."""
+"""How far above and below tags the image is needed, sides of the largest: alignments look a quarter beyond corners."""
 
 
 class Pyramid:
@@ -41,6 +41,7 @@ class Pyramid:
         self._response, self._lens = response, lens
         self._copies: list[Levels] = [levels]
         self._greys: dict[int, NDArray[np.float32]] = {}
+        self._rows = _GreyRows(levels) if levels.dtype == np.uint8 else None
 
     @property
     def size(self) -> tuple[int, int]:
@@ -51,14 +52,16 @@ class Pyramid:
     def under(self, lens: Array) -> "Pyramid":
         """Return the same images, taken through another lens."""
         other = Pyramid(self._copies[0], self._response, lens)
-        other._copies, other._greys = self._copies, self._greys
+        other._copies, other._greys, other._rows = self._copies, self._greys, self._rows
         return other
 
     def level(self, level: int) -> Frame:
         """Return the copy shrunk by ``2**level``."""
         while len(self._copies) <= level:
             self._copies.append(halved(self._copies[-1]))
-        if level not in self._greys:
+        if level == 0 and self._rows is not None:
+            self._greys[0] = self._rows.between(0, self.size[1])
+        elif level not in self._greys:
             self._greys[level] = from_levels(self._copies[level])
         lens = self._lens.copy()
         lens[:2] = (lens[:2] + 0.5) / 2**level - 0.5
@@ -66,16 +69,30 @@ class Pyramid:
         return Frame(grey=self._greys[level], response=self._response, lens=lens)
 
     def around(self, corners_px: Array) -> Frame:
-        """Return the image itself; of 8 bits, it may be black but around tags with corners (N, 4, 2), px."""
-        if 0 in self._greys or self._copies[0].dtype != np.uint8 or len(corners_px) == 0:
+        """Return the image itself; of 8 bits, it may be black but in rows around tags with corners (N, 4, 2), px."""
+        if self._rows is None or len(corners_px) == 0:
             return self.level(0)
         side = float(np.ptp(corners_px, axis=1).max())
-        low = np.maximum(np.floor(corners_px.min(axis=(0, 1)) - AROUND * side), 0).astype(int)
-        high = np.maximum(np.ceil(corners_px.max(axis=(0, 1)) + AROUND * side) + 1, 0).astype(int)
-        part = slice(low[1], high[1]), slice(low[0], high[0])
-        grey = np.zeros(self._copies[0].shape, dtype=np.float32)  # whose pages cost nothing until they are written to
-        grey[part] = from_levels(self._copies[0][part])
+        low, high = corners_px[..., 1].min() - AROUND * side, corners_px[..., 1].max() + AROUND * side
+        grey = self._rows.between(max(int(np.floor(low)), 0), max(int(np.ceil(high)) + 1, 0))
         return Frame(grey=grey, response=self._response, lens=self._lens)
+
+
+class _GreyRows:
+    """Grey levels of an image of 8 bits, made where they are asked for."""
+
+    def __init__(self, levels: Levels) -> None:
+        self._levels, self._made = levels, np.zeros(len(levels), dtype=np.bool_)
+        self._grey = np.zeros(levels.shape, dtype=np.float32)  # whose pages cost nothing until they are written to
+
+    def between(self, first: int, last: int) -> NDArray[np.float32]:
+        """Return the image with rows from the first up to the last as they are; others may be black."""
+        missing = np.flatnonzero(~self._made[first:last])
+        if len(missing):
+            rows = slice(first + int(missing[0]), first + int(missing[-1]) + 1)
+            np.multiply(self._levels[rows], np.float32(1 / 255), out=self._grey[rows], dtype=np.float32)
+            self._made[rows] = True
+        return self._grey
 
 
 def align_coarsely(
@@ -86,7 +103,8 @@ def align_coarsely(
     parts, order = [], []
     for level in np.unique(levels) if len(levels) else [0]:
         at = np.flatnonzero(levels == level)
-        frame, factor = pyramid.level(int(level)), 2.0**level
+        factor = 2.0**level
+        frame = pyramid.level(int(level)) if level else pyramid.around(corners_px[at])
         small = (corners_px[at] + 0.5) / factor - 0.5
         tags = align(frame, patterns, rows[at], small, stop_px=STOP_PX, side_px=side_px, covariance=False)
         parts.append(_enlarged(tags, factor))
