@@ -119,7 +119,8 @@ def _frame(  # noqa: PLR0917 - a robot, its drive and its camera
         faces=target.faces(ids),
         uv_px=uv_px,
         cov_px2=cov,
-        blur_px2=_LENS_PX**2 * np.eye(2) + np.outer(way, way) / 12 * (1 + _BLUR_ERROR * rng.standard_normal()),
+        blur_px2=_LENS_PX**2 * np.eye(2)
+        + np.outer(way, way) / 12 * (1 + _BLUR_ERROR * rng.spawn(1)[0].standard_normal()),
     )
 
 
