@@ -77,6 +77,15 @@ def test_rows_of_an_interlaced_picture_alternate():
     assert alternation(image) == (False, False)
 
 
+@pytest.mark.parametrize("azimuth", [0.0, 20.0, 55.0])
+def test_rows_alternate_that_moved_by_two_pixels_and_have_no_black_border(azimuth):
+    image = view(pose(azimuth, distance=0.9))
+    assert alternation(image) == (False, False)
+    woven = image.copy()
+    woven[1::2, 2:] = image[1::2, :-2]
+    assert alternation(woven) == (False, True)
+
+
 def test_an_interlaced_picture_of_something_that_moved_is_located_midway():
     T = pose(20.0, distance=0.6)
     uv, _ = truth(T)
