@@ -5,6 +5,7 @@ sampled, an uneven print) is alike for large and small tags: a floor, in px, tha
 from the residuals, under a t distribution, so that wrong corners do not make it.
 """
 
+from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
@@ -36,8 +37,15 @@ def corner_floor(problem: Problem, at: Linearization) -> float:
     a, b, d = told[:, 0, 0], told[:, 0, 1], told[:, 1, 1]
     least = float(np.sqrt(np.min(np.minimum(a, d))))
     floors = np.concatenate([[0.0], np.geomspace(_SMALLEST_SHARE * least, max(_LARGEST_PX, least), _LEVELS)])
-    loss = np.array([_loss(x, y, (a + f**2, b, d + f**2)) for f in floors])
-    best = int(np.argmin(loss))
+    loss = np.full(len(floors), np.inf)
+
+    def look(at: Iterable[int]) -> int:
+        for k in at:
+            loss[k] = _loss(x, y, (a + floors[k] ** 2, b, d + floors[k] ** 2))
+        return int(np.argmin(loss))
+
+    coarse = look([0, *range(1, len(floors), 2)])
+    best = look(k for k in (coarse - 1, coarse + 1) if 0 < k < len(floors))
     if not np.isfinite(loss[0]) or loss[0] - loss[best] < _CLEARLY:  # errors that are no numbers, or zero, show none
         return 0.0
     if best in {1, len(floors) - 1}:

@@ -1,6 +1,6 @@
 """Levenberg-Marquardt on the likelihood, for given variance components and given weights of corners and legs."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -97,6 +97,27 @@ def linearize(problem: Problem, state: State, weights: Weights) -> Linearization
         corner_squares=squares,
         legs=leg_residuals(problem, state, columns),
     )
+
+
+def reweighted(problem: Problem, at: Linearization, corners: Array) -> Linearization:
+    """Return the likelihood about the same state with other weights of the corners, (L,)."""
+    return _with_corners(problem, at, at.corners, corners)
+
+
+def rewhitened(problem: Problem, other: Problem, at: Linearization, weights: Weights) -> Linearization:
+    """Return the likelihood about the same state with other covariances of the corners, those of ``other``."""
+    turn = other.whiten @ np.linalg.inv(problem.whiten)
+    corners = replace(
+        at.corners,
+        residual=(turn @ at.corners.residual[:, :, None])[:, :, 0],
+        jacobian=turn @ at.corners.jacobian,
+    )
+    return _with_corners(other, at, corners, weights.corners)
+
+
+def _with_corners(problem: Problem, at: Linearization, corners: Corners, weight: Array) -> Linearization:
+    normal, local, squares = corner_equations(problem, corners, weight)
+    return replace(at, corners=corners, corner_normal=normal, corner_local=local, corner_squares=squares)
 
 
 def leg_information(problem: Problem, legs: LegResiduals, weights: Weights, slip: Array) -> Array:

@@ -11,7 +11,7 @@ import numpy as np
 
 from boxcal.calib.likelihood.backend import backend
 from boxcal.calib.likelihood.information_inverse import invert
-from boxcal.target.arrays import Array
+from boxcal.target.arrays import Array, Mask
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -261,8 +261,8 @@ class EliminatedChain:
         Stops' blocks by shared unknowns, and their right-hand sides, half way solved for.
     pivots, gains : (..., P, 5, 5)
         The chain's factors.
-    decrease : (...)
-        The stops' part in the sum of squares.
+    decrease, log_det : (...)
+        The stops' part in the sum of squares and in the logarithm of the determinant.
     """
 
     information: Array
@@ -271,6 +271,19 @@ class EliminatedChain:
     pivots: Array
     gains: Array
     decrease: Array
+    log_det: Array
+
+    def some(self, kept: Mask) -> "EliminatedChain":
+        """Return some of a batch, copied."""
+        return EliminatedChain(
+            information=self.information[kept],
+            right=self.right[kept],
+            back=self.back[kept],
+            pivots=self.pivots[kept],
+            gains=self.gains[kept],
+            decrease=self.decrease[kept],
+            log_det=self.log_det[kept],
+        )
 
 
 def eliminate_chain(normal: Normal) -> EliminatedChain:
@@ -298,13 +311,18 @@ def eliminate_chain(normal: Normal) -> EliminatedChain:
         pivots=pivots,
         gains=gains,
         decrease=np.einsum("...pk,...pk->...", right[..., n], back[..., n]),
+        log_det=-np.sum(np.linalg.slogdet(pivots)[1], axis=-1),
     )
 
 
 def solve_chain(normal: Normal, eliminated: Eliminated) -> Solution:
     """Return the solution of equations whose local unknowns are eliminated; errors as of :func:`eliminate_chain`."""
-    chain = eliminate_chain(normal)
-    n, back, s = normal.A.shape[-1], chain.back, chain.right
+    return solve_shared(eliminate_chain(normal), eliminated)
+
+
+def solve_shared(chain: EliminatedChain, eliminated: Eliminated) -> Solution:
+    """Return the solution of equations whose local unknowns and stops are eliminated; the chain's ``back`` is used up."""
+    n, back, s = chain.information.shape[-1], chain.back, chain.right
     backend().substitute_back(_as_batch(chain.gains, 3), _as_batch(back, 3))
     cov, log_det = invert(chain.information)
     d_shared = np.einsum("...ij,...j->...i", cov, s)
@@ -312,7 +330,7 @@ def solve_chain(normal: Normal, eliminated: Eliminated) -> Solution:
         d_shared=d_shared,
         d_stops=back[..., n] - np.einsum("...pij,...j->...pi", back[..., :n], d_shared),
         decrease=chain.decrease + np.einsum("...i,...i->...", s, d_shared) + eliminated.decrease,
-        log_det=log_det - np.sum(np.linalg.slogdet(chain.pivots)[1], axis=-1) + eliminated.log_det,
+        log_det=log_det + chain.log_det + eliminated.log_det,
         information=chain.information,
         cov=cov,
         Y=back[..., :n],

@@ -225,8 +225,9 @@ def flag_corners(problem: Problem, residual: Array, noise_scale: float, signific
     """
     stop = problem.corner_stop
     drive = problem.drive[stop]
-    count = np.bincount(drive, minlength=problem.drives)[drive]
-    bad = np.sum(residual**2, axis=1) > noise_scale**2 * special.chdtri(2, significance / count)
+    count = np.maximum(np.bincount(drive, minlength=problem.drives), 1)
+    limit = special.chdtri(2, significance / count)  # of each drive
+    bad = np.sum(residual**2, axis=1) > noise_scale**2 * limit[drive]
     P = len(problem.drive)
     share = np.bincount(stop, weights=bad, minlength=P) / np.maximum(np.bincount(stop, minlength=P), 1)
     unreliable = np.flatnonzero(share > 0.5)

@@ -14,7 +14,6 @@ from boxcal.calib.likelihood.explanation import Explanation
 from boxcal.calib.likelihood.fit import Fit, Known
 from boxcal.calib.likelihood.leg_spread import spread_of, spread_weights
 from boxcal.calib.likelihood.levenberg_marquardt import (
-    CONVERGED,
     Linearization,
     Weights,
     equations,
@@ -23,6 +22,8 @@ from boxcal.calib.likelihood.levenberg_marquardt import (
     maximise,
     moved,
     picture_equations,
+    reweighted,
+    rewhitened,
 )
 from boxcal.calib.likelihood.normal_equations import solve
 from boxcal.calib.likelihood.options import EstimateOptions
@@ -55,10 +56,13 @@ _CLOSE, _LOOSE = 0.02, 0.1
 """Relative changes of a component at which its fixed point, and the rounds, end."""
 _ROUGH = 1.0
 """Promised decrease of the sum of squares at which the first round ends: its components are a guess."""
+_NEAR = 1e-2
+"""The same of all others: what is found about their state takes the step that is left into account, and the last one is
+taken. Where so little is promised, steps square the error: what is left after it is some 1e-9."""
 _CLOSE_WEIGHT = 0.05
 """Change of a leg's weight at which it stays put."""
 _FLOORS = 3
-"""How often the floor of the corners' errors is found anew."""
+"""How often the floor of the corners' errors is looked for."""
 _MOST_STEPS = 100
 """Steps of all rounds after which they end, settled or not."""
 _LEAST_OF_QUIET = 0.05
@@ -88,8 +92,7 @@ def solve_likelihood(
     near = None if known is None else known.profile
     for round_ in range(rounds):
         first = round_ == 0 and known is None
-        close = _ROUGH if first else CONVERGED
-        at, steps = maximise(problem, at if fresh else at.state, components, weights, close)
+        at, steps = maximise(problem, at, components, weights, _ROUGH if first else _NEAR)
         iterations += steps
         corners, unreliable = weights.corners, np.zeros(0, dtype=np.int64)
         if options.find_faults:
@@ -97,11 +100,13 @@ def solve_likelihood(
         fresh = np.array_equal(corners, weights.corners)
         if first and not fresh:
             weights = replace(weights, corners=corners)
+            at = reweighted(problem, at, corners)
             continue
         if known is None and options.noise_scale is None and floors > 0:
-            other = _with_its_floor(problem, at, components, replace(weights, corners=corners))
+            floors -= 1
+            other = _with_its_floor(problem, at, components, weights)
             if other is not None:
-                (problem, at, components), floors, fresh = other, floors - 1, False
+                (problem, at, components), fresh = other, False
         before = components
         components, scale_sigma, profile = _components(problem, at, components, weights, options, near)
         tests = leg_tests(problem, at, weights, profile)
@@ -112,6 +117,7 @@ def solve_likelihood(
             legs = spread_weights(tests.expected_square, kept, spread)
         same = fresh and bool(np.all(np.abs(legs - weights.legs) < _CLOSE_WEIGHT))
         near = profile if np.array_equal(legs > 0, weights.legs > 0) else None
+        at = at if np.array_equal(corners, weights.corners) else reweighted(problem, at, corners)
         weights = Weights(corners=corners, legs=legs)
         converged = same and _settled(before, components, scale_sigma, profile)
         if converged or iterations > _MOST_STEPS:
@@ -162,8 +168,8 @@ def _with_its_floor(
     floor = corner_floor(problem, at)
     if not differs(problem, floor):
         return None
-    problem = with_floor(problem, floor)
-    return problem, linearize(problem, at.state, weights), replace(components, corner_floor=floor)
+    wider = with_floor(problem, floor)
+    return wider, rewhitened(problem, wider, at, weights), replace(components, corner_floor=floor)
 
 
 def _beginning(
