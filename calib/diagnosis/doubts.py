@@ -10,12 +10,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import logsumexp
 
 from boxcal.calib.diagnosis.cause import Cause, Solved, can_be
 from boxcal.calib.diagnosis.ranking import Ranked
 from boxcal.calib.likelihood.finding import Finding
 from boxcal.calib.likelihood.fit import Fit
+from boxcal.calib.likelihood.log_sum import log_sum
 from boxcal.target.arrays import Array
 
 RARE = 3.0
@@ -86,7 +86,7 @@ def doubts(ranked: Sequence[tuple[Ranked, float]]) -> tuple[Doubt, ...]:
         The best explanation of each family, and the logarithm of its Bayes factor as it is known best.
     """
     odds = np.array([log_bayes for _, log_bayes in ranked]) - RARE
-    probability = np.exp(odds - logsumexp(np.append(odds, 0.0)))
+    probability = np.exp(odds - log_sum(np.append(odds, 0.0)))
     out = [_doubt(r, b, float(p)) for (r, b), p in zip(ranked, probability, strict=True) if p > LEAST]
     return tuple(sorted(out, key=lambda doubt: -doubt.probability))
 

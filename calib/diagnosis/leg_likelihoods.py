@@ -8,10 +8,10 @@ from enum import StrEnum
 from math import radians
 
 import numpy as np
-from scipy.special import logsumexp
 
 from boxcal.calib.likelihood.fit import Fit
 from boxcal.calib.likelihood.leg_outliers import box_motion
+from boxcal.calib.likelihood.log_sum import log_sum
 from boxcal.target.arrays import Array
 
 SLIP = 0.02
@@ -59,7 +59,7 @@ def leg_log_evidences(fit: Fit, k: int) -> dict[LegCause, float]:
     to_box = _box_jacobian(fit, k, d)
     pushed = np.linalg.inv(to_box)
     return {
-        LegCause.SLIPPED: float(logsumexp(slips) - np.log(len(slips))),
+        LegCause.SLIPPED: float(log_sum(np.asarray(slips)) - np.log(len(slips))),
         LegCause.BOX_MOVED: _log_normal(d, C + pushed @ _spread(PUSHED) @ pushed.T),
         LegCause.CARRIED: _log_normal(d, C + _spread(CARRIED)),
     }

@@ -4,11 +4,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import logsumexp
 
 from boxcal.calib.diagnosis.cause import Cause
+from boxcal.calib.likelihood.explanation_equations import new_columns
 from boxcal.calib.likelihood.fit import Fit
-from boxcal.calib.likelihood.score_test import ScoreTest, score_tests, with_explanations
+from boxcal.calib.likelihood.log_sum import log_sum
+from boxcal.calib.likelihood.score_test import ScoreTest, score_tests
 from boxcal.calib.likelihood.slip_profile import fixed_profile
 from boxcal.target.arrays import Array
 
@@ -53,7 +54,7 @@ def rank(fit: Fit, causes: Sequence[Cause]) -> list[Ranked]:
     for family in dict.fromkeys(cause.family for cause in causes):
         members = [member for member in found if member[0].family == family]
         cause, gain, test = max(members, key=lambda member: member[1])
-        mean = float(logsumexp([member[1] for member in members]) - np.log(len(members)))
+        mean = float(log_sum(np.array([member[1] for member in members])) - np.log(len(members)))
         out.append(Ranked(cause=cause, log_bayes=mean, log_family=gain - mean, test=test))
     return sorted(out, key=lambda r: -r.log_bayes)
 
@@ -66,12 +67,12 @@ def _of_pictures(fit: Fit, causes: Sequence[Cause]) -> list[tuple[float, ScoreTe
     gains: list[Array] = []
     tests: list[tuple[ScoreTest, ...]] = []
     first = 0.0
-    linearized = with_explanations(fit, causes)
+    columns = new_columns(fit, causes)
     for share in shares:
         components = replace(fit.components, lean=share * fit.components.lean)
         profile = fixed_profile(fit.problem, fit.at, components, fit.weights)
         first = profile.log_evidence if share == 1.0 else first
-        tests.append(score_tests(replace(fit, components=components, profile=profile), causes, linearized))
+        tests.append(score_tests(replace(fit, components=components, profile=profile), causes, columns))
         gains.append(np.array([test.log_evidence for test in tests[-1]]) + profile.log_evidence - first)
-    averaged = logsumexp(np.array(gains), axis=0) - np.log(len(shares))
+    averaged = log_sum(np.array(gains), axis=0) - np.log(len(shares))
     return [(float(gain), test) for gain, test in zip(averaged, tests[0], strict=True)]

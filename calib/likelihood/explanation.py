@@ -60,7 +60,7 @@ def in_pictures(explanation: Explanation) -> bool:
 
 def stacked(explanations: Sequence[Explanation], problem: "Problem", state: "State") -> Columns:
     """Return the columns of several explanations side by side."""
-    parts = [(len(e.names), e.columns(problem, state)) for e in explanations]
+    parts = [(len(e.prior), e.columns(problem, state)) for e in explanations]
     shapes = {
         "travel": (len(problem.path.dphi), 2),
         "legs": (len(problem.leg_stop), 3),

@@ -48,7 +48,7 @@ def determinant(S: Array, right: Array) -> tuple[Array, Array]:
 
 
 def _unit_diagonal(S: Array) -> tuple[Array, Array]:
-    """Return information matrices scaled to unit diagonal, and the scale (..., n): the inverse roots of the diagonal."""
+    """Return information matrices scaled to unit diagonal, and the scale (..., n)."""
     diagonal = np.einsum("...ii->...i", S)
     scale = 1 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
     return S * scale[..., :, None] * scale[..., None, :], scale

@@ -9,6 +9,7 @@ rough floor. Each of the other legs may be faulty itself (contaminated distribut
 import numpy as np
 from scipy import special
 
+from boxcal.calib.likelihood.log_sum import log_sum
 from boxcal.target.arrays import Array, Mask
 
 ENOUGH = 6
@@ -67,7 +68,7 @@ def surprise(normal: Array, square: Array, freedom: Array, told: Mask) -> Array:
 
 def _fault_probability(square: Array, weight: Array) -> Array:
     """Return the probability that each leg (N,) is faulty, with weights of spreads and scales by the others."""
-    own = np.exp(special.logsumexp(_log_densities(square), axis=3))
+    own = np.exp(log_sum(_log_densities(square), axis=3))
     sound = (1 - _FAULTY) * np.sum(weight * own, axis=(1, 2))
     return np.asarray(1 - sound / np.sum(weight * np.exp(_contaminated(square)), axis=(1, 2)))
 
@@ -84,7 +85,7 @@ def spread_of(square: Array) -> float:
     """
     if len(square) < ENOUGH:
         return 0.0
-    log_likelihood = np.max(np.sum(special.logsumexp(_log_densities(square), axis=3), axis=0), axis=1)
+    log_likelihood = np.max(np.sum(log_sum(_log_densities(square), axis=3), axis=0), axis=1)
     best = int(np.argmax(log_likelihood))
     return SPREADS[best] if log_likelihood[best] - log_likelihood[0] > _CLEARLY else 0.0
 
@@ -114,7 +115,7 @@ def _contaminated(square: Array) -> Array:
     share = special.gammainc(1.5, x / (2 * low)) - special.gammainc(1.5, x / (2 * high))
     log_fault = special.gammaln(1.5) - 1.5 * np.log(np.pi * x) + np.log(np.maximum(share, 1e-300))
     log_fault += np.log(_FAULTY / np.log(high / low))
-    own = special.logsumexp(_log_densities(square), axis=3)
+    own = log_sum(_log_densities(square), axis=3)
     return np.asarray(np.logaddexp(np.log1p(-_FAULTY) + own, log_fault[:, None, None]))
 
 

@@ -321,7 +321,7 @@ def solve_chain(normal: Normal, eliminated: Eliminated) -> Solution:
 
 
 def solve_shared(chain: EliminatedChain, eliminated: Eliminated) -> Solution:
-    """Return the solution of equations whose local unknowns and stops are eliminated; the chain's ``back`` is used up."""
+    """Return the solution of equations whose local unknowns and stops are eliminated; ``chain.back`` is used up."""
     n, back, s = chain.information.shape[-1], chain.back, chain.right
     backend().substitute_back(_as_batch(chain.gains, 3), _as_batch(back, 3))
     cov, log_det = invert(chain.information)

@@ -22,7 +22,7 @@ def picture_blocks(corners: Corners, weight: Array, local_sigma: Array) -> tuple
     local_sigma : (4,) or (P, 4)
         Standard deviations of the local unknowns.
     """
-    H, g = _group_blocks(corners, weight)
+    H, g = group_blocks(corners, weight)
     stops = int(corners.group_stop[-1]) + 1
     sigma = np.broadcast_to(local_sigma, (stops, corners.J_local.shape[2]))[corners.group_stop]
     X = np.concatenate([corners.J_shared, corners.J_pose, corners.J_local * sigma[:, None, :]], axis=2)
@@ -31,7 +31,7 @@ def picture_blocks(corners: Corners, weight: Array, local_sigma: Array) -> tuple
     return N, np.add.reduceat(np.einsum("gmi,gm->gi", X, g), first, axis=0)
 
 
-def _group_blocks(corners: Corners, weight: Array) -> tuple[Array, Array]:
+def group_blocks(corners: Corners, weight: Array) -> tuple[Array, Array]:
     """Return each group's normal equations in the base columns: (G, m, m) and (G, m)."""
     G, m = len(corners.group_stop), corners.jacobian.shape[2]
     H, g = np.zeros((G, m, m)), np.zeros((G, m))

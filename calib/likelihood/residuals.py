@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 
 from boxcal.calib.geometry.parameters import MOUNTING, WHEELS
-from boxcal.calib.geometry.so3_se3 import exp_so3, right_jacobian, wrap
+from boxcal.calib.geometry.so3_se3 import exp_so3, hat, right_jacobian, wrap
 from boxcal.calib.likelihood.backend import backend
 from boxcal.calib.likelihood.explanation import Columns, stacked
 from boxcal.calib.likelihood.leg_model import LegModel, leg_model
@@ -71,7 +71,7 @@ def corner_residuals(problem: Problem, state: State, columns: Columns) -> Corner
         moved = columns.corners @ state.explained
         lens = lens + moved[:, : len(state.lens)]
         t = t + np.einsum("pij,pj->pi", R, moved[:, -3:])
-        R = R @ np.array([exp_so3(w) for w in moved[:, -6:-3]])
+        R = R @ exp_so3(moved[:, -6:-3])
     p_cam = np.einsum("lji,lj->li", R[stop], p_box - t[stop])
     valid = bool(np.all(p_cam[:, 2] > 1e-6))
     if not valid:
@@ -134,12 +134,7 @@ def _maps(
     if columns.corners is not None:
         moved = columns.corners @ state.explained
         through = _through(moved[:, -6:])[stop]
-        by_motion = columns.corners[stop][:, n_lens:]
-        for g, w in enumerate(moved[stop, -6:-3]):
-            J_r = right_jacobian(w)
-            by_motion[g] = np.concatenate([J_r @ by_motion[g, :3], exp_so3(w).T @ by_motion[g, 3:]])
-        shared[:, :n_lens, problem.explained] = columns.corners[stop][:, :n_lens]
-        shared[:, motion, problem.explained] = by_motion
+        shared[:, : n_lens + 6, problem.explained] = explained_motions(columns.corners, moved)[stop]
     shared[:, motion, MOUNTING] = through
     own[:, motion] = through @ motions.J_pose[stop]
     local[:, motion, :3] = through @ motions.J_lean[stop]
@@ -170,13 +165,30 @@ def _maps(
     return shared, own, local
 
 
+def explained_motions(columns: Array, moved: Array | None) -> Array:
+    """Return how the camera changes with explanations' unknowns, (P, n_lens + 6, k), where they moved it already.
+
+    Parameters
+    ----------
+    columns : (P, n_lens + 6, k)
+        As of :class:`Columns`.
+    moved : (P, n_lens + 6), optional
+        What explanations that are part of the model changed; None where nothing.
+    """
+    if moved is None or not np.any(moved[:, -6:-3]):
+        return columns
+    out, turn = columns.copy(), moved[:, -6:-3]
+    out[:, -6:-3] = right_jacobian(turn) @ columns[:, -6:-3]
+    out[:, -3:] = np.swapaxes(exp_so3(turn), 1, 2) @ columns[:, -3:]
+    return out
+
+
 def _through(moved: Array) -> Array:
     """Return how motions before a small motion (P, 6) of the camera look after it, (P, 6, 6): its inverse adjoint."""
     out = np.zeros((len(moved), 6, 6))
-    for p, (w, t) in enumerate(zip(moved[:, :3], moved[:, 3:], strict=True)):
-        R_t = exp_so3(w).T
-        out[p, :3, :3] = out[p, 3:, 3:] = R_t
-        out[p, 3:, :3] = -R_t @ np.cross(np.eye(3), t, axisa=0, axisc=0).T
+    R_t = np.swapaxes(exp_so3(moved[:, :3]), 1, 2)
+    out[:, :3, :3] = out[:, 3:, 3:] = R_t
+    out[:, 3:, :3] = -R_t @ hat(moved[:, 3:])
     return out
 
 

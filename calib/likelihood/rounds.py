@@ -11,6 +11,7 @@ import numpy as np
 from boxcal.calib.likelihood.components import VarianceComponents, extrapolated, largest_change
 from boxcal.calib.likelihood.corner_floor import corner_floor, differs, with_floor
 from boxcal.calib.likelihood.explanation import Explanation
+from boxcal.calib.likelihood.explanation_equations import extended
 from boxcal.calib.likelihood.fit import Fit, Known
 from boxcal.calib.likelihood.leg_spread import spread_of, spread_weights
 from boxcal.calib.likelihood.levenberg_marquardt import (
@@ -36,7 +37,6 @@ from boxcal.calib.likelihood.outliers import (
     robust_scale,
 )
 from boxcal.calib.likelihood.problem import Problem
-from boxcal.calib.likelihood.score_test import extended
 from boxcal.calib.likelihood.slip_profile import SlipProfile, fixed_profile, quiet_slip, slip_profile
 from boxcal.calib.likelihood.state import State
 from boxcal.calib.likelihood.systematic_errors import systematic_covariance

@@ -6,19 +6,17 @@ be found as (P: its prior). Slip is known to a few degrees of freedom only, so t
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy import special
 
 from boxcal.calib.likelihood.explanation import Explanation
+from boxcal.calib.likelihood.explanation_equations import NewColumns, explanation_equations, new_columns
 from boxcal.calib.likelihood.fit import Fit
 from boxcal.calib.likelihood.information_inverse import invert
-from boxcal.calib.likelihood.levenberg_marquardt import Linearization, linearize
-from boxcal.calib.likelihood.problem import Problem
-from boxcal.calib.likelihood.slip_profile import shared_equations
-from boxcal.calib.likelihood.state import State
-from boxcal.target.arrays import Array, Ids
+from boxcal.calib.likelihood.log_sum import log_sum
+from boxcal.target.arrays import Array
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -58,7 +56,7 @@ class ScoreTest:
 
 
 def score_tests(
-    fit: Fit, explanations: Sequence[Explanation], linearized: tuple[Problem, Linearization] | None = None
+    fit: Fit, explanations: Sequence[Explanation], columns: NewColumns | None = None
 ) -> tuple[ScoreTest, ...]:
     """Return the tests of some explanations, each by itself, about one solution.
 
@@ -67,39 +65,27 @@ def score_tests(
     fit
         The solution.
     explanations
-        Any number; they are linearized together.
-    linearized
-        What :func:`with_explanations` returns, if it is there already: variance components do not change it.
+        Any number.
+    columns
+        What their unknowns would do, if it is there already: variance components do not change it.
     """
     if not explanations:
         return ()
-    problem, at = linearized or with_explanations(fit, explanations)
-    S, s = shared_equations(problem, at, fit.components, fit.profile.slip, fit.weights)
-    n = len(fit.problem.names)
-    gain = S[:, n:, :n] @ invert(S[:, :n, :n])[0]
-    score = s[:, n:] - np.einsum("kij,kj->ki", gain, s[:, :n])
-    information = S[:, n:, n:] - gain @ S[:, :n, n:]
-    information -= np.diag(1 / np.square(problem.prior[n:]))
-    sizes = np.array([len(explanation.names) for explanation in explanations])
+    columns = columns or new_columns(fit, explanations)
+    found = explanation_equations(fit, fit.components, fit.profile.slip, columns)
+    gain = found.with_shared @ invert(found.information)[0]
+    score = found.right_new - np.einsum("kij,kj->ki", gain, found.right)
+    sizes = np.array([len(explanation.prior) for explanation in explanations])
     firsts = np.cumsum(sizes) - sizes
     out: dict[int, ScoreTest] = {}
     for size in np.unique(sizes):
         some = np.flatnonzero(sizes == size)
         rows = firsts[some, None] + np.arange(size)  # (E, q)
-        parts = np.moveaxis(score[:, rows], 0, 1), _blocks(information, rows), np.moveaxis(gain[:, rows], 0, 1)
+        own = np.moveaxis(gain[:, rows], 0, 1)  # (E, K, q, n)
+        information = found.blocks(rows) - own @ np.moveaxis(np.swapaxes(found.with_shared[:, rows], -1, -2), 0, 1)
+        parts = np.moveaxis(score[:, rows], 0, 1), information, own
         out |= zip(some.tolist(), _tests([explanations[e] for e in some.tolist()], *parts, fit), strict=True)
     return tuple(out[e] for e in range(len(explanations)))
-
-
-def with_explanations(fit: Fit, explanations: Sequence[Explanation]) -> tuple[Problem, Linearization]:
-    """Return problem and likelihood with more explanations, linearized at a solution without them."""
-    problem, state = extended(fit.problem, fit.state, explanations)
-    return problem, linearize(problem, state, fit.weights)
-
-
-def _blocks(information: Array, rows: Ids) -> Array:
-    """Return the blocks (E, K, q, q) of matrices (K, m, m) at some rows (E, q)."""
-    return np.moveaxis(information[:, rows[:, :, None], rows[:, None, :]], 0, 1)
 
 
 def _tests(explanations: Sequence[Explanation], g: Array, information: Array, gain: Array, fit: Fit) -> list[ScoreTest]:
@@ -116,7 +102,7 @@ def _tests(explanations: Sequence[Explanation], g: Array, information: Array, ga
     weight, best = fit.profile.weight, fit.profile.best
     p_value = np.where(freedom > 0, special.chdtrc(np.maximum(freedom, 1), statistic), 1.0) @ weight
     log_bayes = 0.5 * np.sum(along2 / (1 + known) - np.log1p(known), axis=-1)
-    log_evidence = special.logsumexp(fit.profile.log_weight + log_bayes, axis=-1)
+    log_evidence = log_sum(fit.profile.log_weight + log_bayes)
     cov = np.linalg.inv(scaled[:, best] + np.eye(prior.shape[1])) * square
     estimate = (cov @ g[:, best, :, None])[..., 0]
     sigma = np.sqrt(np.maximum(np.diagonal(cov, axis1=1, axis2=2), 0.0))
@@ -142,23 +128,3 @@ def _tests(explanations: Sequence[Explanation], g: Array, information: Array, ga
 
 _TOLD = 1e-6
 """Information in units of the prior below which the data say nothing of a direction."""
-
-
-def extended(problem: Problem, state: State, explanations: Sequence[Explanation]) -> tuple[Problem, State]:
-    """Return problem and state with more explanations, their unknowns at zero and last among the shared ones."""
-    names = tuple(name for e in explanations for name in e.names)
-    if len({*problem.names, *names}) < len(problem.names) + len(names):
-        raise ValueError(f"explanations with unknowns {names}: a name stands twice")
-    n, k = len(problem.names), len(names)
-    information = np.zeros((n + k, n + k))
-    information[:n, :n] = problem.information
-    wider = replace(
-        problem,
-        names=problem.names + names,
-        prior=np.concatenate([problem.prior, *(np.asarray(e.prior, dtype=np.float64) for e in explanations)]),
-        component=problem.component + ("",) * k,
-        unit=np.append(problem.unit, np.ones(k)),
-        information=information,
-        explanations=problem.explanations + tuple(explanations),
-    )
-    return wider, replace(state, explained=np.concatenate([state.explained, np.zeros(k)]))

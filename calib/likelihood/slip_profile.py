@@ -182,8 +182,7 @@ def slip_profile(
 
 
 class _Scan(NamedTuple):
-    """The restricted likelihood over levels of slip: some of little slip, then equally spaced logarithms of the legs'
-    variance.
+    """The restricted likelihood over levels of slip: first little slip, then equally spaced in log variance.
 
     Attributes
     ----------
@@ -273,19 +272,6 @@ def fixed_profile(problem: Problem, at: Linearization, components: VarianceCompo
     return SlipProfile(slip=np.array([slip]), log_weight=np.zeros(1), log_evidence=log_evidence, solution=solution)
 
 
-def shared_equations(
-    problem: Problem, at: Linearization, components: VarianceComponents, slip: Array, weights: Weights
-) -> tuple[Array, Array]:
-    """Return information (K, n, n) and right-hand side (K, n) of the shared unknowns at levels of slip (K,), m/sqrt(m).
-
-    All other unknowns are eliminated.
-    """
-    system = _system(problem, at, components, weights)
-    normal, _ = _with_legs(system, slip)
-    reduced = eliminate_chain(normal)
-    return reduced.information, reduced.right
-
-
 class _System(NamedTuple):
     """Parts of the normal equations that do not depend on slip."""
 
@@ -303,7 +289,7 @@ def _system(problem: Problem, at: Linearization, components: VarianceComponents,
 
 
 def _with_legs(system: _System, slip: Array) -> tuple[Normal, Array]:
-    """Return the equations at levels of slip (K,), and the log determinants of the legs' noise plus all squares (K,)."""
+    """Return the equations at levels of slip (K,), and the legs' log determinants of noise plus all squares (K,)."""
     cov = leg_covariance(system.problem, system.legs.model, slip)
     information = np.linalg.inv(cov) * system.weight[:, None, None]
     legs, squares = leg_equations(system.problem, system.legs, information)
