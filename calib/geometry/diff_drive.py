@@ -74,34 +74,35 @@ def legs_between(drive: Correspondences, kept: tuple[int, ...] | None = None) ->
     A leg on which some travel is not known, or no wheel turned, tells nothing of the wheels: it is not ``known``.
     """
     kept = tuple(range(len(drive.stops))) if kept is None else kept
-    covered = drive.legs_covered
-    angles: list[Array] = [np.zeros((0, 2))]
-    starts: list[Array] = [np.zeros((0, 2))]
-    times: list[Ids] = [np.zeros(0, dtype=np.int64)]
-    known: list[bool] = []
-    ends, count, good = [0], 0, True
-    for i in range(kept[0], kept[-1]):
-        phi = np.stack(drive.leg(i), axis=1)
-        angles.append(np.diff(phi, axis=0))
-        starts.append(phi[:-1])
-        a, b = drive.stops[i], drive.stops[i + 1]
-        times.append(np.concatenate([[a.t_end_ns], drive.wheels.t_ns[a.last_sample + 1 : b.first_sample]]))
-        count += len(phi) - 1
-        good &= bool(covered[i])
-        if i + 1 in kept:
-            turned = any(bool(np.any(part)) for part in angles[-(i + 1 - kept[len(ends) - 1]) :])
-            ends.append(count)
-            known.append(good and turned)
-            good = True
-    dphi = np.concatenate(angles)
+    phi, times, at = _driven(drive, kept[0], kept[-1])
+    dphi, ends = np.diff(phi, axis=0), at[np.array(kept) - kept[0]]
+    covered = np.concatenate([[0], np.cumsum(~np.asarray(drive.legs_covered, dtype=np.bool_))])
+    turned = np.concatenate([[0], np.cumsum(np.any(dphi != 0, axis=1))])
     return Legs(
         dphi_R=dphi[:, 0],
         dphi_L=dphi[:, 1],
-        ends=tuple(ends),
-        known=np.array(known, dtype=np.bool_),
-        phi_start=np.concatenate(starts),
-        t_start_ns=np.concatenate(times).astype(np.int64),
+        ends=tuple(ends.tolist()),
+        known=(np.diff(covered[list(kept)]) == 0) & (np.diff(turned[ends]) > 0),
+        phi_start=phi[:-1],
+        t_start_ns=times[:-1],
     )
+
+
+def _driven(drive: Correspondences, first: int, last: int) -> tuple[Array, Ids, Ids]:
+    """Return the wheel angles from one stop to another, (S + 1, 2), rad, their times, ns, and where the stops are."""
+    wheels, stops = drive.wheels, drive.stops[first : last + 1]
+    leaves = np.array([stop.last_sample + 1 for stop in stops[:-1]], dtype=np.int64)
+    arrives = np.array([stop.first_sample for stop in stops[1:]], dtype=np.int64)
+    on_the_way = np.zeros(len(wheels) + 1, dtype=np.int64)
+    np.add.at(on_the_way, leaves, 1)
+    np.add.at(on_the_way, arrives, -1)
+    at = np.concatenate([[0], np.cumsum(arrives - leaves + 1)])
+    row = np.full(at[-1] + 1, -1)
+    row[at] = len(wheels) + np.arange(len(stops))
+    row[row < 0] = np.flatnonzero(np.cumsum(on_the_way))
+    angles = [np.append(wheels.phi_R, [s.phi_R for s in stops]), np.append(wheels.phi_L, [s.phi_L for s in stops])]
+    times = np.append(wheels.t_ns, np.array([stop.t_end_ns for stop in stops], dtype=np.int64))
+    return np.stack(angles, axis=1)[row], times[row], at
 
 
 def chord_lengths(distance: Array, turn: Array) -> Array:

@@ -47,9 +47,9 @@ class VarianceComponents:
     def prior_sigma(self, problem: Problem) -> Array:
         """Return the standard deviations of the shared unknowns' priors, (n,)."""
         sigma = problem.prior.copy()
-        for k, name in enumerate(problem.component):
+        for name, rows in problem.of_component.items():
             if name in self.target:
-                sigma[k] = problem.unit[k] * self.target[name]
+                sigma[rows] = problem.unit[rows] * self.target[name]
         return sigma
 
     def freezes(self, state: State) -> bool:

@@ -10,6 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from boxcal.calib.geometry.two_by_two import inverses, products
 from boxcal.calib.likelihood.levenberg_marquardt import Linearization
 from boxcal.calib.likelihood.problem import Problem, whitening
 from boxcal.target.arrays import Array
@@ -33,7 +34,7 @@ def corner_floor(problem: Problem, at: Linearization) -> float:
     """Return the floor of all corners' errors, px; 0 where the residuals do not show one."""
     some = slice(None, None, 1 + len(problem.uv_px) // _CORNERS)
     told = problem.told_px2[some]
-    x, y = np.linalg.solve(problem.whiten[some], at.residual_px[some, :, None])[:, :, 0].T
+    x, y = products(inverses(problem.whiten[some]), at.residual_px[some]).T
     a, b, d = told[:, 0, 0], told[:, 0, 1], told[:, 1, 1]
     least = float(np.sqrt(np.min(np.minimum(a, d))))
     floors = np.concatenate([[0.0], np.geomspace(_SMALLEST_SHARE * least, max(_LARGEST_PX, least), _LEVELS)])

@@ -5,6 +5,7 @@ from typing import Protocol
 
 import numpy as np
 
+from boxcal.calib.geometry.two_by_two import determinants
 from boxcal.calib.likelihood.camera_score import CameraScore
 from boxcal.calib.likelihood.components import VarianceComponents
 from boxcal.calib.likelihood.levenberg_marquardt import Linearization, Weights
@@ -91,5 +92,5 @@ def log_noise(fit: Fit) -> float:
     """
     used = fit.weights.corners > 0
     told = fit.problem.told_px2[used]
-    floor = np.linalg.det(told + fit.problem.floor_px**2 * np.eye(2)) / np.linalg.det(told)
+    floor = determinants(told + fit.problem.floor_px**2 * np.eye(2)) / determinants(told)
     return float(np.sum(2 * np.log(fit.components.noise_scale) + 0.5 * np.log(floor)))

@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from boxcal.calib.geometry.two_by_two import inverses, products
 from boxcal.calib.likelihood.components import VarianceComponents
 from boxcal.calib.likelihood.explanation import Columns
 from boxcal.calib.likelihood.normal_equations import Local, Normal, solve
@@ -11,13 +12,13 @@ from boxcal.calib.likelihood.problem import Problem
 from boxcal.calib.likelihood.residuals import (
     Corners,
     LegResiduals,
+    add_priors,
     corner_equations,
     corner_residuals,
     explained_columns,
     leg_covariance,
     leg_equations,
     leg_residuals,
-    prior_equations,
 )
 from boxcal.calib.likelihood.state import State, retract
 from boxcal.target.arrays import Array
@@ -106,10 +107,10 @@ def reweighted(problem: Problem, at: Linearization, corners: Array) -> Lineariza
 
 def rewhitened(problem: Problem, other: Problem, at: Linearization, weights: Weights) -> Linearization:
     """Return the likelihood about the same state with other covariances of the corners, those of ``other``."""
-    turn = other.whiten @ np.linalg.inv(problem.whiten)
+    turn = other.whiten @ inverses(problem.whiten)
     corners = replace(
         at.corners,
-        residual=(turn @ at.corners.residual[:, :, None])[:, :, 0],
+        residual=products(turn, at.corners.residual),
         jacobian=turn @ at.corners.jacobian,
     )
     return _with_corners(other, at, corners, weights.corners)
@@ -144,11 +145,11 @@ def picture_equations(
         by_chain=w * local.by_chain * s[:, None, :],
         c=w * local.c * s - unit,
     )
-    prior, prior_squares = prior_equations(problem, at.state, components.prior_sigma(problem))
-    scaled = Normal(
+    normal = Normal(
         A=w * corners.A, B=w * corners.B, D=w * corners.D, E=corners.E, a=w * corners.a, c=w * corners.c, local=own
     )
-    return scaled.plus(prior), float(w * at.corner_squares.sum() + prior_squares + np.sum(unit**2))
+    prior_squares = add_priors(problem, at.state, components.prior_sigma(problem), normal)
+    return normal, float(w * at.corner_squares.sum() + prior_squares + np.sum(unit**2))
 
 
 def equations(

@@ -7,12 +7,14 @@ own (local): roll, pitch, height and the growth of the tags' black in its pictur
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 
 from boxcal.calib.geometry.diff_drive import legs_between
 from boxcal.calib.geometry.parameters import COUNT, ORDER
+from boxcal.calib.geometry.two_by_two import determinants, inverse_roots, inverses, products
 from boxcal.calib.likelihood.explanation import Explanation
 from boxcal.calib.likelihood.options import EstimateOptions
 from boxcal.calib.likelihood.target_deformation import TargetDeformation, target_deformation
@@ -83,6 +85,13 @@ class Problem:
         Whether stops neither lean nor sink.
     explanations
         What else is part of the model.
+    corner_stop : (L,)
+        The stop of each corner.
+    of_component
+        The shared unknowns of each variance component.
+    tilts, extras, shapes, growth, explained
+        Columns among the shared unknowns: of the tilts, the further distortion coefficients, the target's deformation,
+        the tags' growth in px that is common to all pictures, and the explanations.
     """
 
     lens: CameraKind
@@ -109,36 +118,30 @@ class Problem:
     tilt_count: int
     rigid_floor: bool
     explanations: tuple[Explanation, ...]
+    corner_stop: Ids = field(init=False)
+    of_component: dict[str, Ids] = field(init=False)
+    tilts: slice = field(init=False)
+    extras: slice = field(init=False)
+    shapes: slice = field(init=False)
+    growth: slice = field(init=False)
+    explained: slice = field(init=False)
 
-    @property
-    def corner_stop(self) -> Ids:
-        """The stop of each corner, (L,)."""
-        return np.repeat(np.arange(len(self.drive)), np.diff(self.corner_starts))
-
-    @property
-    def tilts(self) -> slice:
-        """Columns of the tilts among the shared unknowns."""
-        return slice(COUNT, COUNT + self.tilt_count)
-
-    @property
-    def extras(self) -> slice:
-        """Columns of the further distortion coefficients among the shared unknowns."""
-        return slice(self.tilts.stop, self.tilts.stop + len(further_names(self.lens)))
-
-    @property
-    def shapes(self) -> slice:
-        """Columns of the target's deformation among the shared unknowns."""
-        return slice(self.extras.stop, self.extras.stop + len(self.target.names))
-
-    @property
-    def growth(self) -> slice:
-        """Column of the tags' growth in px, common to all pictures, among the shared unknowns."""
-        return slice(self.shapes.stop, self.shapes.stop + ("growth" in self.names))
-
-    @property
-    def explained(self) -> slice:
-        """Columns of the explanations among the shared unknowns."""
-        return slice(self.growth.stop, len(self.names))
+    def __post_init__(self) -> None:
+        """Set what follows from the rest; it is asked for hundreds of times."""
+        put = partial(object.__setattr__, self)
+        put("corner_stop", np.repeat(np.arange(len(self.drive)), np.diff(self.corner_starts)))
+        names = np.array(self.component)
+        put("of_component", {name: np.flatnonzero(names == name) for name in sorted(set(self.component) - {""})})
+        first = COUNT
+        for name, count in (
+            ("tilts", self.tilt_count),
+            ("extras", len(further_names(self.lens))),
+            ("shapes", len(self.target.names)),
+            ("growth", int("growth" in self.names)),
+        ):
+            put(name, slice(first, first + count))
+            first += count
+        put("explained", slice(first, len(self.names)))
 
 
 def build_problem(
@@ -201,7 +204,7 @@ def build_problem(
         told_px2=cov,
         sigma_px=sigma_px,
         corner_starts=np.cumsum([0, *(len(v.landmark_ids) for v in views)]),
-        outward_px=np.concatenate([_outward_px(v) for v in views]),
+        outward_px=_outward_px(views),
         path=wheel_path(legs),
         step=step,
         drives=len(drives),
@@ -217,8 +220,8 @@ def build_problem(
 
 def whitening(cov_px2: Array) -> tuple[Array, float]:
     """Return what whitens errors of covariances (L, 2, 2), (L, 2, 2), and a standard deviation typical of them, px."""
-    whiten = np.asarray(np.linalg.inv(np.linalg.cholesky(cov_px2)), dtype=np.float64)
-    return whiten, float(1 / np.sqrt(np.mean(np.linalg.det(whiten))))
+    whiten = inverse_roots(cov_px2)
+    return whiten, float(1 / np.sqrt(np.mean(determinants(whiten))))
 
 
 def _tilt_names(drives: int) -> list[str]:
@@ -249,26 +252,28 @@ def with_kind(problem: Problem, kind: CameraKind) -> Problem:
     )
 
 
-def _outward_px(view: StopObservation) -> Array:
+def _outward_px(views: Sequence[StopObservation]) -> Array:
     """Return how corners move if each edge of the tags' black moves by 1 px along its outward normal, (L, 2).
 
     A corner between edges of outward normals n and m moves by d with ``n d = m d = 1``. Of tags that are not seen
     whole nothing is said (zero).
     """
-    out = np.zeros((len(view.landmark_ids), 2))
-    ids = view.landmark_ids
+    ids, uv = np.concatenate([v.landmark_ids for v in views]), np.concatenate([v.uv_px for v in views])
+    view = np.repeat(np.arange(len(views)), [len(v.landmark_ids) for v in views])
+    out = np.zeros((len(ids), 2))
     first = np.flatnonzero(ids % CORNERS == 0)
     first = first[first + CORNERS <= len(ids)]
-    first = first[ids[first + CORNERS - 1] == ids[first] + CORNERS - 1]
+    last = first + CORNERS - 1
+    first = first[(ids[last] == ids[first] + CORNERS - 1) & (view[last] == view[first])]
     if not len(first):
         return out
-    corner = view.uv_px[first[:, None] + np.arange(CORNERS)]  # (T, 4, 2)
+    corner = uv[first[:, None] + np.arange(CORNERS)]  # (T, 4, 2)
     edge = np.roll(corner, -1, axis=1) - corner
     normal = np.stack([edge[..., 1], -edge[..., 0]], axis=-1)
     normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
     centre = corner.mean(axis=1, keepdims=True)
     normal *= np.sign(np.sum(normal * (corner - centre), axis=-1, keepdims=True))
     before = np.roll(normal, 1, axis=1)
-    d = np.linalg.solve(np.stack([normal, before], axis=-2), np.ones((*normal.shape[:2], 2, 1)))[..., 0]
+    d = products(inverses(np.stack([normal, before], axis=-2)), np.ones(normal.shape))
     out[first[:, None] + np.arange(CORNERS)] = d
     return out

@@ -203,7 +203,7 @@ def _face_motions(problem: Problem, state: State, camera: tuple[Array, Array], f
     t = (R_t @ (T_face[:, :3, 3] - p)[:, :, None])[:, :, 0]
     w, v = R @ twist[face, :3], R @ twist[face, 3:]
     # The points move by w x (p_cam - t) + v; a camera's motion (w', t') moves them by p_cam x w' - t'.
-    return np.concatenate([-w, np.cross(w, t[:, :, None], axis=1) - v], axis=1)
+    return np.concatenate([-w, -hat(t) @ w - v], axis=1)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -338,8 +338,8 @@ def shared_values(problem: Problem, state: State) -> Array:
     return value
 
 
-def prior_equations(problem: Problem, state: State, sigma: Array) -> tuple[Normal, float]:
-    """Return the normal equations and the sum of squares of the shared unknowns' priors and the encoder errors.
+def add_priors(problem: Problem, state: State, sigma: Array, normal: Normal) -> float:
+    """Add the priors of shared unknowns and encoder errors to normal equations, in place; return their sum of squares.
 
     Parameters
     ----------
@@ -347,15 +347,18 @@ def prior_equations(problem: Problem, state: State, sigma: Array) -> tuple[Norma
         Unknowns and their values.
     sigma : (n,)
         Standard deviations of the shared unknowns' priors.
+    normal
+        The equations.
     """
-    n, P = len(problem.names), len(problem.drive)
     value = shared_values(problem, state)
     weight = problem.information + np.diag(1 / np.square(sigma))
-    D, c = np.zeros((P, PER_STOP, PER_STOP)), np.zeros((P, PER_STOP))
-    D[:, 3, 3] = D[:, 4, 4] = 1.0
-    c[:, READINGS] = -state.encoder_errors
-    normal = Normal(A=weight, B=np.zeros((P, n, PER_STOP)), D=D, E=np.zeros_like(D), a=-weight @ value, c=c)
-    return normal, float(value @ weight @ value + np.sum(state.encoder_errors**2))
+    pull = weight @ value
+    normal.A[...] += weight
+    normal.a[...] -= pull
+    normal.D[:, 3, 3] += 1.0
+    normal.D[:, 4, 4] += 1.0
+    normal.c[:, READINGS] -= state.encoder_errors
+    return float(value @ pull + np.sum(state.encoder_errors**2))
 
 
 def explained_columns(problem: Problem, state: State) -> Columns:

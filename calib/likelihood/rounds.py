@@ -17,7 +17,6 @@ from boxcal.calib.likelihood.leg_spread import spread_of, spread_weights
 from boxcal.calib.likelihood.levenberg_marquardt import (
     Linearization,
     Weights,
-    equations,
     leg_information,
     linearize,
     maximise,
@@ -37,6 +36,7 @@ from boxcal.calib.likelihood.outliers import (
     robust_scale,
 )
 from boxcal.calib.likelihood.problem import Problem
+from boxcal.calib.likelihood.residuals import leg_equations
 from boxcal.calib.likelihood.slip_profile import SlipProfile, fixed_profile, quiet_slip, slip_profile
 from boxcal.calib.likelihood.state import State
 from boxcal.calib.likelihood.systematic_errors import systematic_covariance
@@ -219,10 +219,9 @@ def _components(  # noqa: PLR0917 - a solution and what it is of
     """
     scale_sigma = 0.0
     steps: list[VarianceComponents] = [components]
-    for _ in range(_INNER):
-        information = leg_information(problem, at.legs, weights, np.array(components.slip))
-        normal, _ = equations(problem, at, components, information)
-        solution = solve(normal)
+    legs, _ = leg_equations(problem, at.legs, leg_information(problem, at.legs, weights, np.array(components.slip)))
+    for _ in range(_INNER):  # slip stays
+        solution = solve(picture_equations(problem, at, components)[0].plus(legs))
         joint = solution.joint_covariances()
         new = updated(problem, at, components, solution, joint)
         if options.noise_scale is None:

@@ -168,7 +168,7 @@ def camera_motions(problem: Problem, state: State) -> CameraMotions:
     J_lean[:, 3:, 2] = R_e[:, 2]
     # Tilt: R_box_floor <- R_box_floor exp(beta), beta = J dtilt.
     J = right_jacobian(tilts)[:, :, :2][problem.drive]
-    J_tilt = np.concatenate([Q_t @ J, Q_t @ np.cross(J, s[:, :, None], axis=1)], axis=1)
+    J_tilt = np.concatenate([Q_t @ J, -Q_t @ (hat(s) @ J)], axis=1)
     return CameraMotions(
         R_box_cam=F @ Q, p_box_cam=np.einsum("pij,pj->pi", F, s), J_pose=J_pose, J_lean=J_lean, J_tilt=J_tilt
     )

@@ -6,6 +6,7 @@ import numpy as np
 
 from boxcal.calib.geometry.parameters import CAMERA, COUNT, TRANSLATION, WHEELS
 from boxcal.calib.geometry.so3_se3 import inverse, rigid
+from boxcal.calib.geometry.two_by_two import inverses, products
 from boxcal.calib.likelihood.estimate import DriveEstimate, Estimate, FlaggedCorner, FlaggedLeg, NoiseLevels
 from boxcal.calib.likelihood.fit import Fit, log_noise
 from boxcal.calib.likelihood.jackknife import jackknife
@@ -120,7 +121,7 @@ def _rms_sigma_px(cov_px2: Array) -> float:
 
 def errors_px(fit: Fit) -> Array:
     """Return the corners' errors, (L, 2) px, seen less predicted."""
-    return np.asarray(np.linalg.solve(fit.problem.whiten, fit.at.residual_px[:, :, None])[:, :, 0])
+    return products(inverses(fit.problem.whiten), fit.at.residual_px)
 
 
 def _drive(fit: Fit, d: int, robot: str, cov: Array) -> DriveEstimate:

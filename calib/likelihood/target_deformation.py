@@ -117,11 +117,6 @@ class TargetDeformation:
         T = self.T_box_face
         if not (self.names or self.refined):
             return _moved(T[:, :3, :3], T[:, :3, 3], self.face, p), np.zeros((len(p), 3, 0))
-        d = np.zeros((len(p), 3, DIRECT))
-        d[:, 0, 0] = self.p_face[:, 0]
-        d[:, 1, 1] = self.p_face[:, 1]
-        d[:, :2, 2] = self.outward
-        d[:, 2, 3] = self.sagitta
         p[:, 0] *= 1 + self.shape(values, "scale_x")
         p[:, 1] *= 1 + self.shape(values, "scale_y")
         p[:, :2] += self.value(values, "ink") * self.outward
@@ -130,7 +125,17 @@ class TargetDeformation:
         R_m, t_m, _ = self.motions(values)
         R = T[:, :3, :3] @ R_m
         t = np.einsum("fij,fj->fi", T[:, :3, :3], t_m) + T[:, :3, 3]
-        return _moved(R, t, self.face, p), (R[self.face] @ d)[:, :, : self.direct]
+        return _moved(R, t, self.face, p), self._by_direct(R[self.face])
+
+    def _by_direct(self, R: Array) -> Array:
+        """Return the derivatives (L, 3, direct) of landmarks whose faces are turned by R (L, 3, 3)."""
+        d = np.empty((len(R), 3, self.direct))
+        if self.direct:
+            x, y, z = np.moveaxis(R, 2, 0)
+            d[:, :, 0], d[:, :, 1] = self.p_face[:, :1] * x, self.p_face[:, 1:2] * y
+            d[:, :, 2] = self.outward[:, :1] * x + self.outward[:, 1:] * y
+            d[:, :, 3] = self.sagitta[:, None] * z
+        return d
 
 
 def _moved(R: Array, t: Array, face: Ids, p: Array) -> Array:
@@ -172,13 +177,13 @@ def target_deformation(
             sagitta=np.zeros(L),
             T_box_face=np.tile(np.eye(4), (FACES, 1, 1)),
         )
-    unknown = sorted({int(i) // CORNERS for i in np.unique(landmark_ids) if int(i) // CORNERS not in target})
+    tags, back = np.unique(landmark_ids // CORNERS, return_inverse=True)
+    unknown = [int(tag) for tag in tags if int(tag) not in target]
     if unknown:
         raise CalibError(
             f"landmarks of tag {unknown[0]}, which the box' description does not carry",
             remedy="give the target.json that the landmarks were found with",
         )
-    tags, back = np.unique(landmark_ids // CORNERS, return_inverse=True)
     rows = np.array([target.row_of(int(t)) for t in tags], dtype=np.int64)[back]
     face = target.tag_faces[rows]
     off = np.linalg.norm(target.tag_corners[rows, landmark_ids % CORNERS] - p_box, axis=1)

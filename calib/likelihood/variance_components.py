@@ -97,8 +97,9 @@ def target_components(
         The unknowns, and their variances after the data.
     """
     own: dict[str, tuple[float, float]] = {}
+    of = np.array(component)
     for name, sigma in before.items():
-        rows = [k for k, of in enumerate(component) if of == name]
+        rows = np.flatnonzero(of == name)
         prior = np.square(sigma * unit[rows])
         freedom = max(float(np.sum(1 - variance[rows] / prior)), 0.0)
         own[name] = float(np.sum(value[rows] ** 2 / prior)), freedom

@@ -25,7 +25,7 @@ from boxcal.calib.likelihood.estimator import fit
 from boxcal.calib.likelihood.finding import Finding
 from boxcal.calib.likelihood.fit import Fit
 from boxcal.calib.likelihood.levenberg_marquardt import linearize
-from boxcal.calib.likelihood.score_test import extended
+from boxcal.calib.likelihood.explanation_equations import extended
 from boxcal.calib.likelihood.slip_profile import slip_profile
 from boxcal.calib.results.verdict import Kind, Level
 from boxcal.calib.simulate.drive import Drive, DriveOptions, simulate_drive
