@@ -19,7 +19,7 @@ from boxcal.calib.geometry.so3_se3 import inverse, rigid, rot_z
 from boxcal.calib.likelihood.finding import Finding
 from boxcal.detect.correspondences import StopObservation
 from boxcal.target.arrays import Array
-from boxcal.target.box import CORNERS, FACES, Target
+from boxcal.target.box import FACES, Target
 
 FITS_DEG = 15.0
 """Two sheets fit an order if their poses differ no more than this from it; planar poses err by a few degrees."""
@@ -118,7 +118,7 @@ def find_gluing(stops: Sequence[StopObservation], image_size: tuple[int, int], t
         The box as described.
     """
     try:
-        homographies = [H for stop in stops for H in face_homographies(stop)]
+        homographies = face_homographies(stops)
         if not homographies:
             return None
         K = camera_matrix_guesses(homographies, image_size)[-1]
@@ -167,16 +167,14 @@ def _pose(target: Target, face: int, turned: int) -> Array:
 def _pairs(stops: Sequence[StopObservation], K: Array, target: Target) -> dict[tuple[int, int], list[list[Array]]]:
     """Return what each picture says of T_sheet_sheet for each pair of sheets: all solutions of the planar poses."""
     pairs: dict[tuple[int, int], list[list[Array]]] = defaultdict(list)
+    T_sheet_box = [inverse(target.T_box_face(sheet)) for sheet in range(FACES)]
     for stop in stops:
-        rows = np.array([target.row_of(int(i) // CORNERS) for i in stop.landmark_ids], dtype=np.int64)
+        on_sheet, p_box = target.faces(stop.landmark_ids), target.p_box(stop.landmark_ids)
         sheets = {}
-        for sheet in range(FACES):
-            on = np.flatnonzero(target.tag_faces[rows] == sheet)
-            if len(on) >= MIN_POINTS:
-                T_sheet_box = inverse(target.T_box_face(sheet))
-                p = target.tag_corners[rows[on], stop.landmark_ids[on] % CORNERS]
-                p = p @ T_sheet_box[:3, :3].T + T_sheet_box[:3, 3]
-                sheets[sheet] = _planar_poses(p, stop.uv_px[on], K)
+        seen = np.flatnonzero(np.bincount(on_sheet, minlength=FACES) >= MIN_POINTS).tolist()
+        for sheet in seen if len(seen) > 1 else ():
+            on, T = on_sheet == sheet, T_sheet_box[sheet]
+            sheets[sheet] = _planar_poses(p_box[on] @ T[:3, :3].T + T[:3, 3], stop.uv_px[on], K)
         for a, b in combinations(sorted(sheets), 2):
             both = [inverse(A) @ B for A in sheets[a] for B in sheets[b]]
             if both:

@@ -4,6 +4,7 @@ Two modes. *Joint*: one set of intrinsics for all stops. *Per stop* (the paper's
 intrinsics averaged; a stop that cannot be calibrated alone is left out and named.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from itertools import pairwise
@@ -12,15 +13,17 @@ import cv2
 import numpy as np
 
 from boxcal.calib.errors import CalibError
-from boxcal.calib.four_steps.reprojection import move_left, transform
-from boxcal.calib.four_steps.zhang_init import camera_matrix_guesses, face_homographies, planar_groups
+from boxcal.calib.four_steps.reprojection import move_left
+from boxcal.calib.four_steps.zhang_init import camera_matrix_guesses, face_homographies
 from boxcal.calib.geometry.so3_se3 import rigid
 from boxcal.detect.correspondences import StopObservation
-from boxcal.target.arrays import Array
+from boxcal.target.arrays import Array, Ids
 from boxcal.target.camera.camera_model import CameraModel, project, project_with_jacobians
 
 MIN_LANDMARKS = 6
 _ITERATIONS = 100
+_FLAT_M2 = 1e-12
+"""Sum of squared distances from a plane, m^2, below which landmarks lie in one."""
 _STOPS_FOR_GUESS = 6
 """How many stops, spread over the drive, the first guess of the camera is taken from."""
 
@@ -96,7 +99,7 @@ def _joint(stops: tuple[StopObservation, ...], image_size: tuple[int, int]) -> C
 def _per_stop(stops: tuple[StopObservation, ...], image_size: tuple[int, int]) -> CameraStep:
     kept, cameras, poses, notes = [], [], [], []
     for j, stop in enumerate(stops):
-        faces = sum(len(rows) >= MIN_LANDMARKS for rows in planar_groups(stop.landmark_ids, stop.p_box))
+        faces = np.count_nonzero(np.bincount(stop.faces) >= MIN_LANDMARKS)
         if faces < 2:
             notes.append(f"stop {j + 1}: its landmarks lie in one plane, two faces are needed per stop; left out")
             continue
@@ -120,16 +123,14 @@ def _per_stop(stops: tuple[StopObservation, ...], image_size: tuple[int, int]) -
 def _step(
     camera: CameraModel, kept: tuple[int, ...], poses: Array, stops: tuple[StopObservation, ...], notes: tuple[str, ...]
 ) -> CameraStep:
-    squares = [
-        np.sum((project(camera, transform(T, stops[j].p_box)) - stops[j].uv_px) ** 2, axis=1)
-        for j, T in zip(kept, poses, strict=True)
-    ]
+    views = _Views.of([stops[j] for j in kept])
+    squares = np.sum((project(camera, views.in_camera(poses)) - views.uv_px) ** 2, axis=1)
     return CameraStep(
         camera=camera,
         kept=kept,
         T_cam_box=poses,
-        rms_px=float(np.sqrt(np.mean(np.concatenate(squares)))),
-        stop_rms_px=np.sqrt([np.mean(s) for s in squares]),
+        rms_px=float(np.sqrt(np.mean(squares))),
+        stop_rms_px=np.sqrt(np.bincount(views.stop, weights=squares) / np.bincount(views.stop)),
         notes=notes,
     )
 
@@ -138,22 +139,26 @@ def _solve(stops: list[StopObservation], image_size: tuple[int, int]) -> tuple[C
     """Return the camera and poses (P, 4, 4) that minimise the reprojection error, from scratch."""
     rows = np.unique(np.linspace(0, len(stops) - 1, min(len(stops), _STOPS_FOR_GUESS)).round().astype(int))
     some = [stops[j] for j in rows]
-    homographies = [H for stop in some for H in face_homographies(stop)]
+    homographies = face_homographies(some)
     if not homographies:
         raise CalibError("no face of the box shows two tags at once: a larger or nearer view of the box is needed")
-    starts = []
+    starts, views = [], _Views.of(some)
     for K in camera_matrix_guesses(homographies, image_size):
         guess = CameraModel(fu=K[0, 0], fv=K[1, 1], cu=K[0, 2], cv=K[1, 2], kr=0.0)
-        starts.append((_linearise(guess, np.array([locate(guess, stop) for stop in some]), some).cost, guess))
-    _, guess = min(starts, key=lambda start: start[0])
-    camera, poses, _ = minimise_reprojection(guess, np.array([locate(guess, stop) for stop in stops]), stops)
+        poses = np.array([locate(guess, stop) for stop in some])
+        starts.append((_linearise(guess, poses, views).cost, guess, poses))
+    _, guess, poses = min(starts, key=lambda start: start[0])
+    known = dict(zip(rows.tolist(), poses, strict=True))
+    first = np.array([known[j] if j in known else locate(guess, stop) for j, stop in enumerate(stops)])
+    camera, poses, _ = minimise_reprojection(guess, first, stops)
     return camera, poses
 
 
 def locate(camera: CameraModel, stop: StopObservation) -> Array:
     """Return the camera's pose at one stop, ``T_cam_box`` (4, 4), for known intrinsics (OpenCV's PnP)."""
     dist = np.array([camera.kr, 0.0, 0.0, 0.0])
-    flat = np.linalg.svd(stop.p_box - stop.p_box.mean(axis=0), compute_uv=False)[2] < 1e-6
+    off = stop.p_box - stop.p_box.mean(axis=0)
+    flat = np.linalg.eigvalsh(off.T @ off)[0] < _FLAT_M2
     method = cv2.SOLVEPNP_IPPE if flat else cv2.SOLVEPNP_SQPNP
     count, rvecs, tvecs, errors = cv2.solvePnPGeneric(
         np.ascontiguousarray(stop.p_box), np.ascontiguousarray(stop.uv_px), camera.K, dist, flags=method
@@ -173,12 +178,13 @@ def minimise_reprojection(
     Levenberg-Marquardt with the poses eliminated (Schur complement), so that the cost is linear in the stops.
     """
     lam = 1e-4
-    system = _linearise(camera, poses, stops)
+    views = _Views.of(stops)
+    system = _linearise(camera, poses, views)
     for _ in range(_ITERATIONS):
         d_camera, d_poses = _damped_step(system, lam)
         trial_camera = CameraModel.from_values(camera.kind, camera.values + d_camera)
         trial_poses = move_left(poses, d_poses)
-        trial = _linearise(trial_camera, trial_poses, stops)
+        trial = _linearise(trial_camera, trial_poses, views)
         if trial.cost < system.cost:
             gain = system.cost - trial.cost
             camera, poses, system, lam = trial_camera, trial_poses, trial, max(lam / 10, 1e-12)
@@ -203,11 +209,33 @@ class _System:
     cost: float
 
 
-def _linearise(camera: CameraModel, poses: Array, stops: list[StopObservation]) -> _System:
-    ends = np.cumsum([0, *(2 * len(stop.landmark_ids) for stop in stops)])
-    p_cam = np.concatenate([transform(T, stop.p_box) for T, stop in zip(poses, stops, strict=True)])
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Views:
+    """Landmarks of P stops one behind the other: where they are on the box and in the pictures, and whose they are."""
+
+    p_box: Array  # (L, 3)
+    uv_px: Array  # (L, 2)
+    stop: Ids  # (L,)
+
+    @classmethod
+    def of(cls, stops: Sequence[StopObservation]) -> "_Views":
+        return cls(
+            p_box=np.concatenate([stop.p_box for stop in stops]),
+            uv_px=np.concatenate([stop.uv_px for stop in stops]),
+            stop=np.repeat(np.arange(len(stops)), [len(stop.landmark_ids) for stop in stops]),
+        )
+
+    def in_camera(self, poses: Array) -> Array:
+        """Return the landmarks in the camera's frame, (L, 3), m, for poses ``T_cam_box`` (P, 4, 4)."""
+        T = poses[self.stop]
+        return np.asarray(np.einsum("lij,lj->li", T[:, :3, :3], self.p_box) + T[:, :3, 3])
+
+
+def _linearise(camera: CameraModel, poses: Array, views: _Views) -> _System:
+    ends = 2 * np.searchsorted(views.stop, np.arange(len(poses) + 1))
+    p_cam = views.in_camera(poses)
     uv, d_camera, d_point = project_with_jacobians(camera.kind, camera.values, p_cam)
-    r = np.concatenate([stop.uv_px for stop in stops]) - uv
+    r = views.uv_px - uv
     cost = float(np.sum(r * r)) if np.all(p_cam[:, 2] > 0) else np.inf
     J = np.empty((len(r), 2, 12))
     J[..., :5] = d_camera

@@ -1,56 +1,62 @@
 """A first guess of the camera matrix from planar views, so that no nominal focal length is asked for."""
 
-import cv2
+from collections.abc import Sequence
+
 import numpy as np
 
 from boxcal.calib.errors import CalibError
 from boxcal.detect.correspondences import StopObservation
 from boxcal.target.arrays import Array, Ids
+from boxcal.target.box import CORNERS, FACES
 
 MIN_POINTS = 8
 """Landmarks that a face needs in an image before its homography is used."""
-_SAME_PLANE = 0.97
+_WHOLE = 3
+"""Corners of a tag that tell its plane."""
 
 
-def planar_groups(landmark_ids: Ids, p_box: Array) -> list[Ids]:
-    """Return which landmarks lie on a common face: one array of row numbers for each face of the box.
+def face_homographies(stops: Sequence[StopObservation]) -> list[Array]:
+    """Return the homographies, (3, 3), from each well seen face of each stop (its own plane, m) to the image (px).
 
-    The faces are told apart by the tags' normals, so they need not be known by number.
-
-    Parameters
-    ----------
-    landmark_ids : (L,)
-        ``4 * tag id + corner``.
-    p_box : (L, 3), m
+    By the direct linear transform, all faces at once. Tags of which fewer than three corners were seen are left aside:
+    their face may not be known.
     """
-    tags, starts, counts = np.unique(landmark_ids // 4, return_index=True, return_counts=True)
-    whole = np.flatnonzero(counts >= 3)
-    first = starts[whole]
-    p = p_box[first]
-    normals = np.cross(p_box[first + 1] - p, p_box[first + 2] - p)
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    tag_of_row = np.repeat(np.arange(len(tags)), counts)
-    out = []
-    left = np.ones(len(whole), dtype=bool)
-    while np.any(left):
-        alike = left & (normals @ normals[int(np.argmax(left))] > _SAME_PLANE)
-        out.append(np.flatnonzero(np.isin(tag_of_row, whole[alike])))
-        left &= ~alike
-    return out
+    ids, face = (np.concatenate([getattr(stop, name) for stop in stops]) for name in ("landmark_ids", "faces"))
+    p, uv = (np.concatenate([getattr(stop, name) for stop in stops]) for name in ("p_box", "uv_px"))
+    stop = np.repeat(np.arange(len(stops)), [len(stop.landmark_ids) for stop in stops])
+    _, of_tag, corners = np.unique(np.stack([stop, ids // CORNERS]), axis=1, return_inverse=True, return_counts=True)
+    rows = np.flatnonzero(corners[of_tag.ravel()] >= _WHOLE)
+    rows = rows[np.argsort(FACES * stop[rows] + face[rows], kind="stable")]
+    _, counts = np.unique(FACES * stop[rows] + face[rows], return_counts=True)
+    rows, counts = rows[np.repeat(counts >= MIN_POINTS, counts)], counts[counts >= MIN_POINTS]
+    if not len(counts):
+        return []
+    x, to_plane = _centred(p[rows], counts)
+    axes = np.linalg.eigh(_summed(x[:, :, None] * x[:, None, :], counts))[1]
+    plane = np.einsum("li,lij->lj", x, np.repeat(axes[:, :, :0:-1], counts, axis=0))
+    image, to_image = _centred(uv[rows], counts)
+    one = np.column_stack([plane, np.ones(len(plane))])
+    J = np.zeros((len(one), 2, 9))
+    J[:, 0, :3] = J[:, 1, 3:6] = one
+    J[:, :, 6:] = -image[:, :, None] * one[:, None, :]
+    parts = np.split(J.reshape(-1, 9), 2 * np.cumsum(counts)[:-1])
+    H = np.linalg.eigh([part.T @ part for part in parts])[1][:, :, 0].reshape(-1, 3, 3)
+    (centre, size), scale = to_image, 1 / to_plane[1]
+    H = H * np.stack([scale, scale, np.ones_like(scale)], axis=1)[:, None, :]
+    H[:, :2] = size[:, None, None] * H[:, :2] + centre[:, :, None] * H[:, 2:]
+    return list(H)
 
 
-def face_homographies(stop: StopObservation) -> list[Array]:
-    """Return the homographies, (3, 3), from each well seen face (its own plane, m) to the image (px)."""
-    out = []
-    for rows in planar_groups(stop.landmark_ids, stop.p_box):
-        if len(rows) < MIN_POINTS:
-            continue
-        p = stop.p_box[rows]
-        _, _, axes = np.linalg.svd(p - p.mean(axis=0), full_matrices=False)
-        H, _ = cv2.findHomography((p - p.mean(axis=0)) @ axes[:2].T, stop.uv_px[rows])
-        if H is not None and np.all(np.isfinite(H)):
-            out.append(np.asarray(H, dtype=np.float64))
-    return out
+def _summed(values: Array, counts: Ids) -> Array:
+    return np.asarray(np.add.reduceat(values, np.cumsum(counts) - counts, axis=0))
+
+
+def _centred(points: Array, counts: Ids) -> tuple[Array, tuple[Array, Array]]:
+    """Return points of groups about their centre in units of their spread, and both of each group, (G, d) and (G,)."""
+    centre = _summed(points, counts) / counts[:, None]
+    off = points - np.repeat(centre, counts, axis=0)
+    spread = np.sqrt(_summed(np.sum(off**2, axis=1), counts) / counts)
+    return off / np.repeat(spread, counts)[:, None], (centre, spread)
 
 
 def camera_matrix_guesses(homographies: list[Array], image_size: tuple[int, int]) -> list[Array]:
@@ -70,13 +76,9 @@ def camera_matrix_guesses(homographies: list[Array], image_size: tuple[int, int]
     scale = float(max(width, height))
     centre = np.array([(width - 1) / 2, (height - 1) / 2])
     N = np.array([[1 / scale, 0, -centre[0] / scale], [0, 1 / scale, -centre[1] / scale], [0, 0, 1]])
-    rows = []
-    for H in homographies:
-        h1, h2 = (N @ H)[:, 0], (N @ H)[:, 1]
-        size = np.sqrt(h1 @ h1 + h2 @ h2)
-        h1, h2 = h1 / size, h2 / size
-        rows += [_conic_row(h1, h2), _conic_row(h1, h1) - _conic_row(h2, h2)]
-    A = np.array(rows).reshape(-1, 5)
+    h = (N @ np.array(homographies))[:, :, :2]
+    h1, h2 = np.moveaxis(h / np.sqrt(np.sum(h**2, axis=(1, 2), keepdims=True)), (2, 1), (0, 1))  # (3, H) each
+    A = np.stack([_conic_row(h1, h2), _conic_row(h1, h1) - _conic_row(h2, h2)], axis=1).reshape(-1, 5)
     found = []
     full = np.linalg.svd(A)[2][-1]
     found.append(_focal_and_centre(full if full[4] > 0 else -full))
@@ -100,8 +102,9 @@ def camera_matrix_guesses(homographies: list[Array], image_size: tuple[int, int]
 
 
 def _conic_row(a: Array, b: Array) -> Array:
-    """Return the row of ``a^T B b`` for a symmetric B without skew, unknowns (B11, B22, B13, B23, B33)."""
-    return np.array([a[0] * b[0], a[1] * b[1], a[0] * b[2] + a[2] * b[0], a[1] * b[2] + a[2] * b[1], a[2] * b[2]])
+    """Return the rows of ``a^T B b``, (H, 5), for a symmetric B without skew, unknowns (B11, B22, B13, B23, B33)."""
+    parts = a[0] * b[0], a[1] * b[1], a[0] * b[2] + a[2] * b[0], a[1] * b[2] + a[2] * b[1], a[2] * b[2]
+    return np.stack(parts, axis=-1)
 
 
 def _focal_and_centre(B: Array) -> tuple[float, float, float, float] | None:

@@ -85,8 +85,6 @@ class Problem:
         Whether stops neither lean nor sink.
     explanations
         What else is part of the model.
-    corner_stop : (L,)
-        The stop of each corner.
     of_component
         The shared unknowns of each variance component.
     tilts, extras, shapes, growth, explained
@@ -118,7 +116,6 @@ class Problem:
     tilt_count: int
     rigid_floor: bool
     explanations: tuple[Explanation, ...]
-    corner_stop: Ids = field(init=False)
     of_component: dict[str, Ids] = field(init=False)
     tilts: slice = field(init=False)
     extras: slice = field(init=False)
@@ -129,7 +126,6 @@ class Problem:
     def __post_init__(self) -> None:
         """Set what follows from the rest; it is asked for hundreds of times."""
         put = partial(object.__setattr__, self)
-        put("corner_stop", np.repeat(np.arange(len(self.drive)), np.diff(self.corner_starts)))
         names = np.array(self.component)
         put("of_component", {name: np.flatnonzero(names == name) for name in sorted(set(self.component) - {""})})
         first = COUNT
@@ -142,6 +138,11 @@ class Problem:
             put(name, slice(first, first + count))
             first += count
         put("explained", slice(first, len(self.names)))
+
+    @property
+    def corner_stop(self) -> Ids:
+        """The stop of each corner, (L,)."""
+        return np.repeat(np.arange(len(self.drive)), np.diff(self.corner_starts))
 
 
 def build_problem(

@@ -22,10 +22,10 @@ from boxcal.calib.likelihood import EstimateOptions, estimate, summary
 from boxcal.calib.likelihood.components import largest_change
 from boxcal.calib.likelihood.estimate import Estimate
 from boxcal.calib.likelihood.estimator import fit
+from boxcal.calib.likelihood.explanation_equations import extended
 from boxcal.calib.likelihood.finding import Finding
 from boxcal.calib.likelihood.fit import Fit
 from boxcal.calib.likelihood.levenberg_marquardt import linearize
-from boxcal.calib.likelihood.explanation_equations import extended
 from boxcal.calib.likelihood.slip_profile import slip_profile
 from boxcal.calib.results.verdict import Kind, Level
 from boxcal.calib.simulate.drive import Drive, DriveOptions, simulate_drive
