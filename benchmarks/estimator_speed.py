@@ -10,6 +10,7 @@ timed with these given and nothing tested, too. Processor time, best of several 
 import argparse
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from math import radians
 
 import numpy as np
@@ -33,6 +34,11 @@ def drive(stops: int) -> tuple[Correspondences, FourSteps]:
     driven = simulate_drive(khepera(), make_target(), options, rng)
     data = exact_correspondences(khepera(), make_target(), driven, 0.2, rng)
     return data, solve_four_steps(data)
+
+
+def anew(data: Correspondences) -> Correspondences:
+    """Return the same drive as if it were another one: step 1 keeps the camera of the stops that it saw last."""
+    return replace(data, stops=tuple(replace(stop) for stop in data.stops))
 
 
 def best(work: Callable[[], object], times: int) -> float:
@@ -76,7 +82,7 @@ def main() -> int:
     data, start = drive(20)
     corners = sum(len(s.landmark_ids) for s in data.stops)
     print(f"20 stops, {corners} corners, {len(data.wheels)} wheel samples")
-    closed = best(lambda: solve_four_steps(data), times)
+    closed = best(lambda: solve_four_steps(anew(data)), times)
     print(f"  the four closed-form steps                        {closed * 1e3:8.1f} ms")
     ours = best(lambda: estimate([data], start), times)
     print(f"  likelihood, levels, tests and covariance          {ours * 1e3:8.1f} ms")
@@ -92,7 +98,7 @@ def main() -> int:
     print(f"  the command's defaults: camera model, box and causes  {command * 1e3:8.1f} ms")
     for stops in (200, 500):
         data, start = drive(stops)
-        closed = best(lambda data=data: solve_four_steps(data), 1)
+        closed = best(lambda data=data: solve_four_steps(anew(data)), 1)
         long = best(lambda data=data, start=start: estimate([data], start), max(times // 2, 1))
         print(
             f"{stops} stops: {long * 1e3:.0f} ms, {long / ours:.1f} times that of 20; closed form {closed * 1e3:.0f} ms"

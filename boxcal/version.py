@@ -7,6 +7,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 
+@cache
 def installed_version() -> str:
     """Return the version of the installed boxcal, or ``not installed`` where it runs from its sources alone."""
     try:

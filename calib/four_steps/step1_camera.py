@@ -7,6 +7,7 @@ intrinsics averaged; a stop that cannot be calibrated alone is left out and name
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import lru_cache
 from itertools import pairwise
 
 import cv2
@@ -85,6 +86,7 @@ def calibrate_camera(
     return _joint(stops, image_size) if mode is CameraMode.JOINT else _per_stop(stops, image_size)
 
 
+@lru_cache(maxsize=1)  # views between stops are predicted from the same stops that are calibrated from a moment later
 def _joint(stops: tuple[StopObservation, ...], image_size: tuple[int, int]) -> CameraStep:
     kept = tuple(j for j, stop in enumerate(stops) if len(stop.landmark_ids) >= MIN_LANDMARKS)
     notes = tuple(

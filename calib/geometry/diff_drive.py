@@ -74,35 +74,45 @@ def legs_between(drive: Correspondences, kept: tuple[int, ...] | None = None) ->
     A leg on which some travel is not known, or no wheel turned, tells nothing of the wheels: it is not ``known``.
     """
     kept = tuple(range(len(drive.stops))) if kept is None else kept
-    phi, times, at = _driven(drive, kept[0], kept[-1])
-    dphi, ends = np.diff(phi, axis=0), at[np.array(kept) - kept[0]]
-    covered = np.concatenate([[0], np.cumsum(~np.asarray(drive.legs_covered, dtype=np.bool_))])
+    phi, times, at, unknown = _driven(drive, kept[0], kept[-1])
+    some = np.array(kept) - kept[0]
+    dphi, ends = np.diff(phi, axis=0), at[some]
     turned = np.concatenate([[0], np.cumsum(np.any(dphi != 0, axis=1))])
     return Legs(
         dphi_R=dphi[:, 0],
         dphi_L=dphi[:, 1],
         ends=tuple(ends.tolist()),
-        known=(np.diff(covered[list(kept)]) == 0) & (np.diff(turned[ends]) > 0),
+        known=(np.diff(unknown[some]) == 0) & (np.diff(turned[ends]) > 0),
         phi_start=phi[:-1],
         t_start_ns=times[:-1],
     )
 
 
-def _driven(drive: Correspondences, first: int, last: int) -> tuple[Array, Ids, Ids]:
-    """Return the wheel angles from one stop to another, (S + 1, 2), rad, their times, ns, and where the stops are."""
+def _driven(drive: Correspondences, first: int, last: int) -> tuple[Array, Ids, Ids, Ids]:
+    """Return the wheel angles from one stop to another, (S + 1, 2), rad, and their times, ns.
+
+    And of each stop (P,), where it is among them, and how many samples on the way to it are not covered.
+    """
     wheels, stops = drive.wheels, drive.stops[first : last + 1]
     leaves = np.array([stop.last_sample + 1 for stop in stops[:-1]], dtype=np.int64)
     arrives = np.array([stop.first_sample for stop in stops[1:]], dtype=np.int64)
-    on_the_way = np.zeros(len(wheels) + 1, dtype=np.int64)
-    np.add.at(on_the_way, leaves, 1)
-    np.add.at(on_the_way, arrives, -1)
+    way = slice(leaves[0], arrives[-1] + 1) if len(leaves) else slice(0, 0)
+    count = way.stop - way.start
+    on_the_way = np.zeros(count + 1, dtype=np.int64)
+    np.add.at(on_the_way, leaves - way.start, 1)
+    np.add.at(on_the_way, arrives - way.start, -1)
     at = np.concatenate([[0], np.cumsum(arrives - leaves + 1)])
     row = np.full(at[-1] + 1, -1)
-    row[at] = len(wheels) + np.arange(len(stops))
+    row[at] = count + np.arange(len(stops))
     row[row < 0] = np.flatnonzero(np.cumsum(on_the_way))
-    angles = [np.append(wheels.phi_R, [s.phi_R for s in stops]), np.append(wheels.phi_L, [s.phi_L for s in stops])]
-    times = np.append(wheels.t_ns, np.array([stop.t_end_ns for stop in stops], dtype=np.int64))
-    return np.stack(angles, axis=1)[row], times[row], at
+    lost = np.concatenate([[0], np.cumsum(~wheels.covered[way])])
+    unknown = np.concatenate([[0], np.cumsum(lost[arrives + 1 - way.start] - lost[leaves - way.start])])
+    angles = [
+        np.append(wheels.phi_R[way], [stop.phi_R for stop in stops]),
+        np.append(wheels.phi_L[way], [stop.phi_L for stop in stops]),
+    ]
+    times = np.append(wheels.t_ns[way], np.array([stop.t_end_ns for stop in stops], dtype=np.int64))
+    return np.stack(angles, axis=1)[row], times[row], at, unknown
 
 
 def chord_lengths(distance: Array, turn: Array) -> Array:

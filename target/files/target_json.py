@@ -53,6 +53,7 @@ def target_bytes(target: Target) -> bytes:
     return (head[: head.rindex("}")].rstrip() + ',\n  "tags": {\n' + lines + "\n  }\n}\n").encode()
 
 
+@lru_cache(maxsize=8)
 def target_sha256(target: Target) -> str:
     """Return the hash that names a landmark table in results."""
     return hashlib.sha256(target_bytes(target)).hexdigest()
