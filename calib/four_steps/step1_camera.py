@@ -16,7 +16,7 @@ import numpy as np
 from boxcal.calib.errors import CalibError
 from boxcal.calib.four_steps.reprojection import move_left
 from boxcal.calib.four_steps.zhang_init import camera_matrix_guesses, face_homographies
-from boxcal.calib.geometry.so3_se3 import rigid
+from boxcal.calib.geometry.so3_se3 import exp_se3
 from boxcal.detect.correspondences import StopObservation
 from boxcal.target.arrays import Array, Ids
 from boxcal.target.camera.camera_model import CameraModel, project, project_with_jacobians
@@ -25,6 +25,9 @@ MIN_LANDMARKS = 6
 _ITERATIONS = 100
 _FLAT_M2 = 1e-12
 """Sum of squared distances from a plane, m^2, below which landmarks lie in one."""
+_FIRST_DAMPING = 1e-6
+_LAST = 1e-7
+"""A step that promises less than this share of the sum of squares is the last, and taken: steps square the error."""
 _STOPS_FOR_GUESS = 6
 """How many stops, spread over the drive, the first guess of the camera is taken from."""
 
@@ -144,54 +147,56 @@ def _solve(stops: list[StopObservation], image_size: tuple[int, int]) -> tuple[C
     homographies = face_homographies(some)
     if not homographies:
         raise CalibError("no face of the box shows two tags at once: a larger or nearer view of the box is needed")
-    starts, views = [], _Views.of(some)
-    for K in camera_matrix_guesses(homographies, image_size):
-        guess = CameraModel(fu=K[0, 0], fv=K[1, 1], cu=K[0, 2], cv=K[1, 2], kr=0.0)
-        poses = np.array([locate(guess, stop) for stop in some])
-        starts.append((_linearise(guess, poses, views).cost, guess, poses))
-    _, guess, poses = min(starts, key=lambda start: start[0])
-    known = dict(zip(rows.tolist(), poses, strict=True))
-    first = np.array([known[j] if j in known else locate(guess, stop) for j, stop in enumerate(stops)])
-    camera, poses, _ = minimise_reprojection(guess, first, stops)
+    guesses = [
+        CameraModel(fu=K[0, 0], fv=K[1, 1], cu=K[0, 2], cv=K[1, 2], kr=0.0)
+        for K in camera_matrix_guesses(homographies, image_size)
+    ]
+    judges = some[::2]
+    views = _Views.of(judges)
+    guess = min(guesses, key=lambda guess: _linearise(guess, located(guess, judges), views).cost)
+    camera, poses, _ = minimise_reprojection(guess, located(guess, stops), stops)
     return camera, poses
 
 
-def locate(camera: CameraModel, stop: StopObservation) -> Array:
-    """Return the camera's pose at one stop, ``T_cam_box`` (4, 4), for known intrinsics (OpenCV's PnP)."""
-    dist = np.array([camera.kr, 0.0, 0.0, 0.0])
-    off = stop.p_box - stop.p_box.mean(axis=0)
-    flat = np.linalg.eigvalsh(off.T @ off)[0] < _FLAT_M2
-    method = cv2.SOLVEPNP_IPPE if flat else cv2.SOLVEPNP_SQPNP
-    count, rvecs, tvecs, errors = cv2.solvePnPGeneric(
-        np.ascontiguousarray(stop.p_box), np.ascontiguousarray(stop.uv_px), camera.K, dist, flags=method
-    )
-    if not count:
-        raise CalibError("no camera pose explains a stop's landmarks", remedy="are they the corners of this target?")
-    best = int(np.argmin(np.ravel(errors)))
-    R, _ = cv2.Rodrigues(rvecs[best])
-    return rigid(np.asarray(R, dtype=np.float64), np.ravel(tvecs[best]).astype(np.float64))
+def located(camera: CameraModel, stops: Sequence[StopObservation]) -> Array:
+    """Return the camera's poses at some stops, ``T_cam_box`` (P, 4, 4), for known intrinsics (OpenCV's PnP)."""
+    K, dist = camera.K, np.array([camera.kr, 0.0, 0.0, 0.0])
+    off = [stop.p_box - stop.p_box.sum(axis=0) / len(stop.p_box) for stop in stops]
+    flat = np.linalg.eigvalsh([p.T @ p for p in off])[:, 0] < _FLAT_M2
+    found = np.empty((len(stops), 2, 3))
+    for at, stop, plane in zip(found, stops, flat.tolist(), strict=True):
+        method = cv2.SOLVEPNP_IPPE if plane else cv2.SOLVEPNP_SQPNP
+        p_box, uv_px = np.ascontiguousarray(stop.p_box), np.ascontiguousarray(stop.uv_px)
+        count, rvecs, tvecs, errors = cv2.solvePnPGeneric(p_box, uv_px, K, dist, flags=method)
+        if not count:
+            raise CalibError(
+                "no camera pose explains a stop's landmarks", remedy="are they the corners of this target?"
+            )
+        best = int(np.argmin(errors))
+        at[0], at[1] = np.ravel(rvecs[best]), np.ravel(tvecs[best])
+    return exp_se3(found.reshape(-1, 6))
 
 
 def minimise_reprojection(
-    camera: CameraModel, poses: Array, stops: list[StopObservation]
+    camera: CameraModel, poses: Array, stops: Sequence[StopObservation]
 ) -> tuple[CameraModel, Array, float]:
     """Return the intrinsics, poses (P, 4, 4) and sum of squares (px^2) of the least squares reprojection fit.
 
     Levenberg-Marquardt with the poses eliminated (Schur complement), so that the cost is linear in the stops.
     """
-    lam = 1e-4
+    lam = _FIRST_DAMPING
     views = _Views.of(stops)
     system = _linearise(camera, poses, views)
     for _ in range(_ITERATIONS):
         d_camera, d_poses = _damped_step(system, lam)
+        promised = float(d_camera @ system.a + np.sum(d_poses * system.c))
         trial_camera = CameraModel.from_values(camera.kind, camera.values + d_camera)
         trial_poses = move_left(poses, d_poses)
+        if promised < _LAST * system.cost:
+            return trial_camera, trial_poses, system.cost - promised
         trial = _linearise(trial_camera, trial_poses, views)
         if trial.cost < system.cost:
-            gain = system.cost - trial.cost
             camera, poses, system, lam = trial_camera, trial_poses, trial, max(lam / 10, 1e-12)
-            if gain < 1e-9 * system.cost:
-                break
         else:
             lam *= 10
             if lam > 1e6:

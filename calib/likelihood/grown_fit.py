@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from boxcal.calib.errors import CalibError
-from boxcal.calib.four_steps.step1_camera import MIN_LANDMARKS, locate
+from boxcal.calib.four_steps.step1_camera import MIN_LANDMARKS, located
 from boxcal.calib.geometry.so3_se3 import inverse
 from boxcal.calib.likelihood.corner_floor import with_floor
 from boxcal.calib.likelihood.estimator import step_of
@@ -54,7 +54,7 @@ def grown_fit(known: Fit, drive: Correspondences) -> Fit:
     options = replace(known.options, lens=known.problem.lens)
     problem = build_problem([drive], [(*old.tolist(), *fresh)], options, step_of([drive], options))
     problem = with_floor(problem, known.problem.floor_px)
-    poses = np.array([locate(camera, drive.stops[j]) for j in fresh]).reshape(-1, 4, 4)
+    poses = located(camera, [drive.stops[j] for j in fresh]) if fresh else np.zeros((0, 4, 4))
     state = _longer(known, poses)
     weights = _weights(known, problem)
     try:

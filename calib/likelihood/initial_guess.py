@@ -13,7 +13,7 @@ import numpy as np
 
 from boxcal.calib.errors import CalibError
 from boxcal.calib.four_steps.procedure import FourSteps
-from boxcal.calib.four_steps.step1_camera import MIN_LANDMARKS, calibrate_camera, locate
+from boxcal.calib.four_steps.step1_camera import MIN_LANDMARKS, calibrate_camera, located
 from boxcal.calib.four_steps.step2_heading import MAX_CONDITION, solve_heading
 from boxcal.calib.four_steps.step4_mounting import solve_mounting, upright_translations
 from boxcal.calib.geometry.diff_drive import Legs, legs_between, pair_displacements, unit_path
@@ -91,7 +91,7 @@ def camera_start(drives: Sequence[Correspondences], start: Sequence[FourSteps] |
                     f"drive {k + 1} ({drive.robot}): no stop shows {MIN_LANDMARKS} landmarks; leave it out"
                 )
             kept.append(stops)
-            poses.append(np.array([locate(cameras[0].camera, drive.stops[j]) for j in stops]))
+            poses.append(located(cameras[0].camera, [drive.stops[j] for j in stops]))
     return CameraStart(camera=cameras[0].camera, kept=tuple(kept), T_cam_box=np.concatenate(poses))
 
 
