@@ -12,7 +12,7 @@ import numpy as np
 
 from boxcal.calib.likelihood.camera_score import CameraScore
 from boxcal.calib.likelihood.fit import Fit, log_noise
-from boxcal.calib.likelihood.levenberg_marquardt import linearize
+from boxcal.calib.likelihood.levenberg_marquardt import linearize, moved
 from boxcal.calib.likelihood.problem import Problem, with_kind
 from boxcal.calib.likelihood.slip_profile import fixed_profile
 from boxcal.calib.likelihood.state import State
@@ -99,6 +99,18 @@ def with_camera(problem: Problem, state: State, kind: CameraKind) -> State:
     old = dict(zip(further_names(problem.lens), state.lens[5:], strict=True))
     further = [old.get(name, 0.0) for name in further_names(kind)]
     return replace(state, lens=np.concatenate([state.lens[:5], further]))
+
+
+def without_further(fit: Fit) -> State:
+    """Return where the other unknowns go if the further coefficients of a solution's camera model are held at zero.
+
+    To first order: nothing is linearized again, and a solution with fewer coefficients begins near its end.
+    """
+    rows, s = fit.problem.extras, fit.profile.solution.at(fit.profile.best)
+    d_shared = -s.cov[:, rows] @ np.linalg.solve(s.cov[rows, rows], fit.state.lens[5:])
+    d_stops = -s.Y @ d_shared
+    d_local = -(s.eliminated.by_shared @ d_shared) - np.einsum("pqk,pk->pq", s.eliminated.by_chain, d_stops)
+    return moved(fit.problem, fit.state, fit.components, (d_shared, d_stops, d_local))
 
 
 def _wald(fit: Fit) -> float:

@@ -3,30 +3,30 @@
 import numpy as np
 
 from boxcal.calib.likelihood.problem import Problem
-from boxcal.target.arrays import Array
+from boxcal.target.arrays import Array, Ids
 
 
 def corner_rows(  # noqa: PLR0917 - arrays in, arrays out
-    problem: Problem, error_px: Array, by_lens: Array, by_point: Array, p_cam: Array, R_box_cam: Array, by_direct: Array
+    problem: Problem, error_px: Array, by_lens: Array, by_point: Array, p_cam: Array, group: Ids, R_face_cam: Array
 ) -> tuple[Array, Array]:
     """Return whitened residuals (L, 2) and the derivatives of the whitened predictions (L, 2, k + 7 + d).
 
     Parameters
     ----------
     problem
-        Covariances of the corners, their stops, and how they move as the tags' black grows.
+        Covariances of the corners, and how they move as the tags' black grows and by the target's direct unknowns.
     error_px : (L, 2), px
         Seen less predicted.
     by_lens, by_point : (L, 2, k), (L, 2, 3)
         Derivatives of pixels by the camera model and by the point.
     p_cam : (L, 3), m
         Points in frame ``cam``.
-    R_box_cam : (P, 3, 3)
-        How the camera is turned at each stop.
-    by_direct : (L, 3, d)
-        Derivatives of points in frame ``box`` by the target's direct unknowns.
+    group : (L,)
+        Group of each corner: those of one stop on one face.
+    R_face_cam : (G, 3, 3)
+        How the camera is turned against the face of each group.
     """
-    whiten, stop = problem.whiten, problem.corner_stop
+    whiten, by_direct = problem.whiten, problem.target.by_direct
     whitened = whiten @ by_point
     k, d = by_lens.shape[2], by_direct.shape[2]
     J = np.empty((len(error_px), 2, k + 7 + d))
@@ -40,5 +40,5 @@ def corner_rows(  # noqa: PLR0917 - arrays in, arrays out
     J[:, :, k + 3 : k + 6] = -whitened
     J[:, :, k + 6] = (whiten @ problem.outward_px[:, :, None])[:, :, 0]
     if d:
-        J[:, :, k + 7 :] = whitened @ (np.swapaxes(R_box_cam[stop], 1, 2) @ by_direct)
+        J[:, :, k + 7 :] = whitened @ (np.swapaxes(R_face_cam[group], 1, 2) @ by_direct)
     return (whiten @ error_px[:, :, None])[:, :, 0], J

@@ -7,7 +7,7 @@ import numpy as np
 
 from boxcal.calib.errors import CalibError
 from boxcal.calib.four_steps.procedure import FourSteps
-from boxcal.calib.likelihood.camera_selection import choose_camera, with_camera
+from boxcal.calib.likelihood.camera_selection import choose_camera, with_camera, without_further
 from boxcal.calib.likelihood.estimate import Estimate
 from boxcal.calib.likelihood.fit import Fit, log_noise
 from boxcal.calib.likelihood.initial_guess import CameraStart, camera_start, first_states
@@ -95,7 +95,8 @@ def fit(
         told = replace(options, lens=kind)
         if known is None:
             return fit_cameras(drives, cameras, told, step)
-        problem, state = with_kind(known.problem, kind), with_camera(known.problem, known.state, kind)
+        state = without_further(known) if kind is CameraKind.RADIAL else known.state
+        problem, state = with_kind(known.problem, kind), with_camera(known.problem, state, kind)
         return solve_likelihood(problem, state, replace(known.options, lens=kind), known)
 
     try:

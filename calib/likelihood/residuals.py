@@ -63,7 +63,7 @@ def corner_residuals(problem: Problem, state: State, columns: Columns) -> Corner
         Of the explanations that are part of the model, there.
     """
     target, stop = problem.target, problem.corner_stop
-    p_box, by_direct = target.landmarks(state.shape)
+    p_box, R_box_face = target.landmarks(state.shape)
     motions = camera_motions(problem, state)
     R, t = motions.R_box_cam, motions.p_box_cam
     lens = np.broadcast_to(state.lens, (len(R), len(state.lens)))
@@ -79,8 +79,9 @@ def corner_residuals(problem: Problem, state: State, columns: Columns) -> Corner
         p_cam[:, 2] = np.maximum(p_cam[:, 2], 1e-6)
     uv, by_lens, by_point = _projected(problem, lens, p_cam)
     uv = uv + problem.outward_px * (state.common_growth + state.growth)[stop, None]
-    residual, J = backend().corner_rows(problem, problem.uv_px - uv, by_lens, by_point, p_cam, R, by_direct)
     group, group_stop, group_face = _groups(stop, target.face)
+    R_face_cam = np.swapaxes(R_box_face[group_face], 1, 2) @ R[group_stop]
+    residual, J = backend().corner_rows(problem, problem.uv_px - uv, by_lens, by_point, p_cam, group, R_face_cam)
     J_shared, J_pose, J_local = _maps(problem, state, (motions, R, t), columns, (group_stop, group_face))
     return Corners(
         residual=residual,

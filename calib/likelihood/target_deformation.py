@@ -6,7 +6,7 @@ face in one picture move with the camera's six degrees of freedom, so a face's p
 """
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -58,6 +58,8 @@ class TargetDeformation:
         Poses of the faces as described.
     refined
         What is known of the shape before, where a fleet refined it: the unknowns are departures from it.
+    by_direct : (L, 3, direct)
+        Derivatives of the landmarks, in the frame of their face, by the direct unknowns.
     """
 
     names: tuple[str, ...]
@@ -71,6 +73,15 @@ class TargetDeformation:
     sagitta: Array
     T_box_face: Array
     refined: RefinedShape | None = None
+    by_direct: Array = field(init=False)
+
+    def __post_init__(self) -> None:
+        """Set what follows from the rest."""
+        d = np.zeros((len(self.p_face), 3, self.direct))
+        if self.direct:
+            d[:, 0, 0], d[:, 1, 1] = self.p_face[:, 0], self.p_face[:, 1]
+            d[:, :2, 2], d[:, 2, 3] = self.outward, self.sagitta
+        object.__setattr__(self, "by_direct", d)
 
     @property
     def direct(self) -> int:
@@ -109,14 +120,15 @@ class TargetDeformation:
         return R, t, J
 
     def landmarks(self, values: Array) -> tuple[Array, Array]:
-        """Return the landmarks (L, 3), m, in frame ``box``, and their derivatives (L, 3, 4) by the direct unknowns.
+        """Return the landmarks (L, 3), m, in frame ``box``, and the rotations of their faces (FACES, 3, 3).
 
-        A landmark p of its face becomes ``T_box_face exp(w, t) (p + scale * p + ink * outward + bow * sagitta)``.
+        A landmark p of its face becomes ``T_box_face exp(w, t) (p + scale * p + ink * outward + bow * sagitta)``; how
+        it moves with the direct unknowns, in the frame of its face, is ``by_direct``.
         """
         p = self.p_face.copy()
         T = self.T_box_face
         if not (self.names or self.refined):
-            return _moved(T[:, :3, :3], T[:, :3, 3], self.face, p), np.zeros((len(p), 3, 0))
+            return _moved(T[:, :3, :3], T[:, :3, 3], self.face, p), T[:, :3, :3]
         p[:, 0] *= 1 + self.shape(values, "scale_x")
         p[:, 1] *= 1 + self.shape(values, "scale_y")
         p[:, :2] += self.value(values, "ink") * self.outward
@@ -125,17 +137,7 @@ class TargetDeformation:
         R_m, t_m, _ = self.motions(values)
         R = T[:, :3, :3] @ R_m
         t = np.einsum("fij,fj->fi", T[:, :3, :3], t_m) + T[:, :3, 3]
-        return _moved(R, t, self.face, p), self._by_direct(R[self.face])
-
-    def _by_direct(self, R: Array) -> Array:
-        """Return the derivatives (L, 3, direct) of landmarks whose faces are turned by R (L, 3, 3)."""
-        d = np.empty((len(R), 3, self.direct))
-        if self.direct:
-            x, y, z = np.moveaxis(R, 2, 0)
-            d[:, :, 0], d[:, :, 1] = self.p_face[:, :1] * x, self.p_face[:, 1:2] * y
-            d[:, :, 2] = self.outward[:, :1] * x + self.outward[:, 1:] * y
-            d[:, :, 3] = self.sagitta[:, None] * z
-        return d
+        return _moved(R, t, self.face, p), R
 
 
 def _moved(R: Array, t: Array, face: Ids, p: Array) -> Array:

@@ -50,9 +50,12 @@ def test_compiled_rows_of_corners_are_the_reference(direct):
     rng = np.random.default_rng(1)
     drive = simulate_drive(khepera(), make_target(), DriveOptions(stops=3), rng)
     data = exact_correspondences(khepera(), make_target(), drive, 0.2, rng)
-    problem = build_problem([data], [(0, 1, 2)], EstimateOptions(), 0.0)
+    options = EstimateOptions(target=make_target() if direct else None)
+    problem = build_problem([data], [(0, 1, 2)], options, 0.0)
+    assert problem.target.direct == direct
     L = len(problem.uv_px)
-    parts = [rng.normal(size=shape) for shape in ((L, 2), (L, 2, 5), (L, 2, 3), (L, 3), (3, 3, 3), (L, 3, direct))]
+    parts = [rng.normal(size=shape) for shape in ((L, 2), (L, 2, 5), (L, 2, 3), (L, 3))]
+    parts += [rng.integers(0, 4, L), rng.normal(size=(4, 3, 3))]
     for ours, reference in zip(
         COMPILED.corner_rows(problem, *parts), REFERENCE.corner_rows(problem, *parts), strict=True
     ):

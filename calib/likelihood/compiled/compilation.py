@@ -68,7 +68,9 @@ def compile_all() -> None:
     one, pair = np.ones((1, 2)), np.ones((1, 2, 2))
     derivatives = np.ones((1, 2, 1)), np.ones((1, 2, 3)), np.ones((1, 3, 1))
     poses = np.ones((1, 3)), np.ones((1, 3, 3))
-    corners.fill_rows(np.array([0, 1]), (pair, one, one), derivatives, poses, one.copy(), np.empty((1, 2, 9)))
+    corners.fill_rows(
+        np.zeros(1, dtype=np.int64), (pair, one, one), derivatives, poses, one.copy(), np.empty((1, 2, 9))
+    )
     rows, first = (np.ones((1, 2, 3)), one, np.ones(1)), np.zeros(1, dtype=np.int64)
     compute.corner_sums(rows, first, first, 1, np.ones((1, 3, 4)), np.ones((1, 3, 2)))
 

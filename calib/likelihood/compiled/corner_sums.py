@@ -35,15 +35,13 @@ def fill_sums(rows: Any, group: Any, sums: Any) -> None:
         w, out = weight[n], sums[group[n]]
         if w == 0.0:
             continue
-        for r in range(2):
-            row, e = jacobian[n, r], residual[n, r]
-            for i in range(m):
-                value = w * row[i]
-                if value != 0.0:
-                    for j in range(i + 1):
-                        out[i, j] += value * row[j]
-                    out[m, i] += value * e
-            out[m, m] += w * e * e
+        u, v, e, f = jacobian[n, 0], jacobian[n, 1], residual[n, 0], residual[n, 1]
+        for i in range(m):
+            a, b = w * u[i], w * v[i]
+            for j in range(i + 1):
+                out[i, j] += a * u[j] + b * v[j]
+            out[m, i] += a * e + b * f
+        out[m, m] += w * (e * e + f * f)
     for k in range(len(sums)):
         for i in range(m):
             for j in range(i):
