@@ -1,6 +1,5 @@
 """The contract between seeing and calibrating: what each stop saw, and what the wheels did between stops."""
 
-import io
 import json
 import zipfile
 from dataclasses import asdict, dataclass, field, replace
@@ -22,6 +21,7 @@ from boxcal.target.arrays import Array, Ids
 from boxcal.target.errors import one_line
 from boxcal.target.files.atomic_write import write_atomically
 from boxcal.target.files.json_document import parse_json
+from boxcal.target.files.npz import npz_bytes
 
 SCHEMA = 1
 MAX_FILE_BYTES = 1 << 30
@@ -196,9 +196,7 @@ class Correspondences:
             arrays.update({f"stop{j}_{name}": getattr(stop, name) for name in _STOP_ARRAYS})
         for j, frame in enumerate(self.moving):
             arrays.update({f"moving{j}_{name}": getattr(frame, name) for name in _FRAME_ARRAYS})
-        buffer = io.BytesIO()
-        np.savez_compressed(buffer, **arrays)
-        write_atomically(Path(path), buffer.getvalue())
+        write_atomically(Path(path), npz_bytes(arrays))
 
 
 def load_correspondences(path: str | Path) -> Correspondences:

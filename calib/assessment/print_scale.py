@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from boxcal.calib.four_steps.reprojection import left_pose_jacobian
+from boxcal.calib.geometry.two_by_two import inverse_roots
 from boxcal.calib.results.calibration import Calibration
 from boxcal.calib.results.stop_residuals import SeenStop
 from boxcal.target.arrays import Array
@@ -65,7 +66,7 @@ def find_print_scale(calibration: Calibration, seen: Sequence[SeenStop], target:
         cov_px2 = stop.view.cov_px2[rows]
         if calibration.detail is not None:
             cov_px2 = calibration.detail.corner_cov_px2(cov_px2)
-        whiten = np.linalg.inv(np.linalg.cholesky(cov_px2))
+        whiten = inverse_roots(cov_px2)
         shared = (whiten @ np.concatenate([by_lens, by_point @ by_scale], axis=2)).reshape(-1, n)
         own = (whiten @ by_point @ left_pose_jacobian(p_cam)).reshape(-1, 6)
         r = (whiten @ stop.error_px[rows][:, :, None]).ravel()

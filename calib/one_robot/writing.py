@@ -16,7 +16,7 @@ from boxcal.calib.one_robot.stale_files import stale_files
 from boxcal.calib.report.robot import FLEET_PAGE, robot_report
 from boxcal.calib.results.calibration import Calibration
 from boxcal.calib.results.json_format import CALIBRATION, calibration_bytes
-from boxcal.calib.results.stop_residuals import stops_seen
+from boxcal.calib.results.stop_residuals import SeenStop, stops_seen
 from boxcal.calib.settings import CORRESPONDENCES, Job
 from boxcal.detect.correspondences import Correspondences
 from boxcal.detect.log.remote.store import put_folder
@@ -66,11 +66,11 @@ def _write_folder(  # noqa: PLR0917 - a result and where it goes
     settings = job.settings
     files = dict(exports(result, nominal_of(settings, drives[0]), names_for(settings, drives[0].source)))
     if settings.report:
-        files["report.html"] = robot_report(
-            result, drives, job.target, photographs=_photographs(job, result, drives, photos), fleet=fleet
-        )
+        seen = stops_seen(result, drives, job.target)
+        pictures = _photographs(job, seen, drives, photos)
+        files["report.html"] = robot_report(result, drives, job.target, photographs=pictures, fleet=fleet, seen=seen)
     if settings.draw:
-        pictures = draw_stops(
+        drawn = draw_stops(
             job.logs,
             job.target,
             topics=settings.topics,
@@ -78,7 +78,7 @@ def _write_folder(  # noqa: PLR0917 - a result and where it goes
             calibration=result,
             drives=drives,
         )
-        files |= {f"stops/{name}": content for name, content in pictures}
+        files |= {f"stops/{name}": content for name, content in drawn}
     for k, drive in enumerate(drives):
         number = f"-{k + 1}" if len(drives) > 1 else ""
         drive.save(folder / f"correspondences{number}{CORRESPONDENCES}")
@@ -96,9 +96,8 @@ def put_files(folder: Path, files: Mapping[str, bytes], cameras: Sequence[str] =
 
 
 def _photographs(
-    job: Job, result: Calibration, drives: Sequence[Correspondences], photos: Sequence[Mapping[int, bytes]]
+    job: Job, seen: Sequence[SeenStop], drives: Sequence[Correspondences], photos: Sequence[Mapping[int, bytes]]
 ) -> dict[str, bytes]:
     """Return small photographs of a robot's stops, by their labels."""
     settings = job.settings
-    seen = stops_seen(result, drives, job.target)
     return photographs(job.logs, seen, drives, topics=settings.topics, units=settings.wheel_units, kept=photos)

@@ -27,7 +27,7 @@ from boxcal.calib.report.tables import (
     stop_row,
 )
 from boxcal.calib.results.calibration import Calibration
-from boxcal.calib.results.stop_residuals import stops_seen
+from boxcal.calib.results.stop_residuals import SeenStop, stops_seen
 from boxcal.calib.results.trajectory import driven_legs
 from boxcal.calib.results.verdict import Reason, Verdict
 from boxcal.detect.correspondences import Correspondences
@@ -48,6 +48,7 @@ def robot_report(
     *,
     photographs: Mapping[str, bytes] | None = None,
     fleet: str = "",
+    seen: tuple[SeenStop, ...] | None = None,
 ) -> bytes:
     """Return the report of one robot: one HTML file that needs nothing else.
 
@@ -63,6 +64,8 @@ def robot_report(
         A JPEG by the label of its stop; stops without one are not shown.
     fleet
         Relative address of the fleet's page, empty without one.
+    seen
+        The stops that the calibration used, where they are known already.
 
     Raises
     ------
@@ -70,7 +73,7 @@ def robot_report(
         If the extra ``report`` is not installed.
     """
     drives, photos = _all(drives), photographs or {}
-    seen = stops_seen(calibration, drives, target)
+    seen = stops_seen(calibration, drives, target) if seen is None else seen
     legs = driven_legs(calibration, drives, seen)
     detail = calibration.detail
     projection = projection_data(calibration)
