@@ -1,5 +1,7 @@
 """The joint solution by blocks is that of one large solve of all robots' unknowns together."""
 
+from dataclasses import replace
+
 import numpy as np
 from robots import TARGET, Fleet, fleet, hand_made_box
 
@@ -49,9 +51,7 @@ class _Robot:
         prior, information = problem.prior.copy(), problem.information.copy()
         prior[self.shape], information[self.shape], information[:, self.shape] = np.inf, 0.0, 0.0
         component = tuple("" if k in self.shape else name for k, name in enumerate(problem.component))
-        object.__setattr__(problem, "prior", prior)
-        object.__setattr__(problem, "component", component)
-        object.__setattr__(problem, "information", information)
+        problem = replace(problem, prior=prior, component=component, information=information)
         self.problem, self.own, self.state = problem, own, own.state
         self.rest = np.setdiff1d(np.arange(len(problem.names)), self.shape)
 
