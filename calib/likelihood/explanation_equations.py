@@ -181,9 +181,10 @@ def _with_legs(
 
 def _swept(normal: Normal, with_stop: Array) -> tuple[Array, Array]:
     """Return the stops' blocks by all unknowns and their right-hand sides, (K, 5 P, n + M + 1), and half solved for."""
-    right = np.concatenate(
-        [np.swapaxes(part, -1, -2) for part in (normal.B, with_stop)] + [normal.c[..., None]], axis=-1
-    )
+    n, M = normal.A.shape[-1], with_stop.shape[-2]
+    right = np.empty((*normal.c.shape, n + M + 1))  # contiguous, as compiled code was made for
+    right[..., :n], right[..., n:-1] = np.swapaxes(normal.B, -1, -2), np.swapaxes(with_stop, -1, -2)
+    right[..., -1] = normal.c
     _, _, back = backend().eliminate_stops(normal.D, normal.E, right)
     K, columns = len(right), right.shape[-1]
     return right.reshape(K, -1, columns), back.reshape(K, -1, columns)
