@@ -16,17 +16,12 @@ from boxcal.calib.four_steps.procedure import FourSteps
 from boxcal.calib.geometry.parameters import CAMERA, MOUNTING, WHEELS
 from boxcal.calib.geometry.so3_se3 import exp_so3, log_so3, right_jacobian, rigid
 from boxcal.calib.likelihood import EstimateOptions
+from boxcal.calib.likelihood.corner_residuals import Corners, corner_residuals
 from boxcal.calib.likelihood.estimator import fit, step_of
 from boxcal.calib.likelihood.explanation import Columns
 from boxcal.calib.likelihood.initial_guess import camera_start, first_states
+from boxcal.calib.likelihood.leg_residuals import LegResiduals, leg_covariance, leg_residuals
 from boxcal.calib.likelihood.problem import PER_STOP, Problem, build_problem
-from boxcal.calib.likelihood.residuals import (
-    Corners,
-    LegResiduals,
-    corner_residuals,
-    leg_covariance,
-    leg_residuals,
-)
 from boxcal.calib.likelihood.state import POSE, READINGS, State
 from boxcal.detect.correspondences import Correspondences
 from boxcal.target.arrays import Array

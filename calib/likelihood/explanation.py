@@ -73,3 +73,8 @@ def stacked(explanations: Sequence[Explanation], problem: "Problem", state: "Sta
             blocks = [np.zeros((*shape, k)) if g is None else g for (k, _), g in zip(parts, given, strict=True)]
             out[field] = np.concatenate(blocks, axis=2)
     return Columns(**out)
+
+
+def explained_columns(problem: "Problem", state: "State") -> Columns:
+    """Return the columns of the explanations that are part of the model."""
+    return stacked(problem.explanations, problem, state) if problem.explanations else Columns()

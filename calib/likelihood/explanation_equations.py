@@ -12,21 +12,15 @@ import numpy as np
 from boxcal.calib.geometry.parameters import WHEELS
 from boxcal.calib.likelihood.backend import backend
 from boxcal.calib.likelihood.components import VarianceComponents
+from boxcal.calib.likelihood.corner_residuals import explained_motions
 from boxcal.calib.likelihood.corner_sums import by_stop
 from boxcal.calib.likelihood.explanation import Explanation, stacked
 from boxcal.calib.likelihood.fit import Fit
+from boxcal.calib.likelihood.leg_residuals import FIRST_STOP, SECOND_STOP, LegResiduals, leg_columns, leg_equations
 from boxcal.calib.likelihood.levenberg_marquardt import leg_information, picture_equations
 from boxcal.calib.likelihood.normal_equations import Normal, eliminate
 from boxcal.calib.likelihood.picture_blocks import group_blocks
 from boxcal.calib.likelihood.problem import PER_STOP, Problem
-from boxcal.calib.likelihood.residuals import (
-    FIRST_STOP,
-    SECOND_STOP,
-    LegResiduals,
-    explained_motions,
-    leg_columns,
-    leg_equations,
-)
 from boxcal.calib.likelihood.state import State
 from boxcal.target.arrays import Array, Ids
 

@@ -19,9 +19,9 @@ from boxcal.calib.four_steps.step4_mounting import solve_mounting, upright_trans
 from boxcal.calib.geometry.diff_drive import Legs, legs_between, pair_displacements, unit_path
 from boxcal.calib.geometry.so3_se3 import inverse, rigid, rot_y, rot_z, wrap
 from boxcal.calib.likelihood.explanation import Columns
+from boxcal.calib.likelihood.leg_residuals import leg_covariance, leg_residuals
 from boxcal.calib.likelihood.outliers import most_rejected
 from boxcal.calib.likelihood.problem import Problem
-from boxcal.calib.likelihood.residuals import leg_covariance, leg_residuals
 from boxcal.calib.likelihood.state import State, resting
 from boxcal.detect.correspondences import Correspondences
 from boxcal.target.arrays import Array, Ids

@@ -6,20 +6,12 @@ import numpy as np
 
 from boxcal.calib.geometry.two_by_two import inverses, products
 from boxcal.calib.likelihood.components import VarianceComponents
-from boxcal.calib.likelihood.explanation import Columns
+from boxcal.calib.likelihood.corner_residuals import Corners, corner_equations, corner_residuals
+from boxcal.calib.likelihood.explanation import Columns, explained_columns
+from boxcal.calib.likelihood.leg_residuals import LegResiduals, leg_covariance, leg_equations, leg_residuals
 from boxcal.calib.likelihood.normal_equations import Local, Normal, solve
+from boxcal.calib.likelihood.priors import add_priors
 from boxcal.calib.likelihood.problem import Problem
-from boxcal.calib.likelihood.residuals import (
-    Corners,
-    LegResiduals,
-    add_priors,
-    corner_equations,
-    corner_residuals,
-    explained_columns,
-    leg_covariance,
-    leg_equations,
-    leg_residuals,
-)
 from boxcal.calib.likelihood.state import State, retract
 from boxcal.target.arrays import Array
 

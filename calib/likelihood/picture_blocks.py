@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from boxcal.calib.likelihood.corner_residuals import Corners
 from boxcal.calib.likelihood.corner_sums import groups_of
-from boxcal.calib.likelihood.residuals import Corners
 from boxcal.target.arrays import Array
 
 

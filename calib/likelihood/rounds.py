@@ -13,6 +13,7 @@ from boxcal.calib.likelihood.corner_floor import corner_floor, differs, with_flo
 from boxcal.calib.likelihood.explanation import Explanation
 from boxcal.calib.likelihood.explanation_equations import extended
 from boxcal.calib.likelihood.fit import Fit, Known
+from boxcal.calib.likelihood.leg_residuals import leg_equations
 from boxcal.calib.likelihood.leg_spread import spread_of, spread_weights
 from boxcal.calib.likelihood.levenberg_marquardt import (
     Linearization,
@@ -36,7 +37,6 @@ from boxcal.calib.likelihood.outliers import (
     robust_scale,
 )
 from boxcal.calib.likelihood.problem import Problem
-from boxcal.calib.likelihood.residuals import leg_equations
 from boxcal.calib.likelihood.slip_profile import SlipProfile, fixed_profile, quiet_slip, slip_profile
 from boxcal.calib.likelihood.state import State
 from boxcal.calib.likelihood.systematic_errors import systematic_covariance

@@ -14,6 +14,7 @@ import numpy as np
 
 from boxcal.calib.likelihood.components import VarianceComponents
 from boxcal.calib.likelihood.information_inverse import determinant
+from boxcal.calib.likelihood.leg_residuals import LegResiduals, leg_covariance, leg_equations
 from boxcal.calib.likelihood.levenberg_marquardt import Linearization, Weights, picture_equations
 from boxcal.calib.likelihood.normal_equations import (
     Eliminated,
@@ -26,7 +27,6 @@ from boxcal.calib.likelihood.normal_equations import (
     solve_shared,
 )
 from boxcal.calib.likelihood.problem import Problem
-from boxcal.calib.likelihood.residuals import LegResiduals, leg_covariance, leg_equations
 from boxcal.target.arrays import Array
 
 LARGEST_SLIP = 0.3

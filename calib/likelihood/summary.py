@@ -12,10 +12,11 @@ from boxcal.calib.likelihood.fit import Fit, log_noise
 from boxcal.calib.likelihood.jackknife import jackknife
 from boxcal.calib.likelihood.leave_one_out import Jackknife
 from boxcal.calib.likelihood.leg_outliers import flagged_legs
+from boxcal.calib.likelihood.leg_residuals import leg_covariance
 from boxcal.calib.likelihood.observability import open_directions
 from boxcal.calib.likelihood.options import EstimateOptions
+from boxcal.calib.likelihood.priors import shared_values
 from boxcal.calib.likelihood.problem import Problem
-from boxcal.calib.likelihood.residuals import leg_covariance, shared_values
 from boxcal.calib.likelihood.state import State, camera_motions
 from boxcal.calib.likelihood.target_deformation import HAND_MADE
 from boxcal.detect.correspondences import Correspondences

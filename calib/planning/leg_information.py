@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 
 from boxcal.calib.likelihood.explanation import Columns
+from boxcal.calib.likelihood.leg_residuals import leg_covariance, leg_residuals
 from boxcal.calib.likelihood.problem import Problem
-from boxcal.calib.likelihood.residuals import leg_covariance, leg_residuals
 from boxcal.calib.likelihood.state import State
 from boxcal.calib.likelihood.wheel_path import WheelPath
 from boxcal.calib.planning.assumptions import Model

@@ -5,9 +5,10 @@ from dataclasses import replace
 import numpy as np
 
 from boxcal.calib.geometry.so3_se3 import inverse
+from boxcal.calib.likelihood.corner_residuals import corner_residuals
 from boxcal.calib.likelihood.corner_sums import groups_of
+from boxcal.calib.likelihood.explanation import explained_columns
 from boxcal.calib.likelihood.problem import LOCAL, Problem, build_problem
-from boxcal.calib.likelihood.residuals import corner_residuals, explained_columns
 from boxcal.calib.likelihood.state import State, resting
 from boxcal.calib.planning.assumptions import Model
 from boxcal.calib.planning.views import camera_poses

@@ -13,11 +13,11 @@ from boxcal.calib.likelihood.corner_floor import with_floor
 from boxcal.calib.likelihood.estimate import Estimate
 from boxcal.calib.likelihood.estimator import estimate, unsolvable
 from boxcal.calib.likelihood.fit import Fit
+from boxcal.calib.likelihood.leg_residuals import FIRST_STOP, leg_covariance
 from boxcal.calib.likelihood.levenberg_marquardt import Weights, linearize, picture_equations
 from boxcal.calib.likelihood.normal_equations import eliminate
 from boxcal.calib.likelihood.options import EstimateOptions
 from boxcal.calib.likelihood.problem import build_problem
-from boxcal.calib.likelihood.residuals import FIRST_STOP, leg_covariance
 from boxcal.calib.likelihood.state import POSE
 from boxcal.calib.uncertainty.part_of_drives import fit_part
 from boxcal.detect.correspondences import Correspondences

@@ -19,6 +19,7 @@ from boxcal.calib.likelihood.estimator import fit
 from boxcal.calib.likelihood.explanation_equations import explanation_equations, extended, new_columns
 from boxcal.calib.likelihood.fit import Fit
 from boxcal.calib.likelihood.information_inverse import determinant, invert
+from boxcal.calib.likelihood.leg_residuals import leg_equations
 from boxcal.calib.likelihood.levenberg_marquardt import (
     Weights,
     leg_information,
@@ -30,7 +31,6 @@ from boxcal.calib.likelihood.levenberg_marquardt import (
 from boxcal.calib.likelihood.log_sum import log_sum
 from boxcal.calib.likelihood.normal_equations import eliminate, eliminate_chain
 from boxcal.calib.likelihood.problem import with_kind
-from boxcal.calib.likelihood.residuals import leg_equations
 from boxcal.calib.simulate.drive import DriveOptions, exact_correspondences, simulate_drive
 from boxcal.calib.simulate.robot import khepera
 from boxcal.detect.correspondences import Correspondences

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from boxcal.calib.geometry.so3_se3 import exp_se3, exp_so3, log_so3, right_jacobian
-from boxcal.calib.likelihood.explanation import Columns
+from boxcal.calib.likelihood.corner_residuals import corner_residuals
+from boxcal.calib.likelihood.explanation import Columns, explained_columns
+from boxcal.calib.likelihood.leg_residuals import leg_residuals
 from boxcal.calib.likelihood.options import EstimateOptions
 from boxcal.calib.likelihood.problem import LOCAL, PER_STOP, Problem, build_problem
-from boxcal.calib.likelihood.residuals import corner_residuals, explained_columns, leg_residuals
 from boxcal.calib.likelihood.state import State, retract
 from boxcal.calib.simulate.drive import DriveOptions, exact_correspondences, simulate_drive
 from boxcal.calib.simulate.robot import khepera

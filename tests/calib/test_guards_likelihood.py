@@ -13,8 +13,8 @@ from boxcal.calib.likelihood import EstimateOptions, estimate
 from boxcal.calib.likelihood.estimator import fit
 from boxcal.calib.likelihood.initial_guess import camera_start, first_states
 from boxcal.calib.likelihood.leg_model import leg_model
+from boxcal.calib.likelihood.leg_residuals import leg_covariance
 from boxcal.calib.likelihood.problem import build_problem
-from boxcal.calib.likelihood.residuals import leg_covariance
 from boxcal.calib.likelihood.slip_profile import _SPREAD, _SPREAD_WEIGHT
 from boxcal.calib.likelihood.wheel_path import wheel_path
 from boxcal.calib.results.build import closed_form, refined

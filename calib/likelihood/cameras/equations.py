@@ -8,12 +8,13 @@ import numpy as np
 from boxcal.calib.likelihood.cameras.problem import BODY, Part, Together
 from boxcal.calib.likelihood.cameras.state import RobotState
 from boxcal.calib.likelihood.components import VarianceComponents
+from boxcal.calib.likelihood.corner_residuals import Corners, corner_equations, corner_residuals
 from boxcal.calib.likelihood.explanation import Columns, stacked
+from boxcal.calib.likelihood.leg_residuals import leg_residuals
 from boxcal.calib.likelihood.levenberg_marquardt import Linearization
 from boxcal.calib.likelihood.moving.rolling import with_rolling
 from boxcal.calib.likelihood.normal_equations import Local, Normal
 from boxcal.calib.likelihood.problem import Problem
-from boxcal.calib.likelihood.residuals import Corners, corner_equations, corner_residuals, leg_residuals
 from boxcal.calib.likelihood.state import State
 from boxcal.target.arrays import Array
 

@@ -13,13 +13,13 @@ from scipy.special import chdtri
 
 from boxcal.calib.geometry.parameters import COUNT, TRANSLATION
 from boxcal.calib.likelihood.fit import Fit
+from boxcal.calib.likelihood.leg_residuals import leg_equations
 from boxcal.calib.likelihood.moving.levels import Settled
 from boxcal.calib.likelihood.moving.solve import sigmas
 from boxcal.calib.likelihood.moving.system import System, system
 from boxcal.calib.likelihood.moving.weave import Woven
 from boxcal.calib.likelihood.normal_equations import Normal, Solution, solve_chain
 from boxcal.calib.likelihood.picture_blocks import picture_blocks
-from boxcal.calib.likelihood.residuals import leg_equations
 from boxcal.target.arrays import Array, Ids
 
 CHANCE = 1e-3

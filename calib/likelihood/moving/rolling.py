@@ -5,10 +5,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from boxcal.calib.geometry.so3_se3 import exp_so3
+from boxcal.calib.likelihood.corner_residuals import Corners
 from boxcal.calib.likelihood.explanation import Columns
 from boxcal.calib.likelihood.moving.course import rates_after, turned
 from boxcal.calib.likelihood.problem import Problem
-from boxcal.calib.likelihood.residuals import Corners
 from boxcal.calib.likelihood.state import CameraMotions, State, camera_motions
 from boxcal.target.arrays import Array, Ids
 from boxcal.target.camera.camera_model import project_with_jacobians

@@ -7,9 +7,11 @@ from itertools import pairwise
 import numpy as np
 
 from boxcal.calib.likelihood.corner_floor import with_floor
-from boxcal.calib.likelihood.explanation import Columns, Explanation
+from boxcal.calib.likelihood.corner_residuals import corner_equations, corner_residuals
+from boxcal.calib.likelihood.explanation import Columns, Explanation, explained_columns
 from boxcal.calib.likelihood.fit import Fit
 from boxcal.calib.likelihood.leg_model import leg_model
+from boxcal.calib.likelihood.leg_residuals import leg_residuals
 from boxcal.calib.likelihood.levenberg_marquardt import Linearization, Weights
 from boxcal.calib.likelihood.moving.clock import CameraClock, Clocks
 from boxcal.calib.likelihood.moving.noise import FrameNoise, local_sigmas
@@ -17,7 +19,6 @@ from boxcal.calib.likelihood.moving.rolling import Readout, with_rolling
 from boxcal.calib.likelihood.moving.system import Levels, solved_at, system
 from boxcal.calib.likelihood.moving.weave import Woven, weave_drives
 from boxcal.calib.likelihood.problem import Problem, build_problem
-from boxcal.calib.likelihood.residuals import corner_equations, corner_residuals, explained_columns, leg_residuals
 from boxcal.calib.likelihood.state import State, retract
 from boxcal.detect.correspondences import Correspondences
 from boxcal.target.arrays import Array, Ids

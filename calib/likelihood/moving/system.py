@@ -5,11 +5,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from boxcal.calib.likelihood.components import VarianceComponents
+from boxcal.calib.likelihood.leg_residuals import leg_covariance, leg_equations
 from boxcal.calib.likelihood.levenberg_marquardt import Linearization, Weights, picture_equations
 from boxcal.calib.likelihood.moving.weave import Woven
 from boxcal.calib.likelihood.normal_equations import Eliminated, Normal, Solution, eliminate, solve_chain
+from boxcal.calib.likelihood.priors import shared_values
 from boxcal.calib.likelihood.problem import Problem
-from boxcal.calib.likelihood.residuals import leg_covariance, leg_equations, shared_values
 from boxcal.calib.likelihood.state import READINGS
 from boxcal.target.arrays import Array
 

@@ -1,25 +1,20 @@
-"""Residuals of corners and legs, with their derivatives, gathered into normal equations."""
+"""Residuals of corners with their derivatives, gathered into normal equations."""
 
 from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 
-from boxcal.calib.geometry.parameters import MOUNTING, WHEELS
-from boxcal.calib.geometry.so3_se3 import exp_so3, hat, right_jacobian, wrap
+from boxcal.calib.geometry.parameters import MOUNTING
+from boxcal.calib.geometry.so3_se3 import exp_so3, hat, right_jacobian
 from boxcal.calib.likelihood.backend import backend
-from boxcal.calib.likelihood.explanation import Columns, stacked
-from boxcal.calib.likelihood.leg_model import LegModel, leg_model
+from boxcal.calib.likelihood.explanation import Columns
 from boxcal.calib.likelihood.normal_equations import Local, Normal
 from boxcal.calib.likelihood.problem import LOCAL, PER_STOP, Problem
-from boxcal.calib.likelihood.state import READINGS, CameraMotions, State, camera_motions
+from boxcal.calib.likelihood.state import CameraMotions, State, camera_motions
 from boxcal.target.arrays import Array, Ids
 from boxcal.target.box import FACES
 from boxcal.target.camera.camera_model import project_with_jacobians
-
-LEG_UNKNOWNS = 3 + 2 * PER_STOP
-"""A leg depends on rR, rL, b and on the unknowns of its two stops."""
-FIRST_STOP, SECOND_STOP = slice(3, 3 + PER_STOP), slice(3 + PER_STOP, 3 + 2 * PER_STOP)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -207,78 +202,6 @@ def _face_motions(problem: Problem, state: State, camera: tuple[Array, Array], f
     return np.concatenate([-w, -hat(t) @ w - v], axis=1)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class LegResiduals:
-    """Legs at one state.
-
-    Attributes
-    ----------
-    model
-        What the wheels say.
-    residual : (N, 3), m and rad
-        Wheels less poses: ``(dx, dy, dtheta)`` in the body frame of the leg's first stop.
-    jacobian : (N, 3, 13)
-        Of poses less wheels, by (rR, rL, b), the first and the second stop.
-    J_explained : (N, 3, k)
-        The same by the explanations' unknowns.
-    """
-
-    model: LegModel
-    residual: Array
-    jacobian: Array
-    J_explained: Array
-
-
-def leg_residuals(problem: Problem, state: State, columns: Columns) -> LegResiduals:
-    """Return the legs' residuals and derivatives."""
-    i = problem.leg_stop
-    unit = problem.step / np.sqrt(12)
-    errors = unit * state.encoder_errors
-    added = None if columns.travel is None else columns.travel @ state.explained
-    model = leg_model(problem.path, state.wheels, errors[i], errors[i + 1], added)
-    theta = state.poses[i, 2]
-    c, s = np.cos(theta), np.sin(theta)
-    d = state.poses[i + 1] - state.poses[i]
-    qx, qy = c * d[:, 0] + s * d[:, 1], -s * d[:, 0] + c * d[:, 1]
-    r = model.displacement - np.stack([qx, qy, d[:, 2]], axis=1)
-    if columns.legs is not None:
-        r = r + columns.legs @ state.explained
-    r[:, 2] = wrap(r[:, 2])
-    J = np.zeros((len(i), 3, LEG_UNKNOWNS))
-    J[:, :, :3] = -model.d_wheels
-    J[:, 0, 8], J[:, 0, 9], J[:, 1, 8], J[:, 1, 9] = c, s, -s, c
-    J[:, :2, 3:5] = -J[:, :2, 8:10]
-    J[:, 0, 5], J[:, 1, 5], J[:, 2, 5], J[:, 2, 10] = qy, -qx, -1.0, 1.0
-    J[:, :, 6:8], J[:, :, 11:13] = -unit * model.d_start, -unit * model.d_end
-    return LegResiduals(model=model, residual=r, jacobian=J, J_explained=-leg_columns(problem, model, columns))
-
-
-def leg_columns(problem: Problem, model: LegModel, columns: Columns) -> Array:
-    """Return what explanations change of the wheels' displacement on each leg, (N, 3, k)."""
-    k = next((part.shape[2] for part in (columns.travel, columns.legs, columns.corners) if part is not None), 0)
-    out = np.zeros((len(problem.leg_stop), 3, k))
-    if columns.travel is not None and len(out):
-        by_sample = np.einsum("wds,swk->dsk", model.by_travel, columns.travel)
-        out += np.swapaxes(np.add.reduceat(by_sample, problem.path.starts, axis=1), 0, 1)
-    if columns.legs is not None:
-        out += columns.legs
-    return out
-
-
-def leg_covariance(problem: Problem, model: LegModel, slip: Array) -> Array:
-    """Return the legs' covariances, (..., N, 3, 3), for slip (...), m/sqrt(m).
-
-    Readings at the legs' ends are not in it: they are unknowns. What is never known better than ``_NEGLIGIBLE`` (a leg
-    on which nothing turned, say) keeps it invertible.
-    """
-    cov = np.square(slip)[..., None, None, None] * model.slip + problem.step**2 * model.quantisation
-    return np.asarray(cov + _NEGLIGIBLE * np.eye(3))
-
-
-_NEGLIGIBLE = 1e-20
-"""m^2 and rad^2: below what any exact data resolve."""
-
-
 def corner_equations(problem: Problem, corners: Corners, weight: Array) -> tuple[Normal, Local, Array]:
     """Return the corners' normal equations, the local unknowns' and each stop's sum of squares (P,), noise scale 1.
 
@@ -299,69 +222,3 @@ def corner_equations(problem: Problem, corners: Corners, weight: Array) -> tuple
     by_chain[:, :3] = DF[:, :3, 3:]
     local = Local(D=DF[:, 3:, 3:], by_shared=BG[:, :, 3:], by_chain=by_chain, c=cf[:, 3:])
     return Normal(A=A, B=B, D=D, E=np.zeros_like(D), a=a, c=c), local, squares
-
-
-def leg_equations(problem: Problem, legs: LegResiduals, information: Array) -> tuple[Normal, Array]:
-    """Return the legs' normal equations and sums of squares, (...), for information matrices (..., N, 3, 3)."""
-    J, r = legs.jacobian, legs.residual
-    K = legs.J_explained.shape[2]
-    if K:
-        J = np.concatenate([J, legs.J_explained], axis=2)
-    JtN = np.swapaxes(J, 1, 2) @ information
-    H, g = JtN @ J, (JtN @ r[:, :, None])[..., 0]
-    batch, n, P = information.shape[:-3], len(problem.names), len(problem.drive)
-    A, a = np.zeros((*batch, n, n)), np.zeros((*batch, n))
-    B, D = np.zeros((*batch, P, n, PER_STOP)), np.zeros((*batch, P, PER_STOP, PER_STOP))
-    E, c = np.zeros_like(D), np.zeros((*batch, P, PER_STOP))
-    blocks = [(WHEELS, slice(0, 3))]
-    if K:
-        blocks.append((problem.explained, slice(LEG_UNKNOWNS, LEG_UNKNOWNS + K)))
-    for at, part in blocks:
-        a[..., at] = g[..., part].sum(axis=-2)
-        for other, part_2 in blocks:
-            A[..., at, other] = H[..., part, part_2].sum(axis=-3)
-    for stops, part in ((problem.leg_stop, FIRST_STOP), (problem.leg_stop + 1, SECOND_STOP)):
-        for at, shared in blocks:
-            B[..., stops, at, :] += H[..., shared, part]
-        D[..., stops, :, :] += H[..., part, part]
-        c[..., stops, :] += g[..., part]
-    E[..., problem.leg_stop, :, :] = H[..., FIRST_STOP, SECOND_STOP]
-    return Normal(A=A, B=B, D=D, E=E, a=a, c=c), np.einsum("...ni,...nij,...nj->...", r, information, r)
-
-
-def shared_values(problem: Problem, state: State) -> Array:
-    """Return the values of the shared unknowns that have priors, (n,); 0 for the others."""
-    value = np.zeros(len(problem.names))
-    value[problem.tilts] = state.tilt.ravel() if problem.tilt_count else 0.0
-    value[problem.shapes] = state.shape
-    value[problem.growth] = state.common_growth
-    value[problem.explained] = state.explained
-    return value
-
-
-def add_priors(problem: Problem, state: State, sigma: Array, normal: Normal) -> float:
-    """Add the priors of shared unknowns and encoder errors to normal equations, in place; return their sum of squares.
-
-    Parameters
-    ----------
-    problem, state
-        Unknowns and their values.
-    sigma : (n,)
-        Standard deviations of the shared unknowns' priors.
-    normal
-        The equations.
-    """
-    value = shared_values(problem, state)
-    weight = problem.information + np.diag(1 / np.square(sigma))
-    pull = weight @ value
-    normal.A[...] += weight
-    normal.a[...] -= pull
-    normal.D[:, 3, 3] += 1.0
-    normal.D[:, 4, 4] += 1.0
-    normal.c[:, READINGS] -= state.encoder_errors
-    return float(value @ pull + np.sum(state.encoder_errors**2))
-
-
-def explained_columns(problem: Problem, state: State) -> Columns:
-    """Return the columns of the explanations that are part of the model."""
-    return stacked(problem.explanations, problem, state) if problem.explanations else Columns()
