@@ -20,7 +20,8 @@ from tag_detectors import FAST, OURS, Detector, detectors, ours, run  # isort: s
 import cv2
 import numpy as np
 
-from boxcal.detect.alignment.detector import DetectorSettings, detect_copies, detect_tags
+from boxcal.detect.alignment.detection import DetectorSettings
+from boxcal.detect.alignment.detector import detect_copies, detect_tags
 from boxcal.detect.alignment.expected_tags import ExpectedTags
 from boxcal.detect.alignment.tag_patterns import family_patterns
 from boxcal.target.arrays import Array

@@ -19,7 +19,8 @@ from boxcal.target.arrays import Array
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from boxcal.detect.alignment.detector import DetectorSettings, detect_copies
+from boxcal.detect.alignment.detection import DetectorSettings
+from boxcal.detect.alignment.detector import detect_copies
 from boxcal.detect.alignment.radial_camera import no_distortion
 from boxcal.detect.alignment.registration.align import align
 from boxcal.detect.alignment.registration.begin import footprints

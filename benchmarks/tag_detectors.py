@@ -10,7 +10,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from boxcal.detect.alignment.detector import DetectorSettings, KnownCamera, detect_tags
+from boxcal.detect.alignment.detection import DetectorSettings, KnownCamera
+from boxcal.detect.alignment.detector import detect_tags
 from boxcal.detect.alignment.expected_tags import ExpectedTags
 from boxcal.target.arrays import Array
 from boxcal.target.tags.families import load_dictionary

@@ -13,7 +13,7 @@ from boxcal.target.errors import TargetError
 from boxcal.target.files.atomic_write import write_atomically
 
 if TYPE_CHECKING:
-    from boxcal.detect.alignment.detector import DetectorOutput
+    from boxcal.detect.alignment.detection import DetectorOutput
     from boxcal.target.box import Target
 
 SCHEMA = 1
@@ -81,7 +81,8 @@ def _target(name: str | None) -> "Target":
 
 def _one(path: Path, target: "Target", args: argparse.Namespace, number: int) -> tuple[dict[str, Any], str]:
     """Return what a picture shows, as JSON and as a line of text; draw it if that is asked for."""
-    from boxcal.detect.alignment.detector import DetectorSettings, detect_tags
+    from boxcal.detect.alignment.detection import DetectorSettings
+    from boxcal.detect.alignment.detector import detect_tags
 
     image = _read(path)
     try:

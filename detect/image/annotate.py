@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from boxcal.detect.errors import DetectError
 
 if TYPE_CHECKING:
-    from boxcal.detect.alignment.detector import DetectorOutput
+    from boxcal.detect.alignment.detection import DetectorOutput
 
 _LEAST_WIDTH_PX = 1200
 _ELLIPSE = 100.0

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 import cv2
 import numpy as np
 
-from boxcal.detect.alignment.detector import KnownCamera
+from boxcal.detect.alignment.detection import KnownCamera
 from boxcal.detect.image.bit_depth import DeepGrey, eight_bits
 from boxcal.detect.log.recording import Recording
 from boxcal.detect.log.safe_text import listed, printable

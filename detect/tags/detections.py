@@ -7,7 +7,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from boxcal.detect.alignment.detector import DetectorSettings, detect_tags
+from boxcal.detect.alignment.detection import DetectorSettings
+from boxcal.detect.alignment.detector import detect_tags
 from boxcal.detect.alignment.pyramid import Pyramid, align_coarsely
 from boxcal.detect.alignment.radial_camera import no_distortion
 from boxcal.detect.alignment.tag_patterns import family_patterns

@@ -13,7 +13,8 @@ from itertools import pairwise
 import numpy as np
 
 from boxcal.detect.alignment.candidates import find_candidates
-from boxcal.detect.alignment.detector import KnownCamera, detect_in_grey
+from boxcal.detect.alignment.detection import KnownCamera
+from boxcal.detect.alignment.detector import detect_in_grey
 from boxcal.detect.alignment.pyramid_search import FEW_TAGS
 from boxcal.detect.alignment.tag_patterns import target_patterns
 from boxcal.detect.image.bayer import even_mosaic, unnamed_mosaic

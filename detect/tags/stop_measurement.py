@@ -13,7 +13,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from boxcal.detect.alignment.detector import KnownCamera, detect_in_grey
+from boxcal.detect.alignment.detection import KnownCamera
+from boxcal.detect.alignment.detector import detect_in_grey
 from boxcal.detect.image.bayer import even_mosaic, unnamed_mosaic
 from boxcal.detect.image.bit_depth import FULL_SCALE, DeepGrey
 from boxcal.detect.image.gray import LEAST_SIDE_PX, eight_bit_copy

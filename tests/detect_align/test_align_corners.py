@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 from aligned_views import PLAIN, TARGET, pose, truth, view, width_px
 
-from boxcal.detect.alignment.detector import DetectorSettings, detect_copies, detect_tags
+from boxcal.detect.alignment.detection import DetectorSettings
+from boxcal.detect.alignment.detector import detect_copies, detect_tags
 from boxcal.detect.alignment.tag_patterns import family_patterns
 from boxcal.detect.errors import DetectError
 from boxcal.detect.image.gray import to_grey

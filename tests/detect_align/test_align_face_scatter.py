@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from aligned_views import PLAIN, TARGET, pose, truth, view
 
-from boxcal.detect.alignment.detector import DetectorSettings, detect_tags
+from boxcal.detect.alignment.detection import DetectorSettings
+from boxcal.detect.alignment.detector import detect_tags
 from boxcal.detect.alignment.face_scatter import ENOUGH, scatter
 
 ROWS = np.flatnonzero(TARGET.tag_faces == 0)

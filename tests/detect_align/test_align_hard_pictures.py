@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from aligned_views import PLAIN, SIZE, TARGET, pose, truth, view, width_px
 
-from boxcal.detect.alignment.detector import DetectorSettings, detect_tags
+from boxcal.detect.alignment.detection import DetectorSettings
+from boxcal.detect.alignment.detector import detect_tags
 from boxcal.detect.image.bayer import alternation, unnamed_mosaic
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from boxcal.calib.guide.drive.frames_at_rest import HeldFrame
-from boxcal.detect.alignment.detector import KnownCamera
+from boxcal.detect.alignment.detection import KnownCamera
 from boxcal.detect.correspondences import StopObservation
 from boxcal.detect.errors import DetectError
 from boxcal.detect.extract import ExtractSettings, observation
