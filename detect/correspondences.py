@@ -16,7 +16,7 @@ from boxcal.detect.log.safe_text import printable
 from boxcal.detect.log.source import Source, read_source
 from boxcal.detect.log.wheel_samples import Flags, JointUnit, WheelSamples, WheelUnits
 from boxcal.detect.tags.faces import faces_by_normal
-from boxcal.detect.tags.moving_frames import MovingFrame, refuse_far_corners, refuse_odd_landmarks
+from boxcal.detect.tags.moving_frames import MovingFrame, refuse_corners_of_no_tag, refuse_odd_landmarks
 from boxcal.target.arrays import Array, Ids
 from boxcal.target.errors import one_line
 from boxcal.target.files.atomic_write import write_atomically
@@ -122,9 +122,9 @@ class Correspondences:
                 f"images of {printable(str(self.image_size))} px, sides from 1 to {MAX_SIDE_PX} px are needed"
             )
         for stop in self.stops:
-            refuse_far_corners("a stop's", stop.uv_px, self.image_size)
+            refuse_corners_of_no_tag("a stop's", stop.uv_px, self.image_size)
         for frame in self.moving:
-            refuse_far_corners("a frame's", frame.uv_px, self.image_size)
+            refuse_corners_of_no_tag("a frame's", frame.uv_px, self.image_size)
         last = -1
         for j, stop in enumerate(self.stops):
             if not last < stop.first_sample <= stop.last_sample < len(self.wheels):

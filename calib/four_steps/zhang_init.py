@@ -21,6 +21,8 @@ def face_homographies(stops: Sequence[StopObservation]) -> list[Array]:
     By the direct linear transform, all faces at once. Tags of which fewer than three corners were seen are left aside:
     their face may not be known.
     """
+    if not stops:
+        return []
     ids, face = (np.concatenate([getattr(stop, name) for stop in stops]) for name in ("landmark_ids", "faces"))
     p, uv = (np.concatenate([getattr(stop, name) for stop in stops]) for name in ("p_box", "uv_px"))
     stop = np.repeat(np.arange(len(stops)), [len(stop.landmark_ids) for stop in stops])
@@ -56,6 +58,7 @@ def _centred(points: Array, counts: Ids) -> tuple[Array, tuple[Array, Array]]:
     centre = _summed(points, counts) / counts[:, None]
     off = points - np.repeat(centre, counts, axis=0)
     spread = np.sqrt(_summed(np.sum(off**2, axis=1), counts) / counts)
+    spread[spread == 0] = 1.0  # points on one another tell nothing
     return off / np.repeat(spread, counts)[:, None], (centre, spread)
 
 

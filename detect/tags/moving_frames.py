@@ -6,9 +6,12 @@ import numpy as np
 
 from boxcal.detect.errors import DetectError
 from boxcal.target.arrays import Array, Ids
+from boxcal.target.box import CORNERS
 
 MAX_BOX_M = 100.0
 """No landmark lies further from the box's middle, m."""
+FLAT_PX = 0.25
+"""Corners whose mean distance (rms) from a line is less than this enclose no tag, px."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -68,10 +71,12 @@ def refuse_odd_landmarks(whose: str, landmark_ids: Ids, arrays: tuple[Array, Arr
         raise DetectError(f"{whose} landmarks: a covariance is not positive; drop such landmarks")
 
 
-def refuse_far_corners(whose: str, uv_px: Array, image_size: tuple[int, int]) -> None:
-    """Refuse corners further outside their picture than it is large: no detector finds them there."""
+def refuse_corners_of_no_tag(whose: str, uv_px: Array, image_size: tuple[int, int]) -> None:
+    """Refuse corners far outside their picture, or all on one line of it: no detector finds such."""
     size = np.array(image_size)
     if np.any(uv_px < -size) or np.any(uv_px > 2 * size):
         raise DetectError(
             f"{whose} landmarks: a corner lies far outside the picture of {size[0]} x {size[1]} px; drop such landmarks"
         )
+    if len(uv_px) >= CORNERS and np.linalg.eigvalsh(np.cov(uv_px.T, ddof=0))[0] < FLAT_PX**2:
+        raise DetectError(f"{whose} landmarks: all lie on one line of the picture, as no tag's do; drop them")

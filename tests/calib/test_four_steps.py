@@ -1,6 +1,7 @@
 """The four steps return what went in, and refuse what cannot be determined."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -9,13 +10,14 @@ import pytest
 
 from boxcal.calib.errors import CalibError
 from boxcal.calib.four_steps.procedure import FourSteps, solve_four_steps, solve_motion
-from boxcal.calib.four_steps.step1_camera import CameraMode, calibrate_camera
+from boxcal.calib.four_steps.step1_camera import CameraMode, calibrate_camera, located
 from boxcal.calib.four_steps.step2_heading import solve_heading
 from boxcal.calib.four_steps.step3_axis import find_axis
 from boxcal.calib.four_steps.step4_mounting import solve_mounting
 from boxcal.calib.geometry.so3_se3 import euler_zyz, planar, rigid, rot_y, rot_z
 from boxcal.detect.correspondences import Correspondences, load_correspondences
 from boxcal.target.arrays import Array
+from boxcal.target.camera.camera_model import CameraModel
 
 LOOKS = {  # yaw to the left, pitch down, roll; deg
     "ahead": (0.0, 0.0, 0.0),
@@ -270,3 +272,12 @@ def test_real_khepera_data_return_the_published_calibration(shared_data: Path) -
     assert found[3] == pytest.approx(published["l_x"], abs=0.03e-3)
     assert found[4] == pytest.approx(published["l_y"], abs=0.03e-3)
     assert found[5] == pytest.approx(published["l_theta"], abs=np.radians(0.01))
+
+
+def test_landmarks_too_close_together_for_a_pose_are_said(exact: Any) -> None:
+    """OpenCV's solver refuses them by an exception of its own."""
+    rng = np.random.default_rng(4)
+    drive = exact.through(exact.around(4, 0.5, 0.0, rng), exact.mounting(*LOOKS["ahead"])).correspondences()
+    near = [replace(stop, uv_px=100 + 1e-3 * stop.uv_px) for stop in drive.stops]
+    with pytest.raises(CalibError, match="no camera pose explains"):
+        located(CameraModel(fu=500.0, fv=500.0, cu=320.0, cv=240.0, kr=0.0), near)

@@ -44,7 +44,7 @@ def _saw(wheels: WheelSamples) -> Correspondences:
             landmark_ids=ids,
             p_box=TARGET.p_box(ids),
             faces=TARGET.faces(ids),
-            uv_px=np.zeros((len(ids), 2)),
+            uv_px=np.stack([3.0 * (ids % 8), 5.0 * (ids % 3)], axis=1),
             cov_px2=np.tile(np.eye(2), (len(ids), 1, 1)),
             frames=1,
         )
@@ -154,6 +154,8 @@ def test_values_in_a_file_that_cannot_be_are_refused_in_one_line(
     [
         ("stop0_uv_px", (0, 0), 1e300, "far outside the picture"),
         ("stop0_uv_px", (0, 1), -49.0, "far outside the picture"),
+        ("stop0_uv_px", ..., 20.0, "on one line"),
+        ("stop0_uv_px", (slice(None), 1), 20.0, "on one line"),
         ("stop0_p_box", (0, 0), 1e300, "from the box"),
         ("stop0_cov_px2", (0, 0, 0), -1.0, "not positive"),
         ("stop0_cov_px2", (0, 0, 1), 2.0, "not positive"),
@@ -163,7 +165,7 @@ def test_values_in_a_file_that_cannot_be_are_refused_in_one_line(
     ],
 )
 def test_arrays_in_a_file_that_cannot_be_are_refused(
-    tmp_path: Path, name: str, at: tuple[int, ...], value: float, words: str
+    tmp_path: Path, name: str, at: Any, value: float, words: str
 ) -> None:
     saved = _header_with(tmp_path / "a.npz", lambda h: None)
     with np.load(saved) as data:
