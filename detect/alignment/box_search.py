@@ -313,10 +313,7 @@ def grow_from_pose(
     for _ in range(ROUNDS):
         if len(tags) == 0:
             break
-        fit = fit_box(target, tags.rows, tags.corners_px, image_size=image_size, sigma_px=ALIGNED_SIGMA_PX, start=fit)
-        fit, rows, _ = _consistent(
-            target, patterns, tags.rows, tags.corners_px, image_size=image_size, sigma_px=ALIGNED_SIGMA_PX, fit=fit
-        )
+        fit, rows = fit_aligned(target, patterns, tags.rows, tags.corners_px, image_size=image_size, start=fit)
         if len(rows) < len(tags):
             tags = tags.take(np.isin(tags.rows, rows))
         missing = predicted(target, patterns, fit, tags.rows, image_size)
@@ -340,6 +337,29 @@ def grow_from_pose(
         lost_region_px=region,
         contradicting_faces=search.contradicting_faces,
     )
+
+
+def fit_aligned(
+    target: Target, patterns: Patterns, rows: Index, corners_px: Array, *, image_size: tuple[int, int], start: BoxFit
+) -> tuple[BoxFit, Index]:
+    """Return the box through aligned tags, and the rows of those that lie on it.
+
+    Rough corners of one tag at a slant can turn the box and its camera so far that, taken as exactly as aligned corners
+    are, the tag then counts as off the box for good. Where tags are left out, all are first fitted as rough ones once
+    more; that box is taken which leaves out fewer.
+    """
+    fit = fit_box(target, rows, corners_px, image_size=image_size, sigma_px=ALIGNED_SIGMA_PX, start=start)
+    fit, kept, _ = _consistent(
+        target, patterns, rows, corners_px, image_size=image_size, sigma_px=ALIGNED_SIGMA_PX, fit=fit
+    )
+    if len(kept) == len(rows):
+        return fit, kept
+    again = fit_box(target, rows, corners_px, image_size=image_size, sigma_px=CANDIDATE_SIGMA_PX, start=start)
+    again = fit_box(target, rows, corners_px, image_size=image_size, sigma_px=ALIGNED_SIGMA_PX, start=again)
+    again, more, _ = _consistent(
+        target, patterns, rows, corners_px, image_size=image_size, sigma_px=ALIGNED_SIGMA_PX, fit=again
+    )
+    return (again, more) if len(more) > len(kept) else (fit, kept)
 
 
 def _lost(  # noqa: PLR0917

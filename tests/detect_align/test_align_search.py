@@ -4,7 +4,8 @@ import numpy as np
 from aligned_views import TARGET, pose, width_px
 
 from boxcal.detect.alignment import pyramid_search as find
-from boxcal.detect.alignment.box_search import predict_regions
+from boxcal.detect.alignment.box_pose import fit_box
+from boxcal.detect.alignment.box_search import ALIGNED_SIGMA_PX, CANDIDATE_SIGMA_PX, fit_aligned, predict_regions
 from boxcal.detect.alignment.candidates import TagCandidates
 from boxcal.detect.alignment.detector import detect_tags
 from boxcal.detect.alignment.tag_patterns import target_patterns
@@ -76,3 +77,22 @@ def test_a_face_seen_at_a_slant_does_not_contradict_the_box_for_its_rough_corner
     corners[slanted] += (0.0, 400.0)
     elsewhere = predict_regions(TARGET, target_patterns(TARGET), candidates, (3840, 2160), sigma_px=2.0)
     assert elsewhere.contradicting_faces == (0,)
+
+
+def test_one_tag_of_a_second_face_is_kept_however_rough_its_corners_were_at_first():
+    # they turn camera and box so far that the same tag, aligned, would count as off the box, and its face with it
+    rng = np.random.default_rng(18)
+    camera = CameraModel(fu=1200.0, fv=1200.0, cu=639.5, cv=479.5, kr=-0.05)
+    azimuth, distance, elevation, roll = rng.uniform((18, 0.4, 4, -8), (24, 0.55, 20, 8))
+    T = pose(azimuth, distance=distance, elevation_deg=elevation, roll_deg=roll)
+    rows = np.append(np.flatnonzero(TARGET.tag_faces == 0), rng.choice(np.flatnonzero(TARGET.tag_faces == 1)))
+    uv = project(camera, TARGET.tag_corners[rows] @ T[:3, :3].T + T[:3, 3])
+    aligned = uv + rng.normal(0, 0.02, uv.shape)
+    rough = aligned.copy()
+    rough[-1] += rng.normal(0, 1.5, (4, 2))
+    start = fit_box(TARGET, rows, rough, image_size=SIZE, sigma_px=CANDIDATE_SIGMA_PX)
+    once = fit_box(TARGET, rows, aligned, image_size=SIZE, sigma_px=ALIGNED_SIGMA_PX, start=start)
+    assert abs(once.focal_px - camera.fu) > 50
+    fit, kept = fit_aligned(TARGET, target_patterns(TARGET), rows, aligned, image_size=SIZE, start=start)
+    np.testing.assert_array_equal(kept, rows)
+    assert abs(fit.focal_px - camera.fu) < 10
