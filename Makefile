@@ -90,6 +90,7 @@ $(INSTALLED): pyproject.toml constraints.txt
 	$(PYTHON) -c 'import sys; sys.exit("Python 3.11 or newer is needed: make PYTHON=python3.11 ...") if sys.version_info < (3, 11) else None'
 	$(PYTHON) -m venv $(VENV)
 	$(INSTALL) '.[report]'
+	$(BIN)/python -m boxcal.calib.likelihood.compiled.compilation
 	touch $(INSTALLED)
 
 $(ALL_INSTALLED): $(INSTALLED)

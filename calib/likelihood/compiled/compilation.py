@@ -1,8 +1,8 @@
 """The likelihood's loops called once each, so that they are compiled before they are needed.
 
-    python -m boxcal.calib.likelihood.compiled.compilation FOLDER
+    python -m boxcal.calib.likelihood.compiled.compilation [FOLDER]
 
-puts all compiled code into a folder, as the build of a package does.
+compiles all code that is compiled, the detector's too; and puts it into a folder, as the build of a package does.
 """
 
 import shutil
@@ -76,4 +76,7 @@ def compile_all() -> None:
 
 
 if __name__ == "__main__":
-    compile_into(Path(sys.argv[1]))
+    if len(sys.argv) > 1:
+        compile_into(Path(sys.argv[1]))
+    else:
+        prepare_all(print)
