@@ -33,9 +33,6 @@ TOLD_MODULES = 0.1
 """Median deviation of tags from the box, modules, up to which the box says which other tags ought to be seen."""
 SQUARE = 0.02
 """Largest log aspect of a pixel that counts as square; cameras with square pixels keep to a few thousandths."""
-PREDICTED_SIDE_PX = 24.0
-"""Of tags that the box predicts no more pixels are aligned than one with sides of this length has: twice as many each
-way as of those that were read, since they are mostly seen at a slant."""
 REGION_SPREADS, REGION_MODULES = 3.0, 8.0
 """Around where a tag is predicted: deviations of its place, and modules, to be searched too."""
 
@@ -320,7 +317,7 @@ def grow_from_pose(
         more, corners = missing.rows[missing.sure], missing.corners_px[missing.sure]
         if len(more) == 0 or not others:
             break
-        new = align_coarsely(pyramid, patterns, more, corners, side_px=PREDICTED_SIDE_PX)
+        new = align_coarsely(pyramid, patterns, more, corners, side_px=np.inf)
         moved = np.linalg.norm(new.corners_px - corners, axis=2).max(axis=1)
         near = moved <= module_px(patterns, corners) + 0.5
         believed = verified(patterns, new, rough)
