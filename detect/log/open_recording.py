@@ -14,7 +14,7 @@ from boxcal.detect.log.losses import MOST_STRAYS, Loss, LossKind
 from boxcal.detect.log.opener import open_container
 from boxcal.detect.log.readings import problems_said
 from boxcal.detect.log.recording import Recording
-from boxcal.detect.log.safe_text import printable
+from boxcal.detect.log.safe_text import listed, printable
 from boxcal.detect.log.scan import Scan
 from boxcal.detect.log.stand_images import fetch_images
 from boxcal.detect.log.topics import Topics, choose_camera
@@ -157,7 +157,7 @@ def _assembled(
         frame_numbers=numbers,
         clock_offset_ns=offset,
         metadata=scan.readings.metadata,
-        notes=(*(loss.text for loss in losses), *strays, *wheels.notes, *notes),
+        notes=(*(loss.text for loss in losses), *strays, *_beside(scan, problems), *wheels.notes, *notes),
         lost_messages=damage.messages + sum(count for _, count in problems.values()),
         lost_s=damage.seconds,
         units=wheels.units,
@@ -219,6 +219,12 @@ def _problems_of(scan: Scan, camera: str, choice: WheelChoice) -> dict[str, tupl
     """Return the problems in the topics that are used; an arm's broken topic harms nothing."""
     used = {camera, *choice.topics}
     return {topic: problem for topic, problem in scan.readings.problems.items() if topic in used}
+
+
+def _beside(scan: Scan, problems: dict[str, tuple[str, int]]) -> tuple[str, ...]:
+    """Return a sentence on topics that nothing needs and of which messages do not decode, if there are any."""
+    topics = [topic for topic in scan.readings.problems if topic not in problems]
+    return (f"not used, and not all of their messages decode: {listed(topics)}",) if topics else ()
 
 
 def _undecoded(scan: Scan, problems: dict[str, tuple[str, int]]) -> tuple[list[Loss], list[str]]:

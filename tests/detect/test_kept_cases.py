@@ -14,7 +14,7 @@ _USED: dict[str, tuple[str, int, str]] = {
     "good": ("good", 9, ""),
     "leg-without-joints": ("good", 9, "the wheels tell nothing of the way"),
     "one-empty-image": ("good", 8, "1 image of 9 left out"),
-    "broken-arm-topic": ("good", 9, ""),
+    "broken-arm-topic": ("good", 9, "not used, and not all of their messages decode: /arm"),
     "truncated-85-percent": ("usable", 7, "the recording is damaged: truncated"),
     "img-clock-2s-late": ("good", 9, "the camera's clock is 2.0 s ahead of the wheels'"),
     "dither-12bit-half-tick": ("good", 9, ""),
