@@ -181,11 +181,12 @@ def test_all_problems_of_a_log_are_told_in_one_run(tmp_path: Path) -> None:
         open_recording(path)
 
 
-def test_an_arms_broken_topic_harms_nothing(tmp_path: Path) -> None:
+def test_an_arms_broken_topic_harms_nothing_and_is_noted(tmp_path: Path) -> None:
     angles = _angles()
     arm = (joint_state("/arm/joint_states", t, ["a", "b"], [1.0]) for t in angles[0])
     found = open_recording(
         write_mcap(tmp_path / "a.mcap", joints("/joint_states", angles, [LEFT, RIGHT]), arm, images(BLANKS))
     )
     _check(found, angles)
-    assert not found.notes
+    assert found.notes == ("not used, and not all of their messages decode: /arm/joint_states",)
+    assert not found.losses
