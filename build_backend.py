@@ -7,6 +7,7 @@ with; elsewhere it is passed over, and the first command compiles. Wheels to be 
 """
 
 import os
+import shutil
 import subprocess
 import sys
 import tomllib
@@ -71,10 +72,13 @@ class BuildWithCompiledCode(build_py):
     def run(self) -> None:
         """Copy and compile; where compiling fails, say so: the package works without."""
         super().run()
-        if self.editable_mode or os.environ.get(_SWITCH) != "yes":
+        if self.editable_mode:
             return
         library = Path(self.build_lib).resolve()
         folder = library / "boxcal" / "detect" / "alignment" / "numba" / "compiled"
+        shutil.rmtree(folder, ignore_errors=True)  # an earlier build of the same tree left its own
+        if os.environ.get(_SWITCH) != "yes":
+            return
         found = os.pathsep.join([str(library), *filter(None, [os.environ.get("PYTHONPATH")])])
         done = subprocess.run(  # noqa: S603 - this package's own module
             [sys.executable, "-P", "-m", _COMPILER, str(folder)],

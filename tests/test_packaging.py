@@ -161,7 +161,14 @@ print(len(stats) > 8, sum(sum(s.cache_misses.values()) for s in stats))
 def test_an_installation_from_sources_has_its_code_compiled(source: Path, home: Path) -> None:
     """As by `pip install .`: the first command compiles nothing, and needs no place to write."""
     prepare_all(print)  # building copies what lies in the cache
-    _install(home, str(source))
+    earlier = source / "build" / "lib" / "boxcal" / "detect" / "alignment" / "numba" / "compiled" / "compiled-earlier"
+    earlier.mkdir(parents=True)
+    (earlier / "complete").touch()
+    for _ in range(2):  # a second build meets what the first left
+        _install(home, "--force-reinstall", str(source))
+        (kept,) = _site(home).glob("boxcal/detect/alignment/numba/compiled")
+        assert "compiled-earlier" not in {path.name for path in kept.iterdir()}
+        assert len(list(kept.glob("*/complete"))) == 2
     nowhere = {"NUMBA_CACHE_DIR": "/dev/null/cache", "XDG_CACHE_HOME": "/dev/null/home", "HOME": "/dev/null"}
     done = subprocess.run(
         [str(home), "-c", _COMPILED_AT_FIRST_USE],
