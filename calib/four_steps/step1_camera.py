@@ -167,18 +167,19 @@ def located(camera: CameraModel, stops: Sequence[StopObservation]) -> Array:
     for at, stop, plane in zip(found, stops, flat.tolist(), strict=True):
         method = cv2.SOLVEPNP_IPPE if plane else cv2.SOLVEPNP_SQPNP
         p_box, uv_px = np.ascontiguousarray(stop.p_box), np.ascontiguousarray(stop.uv_px)
-        unexplained = CalibError(
-            "no camera pose explains a stop's landmarks", remedy="are they the corners of this target?"
-        )
         try:
             count, rvecs, tvecs, errors = cv2.solvePnPGeneric(p_box, uv_px, K, dist, flags=method)
         except cv2.error as error:  # they lie so close to one another that its numerics refuse them
-            raise unexplained from error
+            raise _unexplained() from error
         if not count:
-            raise unexplained
+            raise _unexplained()
         best = int(np.argmin(errors))
         at[0], at[1] = np.ravel(rvecs[best]), np.ravel(tvecs[best])
     return exp_se3(found.reshape(-1, 6))
+
+
+def _unexplained() -> CalibError:
+    return CalibError("no camera pose explains a stop's landmarks", remedy="are they the corners of this target?")
 
 
 def minimise_reprojection(
