@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from boxcal.detect.alignment.backend import backend
 from boxcal.detect.alignment.box_refinement import CAMERA, FITTED
 from boxcal.detect.alignment.homography import least_squares_homography
-from boxcal.detect.alignment.order_statistics import median
 from boxcal.detect.alignment.radial_camera import (
     A1,
     fisheye_distortion,
@@ -24,6 +23,7 @@ from boxcal.detect.alignment.radial_camera import (
     undistort_locally,
 )
 from boxcal.detect.alignment.tag_patterns import Index
+from boxcal.detect.image.order_statistics import median
 from boxcal.target.arrays import Array
 from boxcal.target.box import Target
 

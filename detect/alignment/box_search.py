@@ -8,12 +8,12 @@ from numpy.typing import NDArray
 from boxcal.detect.alignment.box_pose import BoxFit, CameraPrior, fit_box
 from boxcal.detect.alignment.candidates import TagCandidates
 from boxcal.detect.alignment.face_agreement import CANDIDATE_TOLERANCE, FACE_TAGS
-from boxcal.detect.alignment.order_statistics import median
 from boxcal.detect.alignment.pyramid import Pyramid, align_coarsely
 from boxcal.detect.alignment.radial_camera import LOG_ASPECT
 from boxcal.detect.alignment.registration.tag_alignments import TagAlignments
 from boxcal.detect.alignment.tag_patterns import Index, Patterns
 from boxcal.detect.alignment.verification import Limits, convex, doubtful_limits, module_px, verified
+from boxcal.detect.image.order_statistics import median
 from boxcal.target.arrays import Array
 from boxcal.target.box import Target
 

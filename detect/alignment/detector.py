@@ -17,7 +17,6 @@ from boxcal.detect.alignment.dot_gain import without_dot_gain
 from boxcal.detect.alignment.expected_tags import ExpectedTags, at_most, find_expected
 from boxcal.detect.alignment.face_scatter import ENOUGH, scatter
 from boxcal.detect.alignment.motion_blur import estimate_blur, shape, shape_of
-from boxcal.detect.alignment.order_statistics import median
 from boxcal.detect.alignment.preview import Preview, preview
 from boxcal.detect.alignment.pyramid import Pyramid, align_coarsely
 from boxcal.detect.alignment.pyramid_search import FEW_TAGS, find_box, search_copies
@@ -31,6 +30,7 @@ from boxcal.detect.alignment.tag_patterns import Index, Patterns, target_pattern
 from boxcal.detect.alignment.uneven_light import align_unevenly_lit, box_distance2, crossed, displacement_px2
 from boxcal.detect.alignment.verification import Limits, module_px, verified
 from boxcal.detect.image.gray import Levels, to_grey8, to_levels
+from boxcal.detect.image.order_statistics import median
 from boxcal.detect.image.response_curve import (
     ImagingParameters,
     estimate_response,

@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 
 from boxcal.detect.alignment.backend import backend
 from boxcal.detect.alignment.box_pose import BoxFit
-from boxcal.detect.alignment.order_statistics import median, quantile
 from boxcal.detect.alignment.registration.align import align, aligned_batch
 from boxcal.detect.alignment.registration.parameters import BLACK, CONTRAST
 from boxcal.detect.alignment.registration.tag_alignments import TagAlignments
 from boxcal.detect.alignment.registration.tag_batch import Frame
 from boxcal.detect.alignment.tag_patterns import Patterns
 from boxcal.detect.alignment.verification import Limits, doubtful_limits, verified
+from boxcal.detect.image.order_statistics import median, quantile
 from boxcal.target.arrays import Array
 from boxcal.target.box import Target
 

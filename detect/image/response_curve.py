@@ -10,13 +10,13 @@ from typing import Literal
 
 import numpy as np
 
-from boxcal.detect.alignment.order_statistics import median
 from boxcal.detect.alignment.registration.align import align
 from boxcal.detect.alignment.registration.parameters import BLACK, CONTRAST, GRADIENT_X, GRADIENT_Y, KURTOSIS
 from boxcal.detect.alignment.registration.tag_alignments import TagAlignments
 from boxcal.detect.alignment.registration.tag_batch import Frame
 from boxcal.detect.alignment.tag_patterns import Patterns
 from boxcal.detect.errors import DetectError
+from boxcal.detect.image.order_statistics import median
 from boxcal.target.arrays import Array
 from boxcal.target.render.srgb import srgb_from_linear
 

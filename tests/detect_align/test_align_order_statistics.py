@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from boxcal.detect.alignment.order_statistics import median, quantile
+from boxcal.detect.image.order_statistics import median, quantile
 
 
 @pytest.mark.parametrize("count", [1, 2, 5, 34])
