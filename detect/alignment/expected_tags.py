@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 from boxcal.detect.alignment.box_pose import CameraPrior, fit_box
 from boxcal.detect.alignment.box_search import (
     CANDIDATE_SIGMA_PX,
-    MIN_MODULE_PX,
     BoxDetection,
     PredictedRegions,
     grow_from_pose,
 )
+from boxcal.detect.alignment.predicted_tags import MIN_MODULE_PX
 from boxcal.detect.alignment.pyramid import Pyramid, align_coarsely
 from boxcal.detect.alignment.pyramid_search import FEW_TAGS
 from boxcal.detect.alignment.tag_patterns import Index, Patterns
