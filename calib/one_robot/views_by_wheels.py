@@ -1,6 +1,6 @@
 """Views of the box between stops as the wheels predict them, by the closed form from the stops."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -27,80 +27,79 @@ def views_by_wheels(drive: Correspondences) -> PredictedViews | None:
         steps = solve_four_steps(drive)
     except CalibError:
         return None
-    path = _Path(drive=drive, stops=tuple(steps.camera.kept), steps=steps)
-    return PredictedViews(camera=steps.camera.camera, T_cam_box_at=path.T_cam_box_at)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Leg:
-    """The way between two stops, sample by sample.
-
-    Attributes
-    ----------
-    t_ns : (S,)
-        Times of the samples.
-    pose : (S, 3), m and rad
-        Where the robot is, from the first.
-    rolled : (S,), rad
-        What both wheels rolled since then.
-    """
-
-    t_ns: Ids
-    pose: Array
-    rolled: Array
+    return PredictedViews(camera=steps.camera.camera, T_cam_box_at=_path(drive, steps).T_cam_box_at)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Path:
-    """The way of a robot by its wheels between some stops, and the box's poses at these.
+    """The way of a robot by its wheels from the first stop to the last, sample by sample.
 
     Attributes
     ----------
-    drive, stops, steps
-        The drive, numbers of the stops, and what the closed form makes of them.
-    legs
-        Those that were asked for, by number.
+    t_ns, since_s : (), (S,)
+        Time of the first sample, ns, and of all since then, s.
+    pose : (3, S), m and rad
+        Where the robot is on the floor, from the first sample.
+    rolled : (S,), rad
+        What both wheels rolled since then.
+    leaves, arrives : (P - 1,)
+        Samples at which the robot leaves the stop before each leg, and arrives at the one behind it.
+    until_ns : (P,)
+        When each stop ends.
+    T_cam_body : (4, 4)
+        The camera's mounting.
+    T_floor_box : (2, P - 1, 4, 4)
+        Where the box stands on the floor of the path, by what the stop before and the stop behind each leg saw.
     """
 
-    drive: Correspondences
-    stops: tuple[int, ...]
-    steps: FourSteps
-    legs: dict[int, _Leg] = field(default_factory=dict)
+    t_ns: int
+    since_s: Array
+    pose: Array
+    rolled: Array
+    leaves: Ids
+    arrives: Ids
+    until_ns: Ids
+    T_cam_body: Array
+    T_floor_box: Array
 
     def T_cam_box_at(self, t_ns: Ids) -> Array:
         """Return the box's poses (N, 4, 4) at times (N,), ns; NaN before the first stop and behind the last."""
-        ends = [self.drive.stops[k].t_end_ns for k in self.stops]
-        out = np.full((len(t_ns), 4, 4), np.nan)
-        number = np.searchsorted(ends, t_ns, side="right") - 1
-        for k in np.unique(number[(number >= 0) & (number < len(ends) - 1)]).tolist():
-            rows = np.flatnonzero(number == k)
-            out[rows] = self._on_leg(k, t_ns[rows])
-        return out
+        leg = np.searchsorted(self.until_ns, t_ns, side="right") - 1
+        known = (leg >= 0) & (leg < len(self.leaves))
+        leg = np.where(known, leg, 0)
+        first, last = self.leaves[leg], self.arrives[leg]
+        at = np.clip(1e-9 * (t_ns - self.t_ns), self.since_s[first], self.since_s[last])
+        T_floor_body = _planar(np.stack([np.interp(at, self.since_s, column) for column in self.pose], axis=1))
+        rolled = 2 * np.interp(at, self.since_s, self.rolled)
+        nearer_end = rolled > self.rolled[first] + self.rolled[last]
+        out = self.T_cam_body @ inverse(T_floor_body) @ self.T_floor_box[nearer_end.astype(np.int64), leg]
+        out[~known] = np.nan
+        return np.asarray(out)
 
-    def _leg(self, k: int) -> _Leg:
-        """Return the way from a stop to the next."""
-        if k not in self.legs:
-            first, last = (self.drive.stops[self.stops[j]] for j in (k, k + 1))
-            samples, wheels = slice(first.last_sample, last.first_sample + 1), self.drive.wheels
-            dphi = np.diff(np.stack([wheels.phi_R[samples], wheels.phi_L[samples]], axis=1), axis=0)
-            xy, heading = dead_reckoned(dphi[:, 0], dphi[:, 1], self.steps.heading.aR, self.steps.heading.aL)
-            self.legs[k] = _Leg(
-                t_ns=wheels.t_ns[samples],
-                pose=np.column_stack([self.steps.mounting.rL * xy, heading]),
-                rolled=np.concatenate([[0.0], np.cumsum(np.abs(dphi).sum(axis=1))]),
-            )
-        return self.legs[k]
 
-    def _on_leg(self, k: int, t_ns: Ids) -> Array:
-        """Return the box's poses (N, 4, 4) at times (N,), ns, on the way from a stop to the next."""
-        leg, steps = self._leg(k), self.steps
-        at, t = (t_ns - leg.t_ns[0]).astype(np.float64), leg.t_ns - leg.t_ns[0]
-        T_first_here = _planar(np.stack([np.interp(at, t, column) for column in leg.pose.T], axis=1))
-        nearer_end = np.interp(at, t, leg.rolled) > leg.rolled[-1] / 2
-        T_end_here = inverse(_planar(leg.pose[-1:])) @ T_first_here
-        T_stop_here = np.where(nearer_end[:, None, None], T_end_here, T_first_here)
-        T_cam_box = steps.camera.T_cam_box[k + nearer_end.astype(np.int64)]
-        return np.asarray(inverse(steps.T_body_cam) @ inverse(T_stop_here) @ steps.T_body_cam @ T_cam_box)
+def _path(drive: Correspondences, steps: FourSteps) -> _Path:
+    """Return the way between the stops that the closed form used."""
+    stops, wheels = [drive.stops[k] for k in steps.camera.kept], drive.wheels
+    way = slice(stops[0].last_sample, stops[-1].first_sample + 1)
+    dphi_R, dphi_L = np.diff(wheels.phi_R[way]), np.diff(wheels.phi_L[way])
+    xy, heading = dead_reckoned(dphi_R, dphi_L, steps.heading.aR, steps.heading.aL)
+    pose = np.column_stack([steps.mounting.rL * xy, heading])
+    leaves, arrives = (
+        np.array(samples) - way.start
+        for samples in ([stop.last_sample for stop in stops[:-1]], [stop.first_sample for stop in stops[1:]])
+    )
+    T_body_box = steps.T_body_cam @ steps.camera.T_cam_box
+    return _Path(
+        t_ns=int(wheels.t_ns[way.start]),
+        since_s=1e-9 * (wheels.t_ns[way] - wheels.t_ns[way.start]),
+        pose=pose.T.copy(),
+        rolled=np.concatenate([[0.0], np.cumsum(np.abs(dphi_R) + np.abs(dphi_L))]),
+        leaves=leaves,
+        arrives=arrives,
+        until_ns=np.array([stop.t_end_ns for stop in stops]),
+        T_cam_body=inverse(steps.T_body_cam),
+        T_floor_box=np.stack([_planar(pose[leaves]) @ T_body_box[:-1], _planar(pose[arrives]) @ T_body_box[1:]]),
+    )
 
 
 def _planar(pose: Array) -> Array:
