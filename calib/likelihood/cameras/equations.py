@@ -13,6 +13,7 @@ from boxcal.calib.likelihood.explanation import Columns, stacked
 from boxcal.calib.likelihood.leg_residuals import leg_residuals
 from boxcal.calib.likelihood.levenberg_marquardt import Linearization
 from boxcal.calib.likelihood.moving.rolling import with_rolling
+from boxcal.calib.likelihood.moving.slip_within import equations_with_slip, slip_modes
 from boxcal.calib.likelihood.normal_equations import Local, Normal
 from boxcal.calib.likelihood.problem import Problem
 from boxcal.calib.likelihood.state import State
@@ -119,10 +120,16 @@ def rescaled(found: About, scales: Sequence[float]) -> About:
 
 def _camera(robot: Together, part: Part, state: State, number: int) -> CameraEquations:
     own = corner_residuals(part.problem, state, Columns())
-    if part.course is not None:
-        own = with_rolling(part.problem, state, own, part.course, part.height)
-    corners = _among_all(robot, part, own, number)
-    normal, local, squares = corner_equations(robot.problem, corners, part.corners)
+    if part.course is None:
+        corners = _among_all(robot, part, own, number)
+        equations = corner_equations(robot.problem, corners, part.corners)
+    else:
+        frames = (part.course, part.height)
+        own = with_rolling(part.problem, state, own, *frames)
+        modes = slip_modes(part.problem, state, own, frames, part.within)
+        corners = _among_all(robot, part, own, number)
+        corners, equations, _ = equations_with_slip(robot.problem, corners, part.corners, modes)
+    normal, local, squares = equations
     return CameraEquations(corners=corners, normal=normal, local=local, squares=squares)
 
 

@@ -39,6 +39,8 @@ class Part:
     course : (P_c, 3, 2), optional
         How the wheels turn at its stops and frames on the move (:mod:`boxcal.calib.likelihood.moving.course`); None
         where it has no such frames.
+    within : m/sqrt(m)
+        Slip while a frame is read, over the noise scale of its corners.
     height : px
         Of its images.
     readout
@@ -50,6 +52,7 @@ class Part:
     places: Ids
     columns: Ids
     course: Array | None = None
+    within: float = 0.0
     height: int = 0
     readout: int = -1
 

@@ -147,9 +147,11 @@ def _without_frames(fit: Fit, found: Settled, whole: System) -> list[Solution]:
     """Return the solutions without the pictures of the frames of each part."""
     joint, n = found.joint, len(found.joint.problem.names)
     weight = joint.weights.corners / fit.components.noise_scale**2
-    N, a = picture_blocks(joint.at.corners, weight, whole.local_sigma)
-    values = np.column_stack([joint.state.lean, joint.state.growth])
-    sigma = whole.local_sigma
+    values, sigma = np.column_stack([joint.state.lean, joint.state.growth]), whole.local_sigma
+    N, a = picture_blocks(joint.at.corners, weight, sigma)
+    if joint.at.slipped is not None:
+        by = np.concatenate([np.ones((len(sigma), n + 3)), sigma], axis=1)[: len(N)] / fit.components.noise_scale
+        N = N - joint.at.slipped.loss[: len(N)] * by[:, :, None] * by[:, None, :]
     unit = np.divide(values, sigma, out=np.zeros_like(values), where=sigma > 0)
     own = n + 3
     gain = N[:, :own, own:] @ np.linalg.inv(N[:, own:, own:] + np.eye(sigma.shape[1]))

@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 
 from boxcal.calib.likelihood.fit import Fit
-from boxcal.calib.likelihood.levenberg_marquardt import Linearization, Weights
+from boxcal.calib.likelihood.levenberg_marquardt import Linearization
 from boxcal.calib.likelihood.moving.grid import Axis, over_levels
 from boxcal.calib.likelihood.moving.noise import FrameNoise
 from boxcal.calib.likelihood.moving.solve import Joint, maximised, solved, stepped
@@ -87,7 +87,7 @@ def settled(fit: Fit, drives: Sequence[Correspondences], joint: Joint, noise: Fr
     noise, levels, weight = _updated(fit, joint, noise, None)
     for _ in range(_ROUNDS):
         before = noise
-        joint = stepped(joint, levels, weight, _corner_weights(fit, joint, noise))
+        joint = stepped(_renoised(fit, joint, noise), levels, weight)
         noise = _steadier(fit, joint, replace(noise, scale=_scale(fit, joint)))[0]
         noise, levels, weight = _updated(fit, joint, noise, levels)
         if _near(before, noise):
@@ -164,7 +164,7 @@ def _scale(fit: Fit, joint: Joint) -> float:
     """Return how much more the frames' corners err than those at stops, by their covariances."""
     rows = joint.moving_corners
     rows = rows[joint.weights.corners[rows] > 0]
-    freedom = max(2 * len(rows) - 3 * len(joint.woven.moving), 1)
+    freedom = max(2 * len(rows) - 3 * len(joint.woven.moving) - joint.at.taken_by_slip, 1)
     square = float(np.sum(joint.at.residual_px[rows] ** 2)) / freedom
     return max(float(np.sqrt(square)) / fit.components.noise_scale, _LEAST_SCALE)
 
@@ -178,12 +178,13 @@ def _sway(joint: Joint, levels: Levels, noise: FrameNoise) -> float:
     return float(np.clip(noise.sway * np.sqrt((square + 1e-4) / (max(left.sum(), 0) + 1e-4)), _LEAST_SWAY, _MOST_SWAY))
 
 
-def _corner_weights(fit: Fit, joint: Joint, noise: FrameNoise) -> Weights:
-    """Return the weights with frames' corners at their noise, and those left out that it does not explain."""
+def _renoised(fit: Fit, joint: Joint, noise: FrameNoise) -> Joint:
+    """Return stops and frames that other noise holds for from the next step on, corners left out that exceed it."""
     rows = joint.moving_corners
     residual = joint.at.residual_px.copy()
     residual[rows] /= noise.scale
     good, _ = flag_corners(joint.problem, residual, fit.components.noise_scale, fit.options.false_alarm)
     corners = joint.weights.corners.copy()
     corners[rows] = good[rows] * noise.scale**-2
-    return replace(joint.weights, corners=corners)
+    within = noise.slip / fit.components.noise_scale
+    return replace(joint, weights=replace(joint.weights, corners=corners), within=within)

@@ -101,6 +101,12 @@ def _to_floor(state: State) -> Array:
     return out
 
 
+def twists_of_wheels(problem: Problem, state: State, wheels: Array) -> Array:
+    """Return the camera's motions for turns of the wheels (L, 2), rad, at each corner; see :func:`with_rolling`."""
+    by_body = camera_motions(problem, state).J_pose @ _to_floor(state)
+    return _twists(state, by_body, problem.corner_stop, wheels)
+
+
 def _twists(state: State, by_body: Array, stop: Ids, wheels: Array) -> Array:
     """Return the camera's motions, (L, 6), as right perturbations of ``T_box_cam``, for turns of the wheels (L, 2)."""
     rR, rL, b = state.wheels

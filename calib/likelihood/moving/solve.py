@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 
 from boxcal.calib.likelihood.corner_floor import with_floor
-from boxcal.calib.likelihood.corner_residuals import corner_equations, corner_residuals
+from boxcal.calib.likelihood.corner_residuals import corner_residuals
 from boxcal.calib.likelihood.explanation import Columns, Explanation, explained_columns
 from boxcal.calib.likelihood.fit import Fit
 from boxcal.calib.likelihood.leg_model import leg_model
@@ -16,6 +16,7 @@ from boxcal.calib.likelihood.levenberg_marquardt import Linearization, Weights
 from boxcal.calib.likelihood.moving.clock import CameraClock, Clocks
 from boxcal.calib.likelihood.moving.noise import FrameNoise, local_sigmas
 from boxcal.calib.likelihood.moving.rolling import Readout, with_rolling
+from boxcal.calib.likelihood.moving.slip_within import SlipWithin, equations_with_slip, slip_modes
 from boxcal.calib.likelihood.moving.system import Levels, solved_at, system
 from boxcal.calib.likelihood.moving.weave import Woven, weave_drives
 from boxcal.calib.likelihood.problem import Problem, build_problem
@@ -38,6 +39,24 @@ CLOSE = 1e-2
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class AboutFrames(Linearization):
+    """The likelihood of stops and frames about one state; corners' residuals are less the slip within frames.
+
+    Attributes
+    ----------
+    slipped
+        What slip while frames were read takes from the corners; None where none shows.
+    """
+
+    slipped: SlipWithin | None
+
+    @property
+    def taken_by_slip(self) -> float:
+        """Degrees of freedom that slip within frames takes from the corners."""
+        return 0.0 if self.slipped is None else float(self.slipped.freedom.sum())
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Joint:
     """Stops and frames on the move about one state.
 
@@ -51,6 +70,8 @@ class Joint:
         Of the images.
     weights
         Of corners (those of frames hold the frames' noise) and legs.
+    within : m/sqrt(m)
+        Slip while a frame is read, over the corners' noise scale.
     at
         The likelihood about the state.
     """
@@ -60,7 +81,8 @@ class Joint:
     clocks: Clocks
     height: int
     weights: Weights
-    at: Linearization
+    within: float
+    at: AboutFrames
 
     @property
     def state(self) -> State:
@@ -127,8 +149,9 @@ def _about(  # noqa: PLR0917 - stops and frames, and about what
     """Return stops and frames about a state."""
     woven, problem = data
     weights, height = _weights(fit, woven, problem, noise), drives[0].image_size[1]
-    at = _linearized(problem, state, weights, woven, height)
-    return Joint(woven=woven, problem=problem, clocks=clocks, height=height, weights=weights, at=at)
+    within = noise.slip / fit.components.noise_scale
+    at = _linearized(problem, state, weights, (woven.course, height), within)
+    return Joint(woven=woven, problem=problem, clocks=clocks, height=height, weights=weights, within=within, at=at)
 
 
 def _problem(fit: Fit, woven: Woven) -> Problem:
@@ -216,30 +239,28 @@ def _taken(state: State, places: Ids, explained: Array) -> State:
     )
 
 
-def _linearized(problem: Problem, state: State, weights: Weights, woven: Woven, height: int) -> Linearization:
-    """Return the likelihood about a state, rows of moving frames read one after the other."""
+def _linearized(
+    problem: Problem, state: State, weights: Weights, frames: tuple[Array, int], within: float
+) -> AboutFrames:
+    """Return the likelihood about a state, rows of moving frames (course and height) read one after the other."""
     columns: Columns = explained_columns(problem, state)
     corners = corner_residuals(problem, state, columns)
-    corners = with_rolling(problem, state, corners, woven.course, height)
-    legs = leg_residuals(problem, state, columns)
-    normal, local, squares = corner_equations(problem, corners, weights.corners)
-    return Linearization(
-        corner_normal=normal, corner_local=local, corner_squares=squares, corners=corners, legs=legs, state=state,
-        columns=columns,
+    corners = with_rolling(problem, state, corners, *frames)
+    modes = slip_modes(problem, state, corners, frames, within)
+    corners, (normal, local, squares), slipped = equations_with_slip(problem, corners, weights.corners, modes)
+    return AboutFrames(
+        corner_normal=normal, corner_local=local, corner_squares=squares, corners=corners, state=state, columns=columns,
+        legs=leg_residuals(problem, state, columns), slipped=slipped,
     )  # fmt: skip
 
 
-def linearized(joint: Joint, state: State) -> Linearization:
+def linearized(joint: Joint, state: State) -> AboutFrames:
     """Return the likelihood of stops and frames about another state."""
-    return _linearized(joint.problem, state, joint.weights, joint.woven, joint.height)
+    return _linearized(joint.problem, state, joint.weights, (joint.woven.course, joint.height), joint.within)
 
 
-def stepped(joint: Joint, levels: Levels, weight: Array, weights: Weights | None = None) -> Joint:
-    """Return the likelihood after a step, the mean of solutions at some levels by their weights (K,).
-
-    From there on corners and legs may have other ``weights``.
-    """
-    joint = joint if weights is None else replace(joint, weights=weights)
+def stepped(joint: Joint, levels: Levels, weight: Array) -> Joint:
+    """Return the likelihood after a step, the mean of solutions at some levels by their weights (K,)."""
     return replace(joint, at=linearized(joint, _after(joint, levels, weight)))
 
 

@@ -22,12 +22,11 @@ from boxcal.detect.correspondences import Correspondences
 
 
 @cache
-def _stops() -> tuple[Correspondences, Fit]:
-    """A drive with its frames of an ideal camera, and the solution of its stops."""
+def _stops(readout_s: float = 0.0) -> tuple[Correspondences, Fit]:
+    """A drive with its frames of an ideal camera but for its shutter, and the solution of its stops."""
     simulated = boxcal.simulate(options=DriveOptions(stops=12, slip=3e-4), seed=11)
-    frames = moving_frames(
-        simulated.robot, simulated.target, simulated.drive, ShutterOptions(), np.random.default_rng(2)
-    )
+    shutter = ShutterOptions(readout_s=readout_s)
+    frames = moving_frames(simulated.robot, simulated.target, simulated.drive, shutter, np.random.default_rng(2))
     options = EstimateOptions(target=simulated.target, systematic_share=0.0)
     drive = replace(simulated.correspondences, moving=frames[::2])
     return drive, fit([drive], None, options)
@@ -41,14 +40,15 @@ def _settled(drive: Correspondences) -> Settled:
 
 
 @cache
-def _left_out() -> tuple[Settled, LeaveOut]:
-    found = _settled(_stops()[0])
+def _left_out(readout_s: float = 0.0) -> tuple[Settled, LeaveOut]:
+    found = _settled(_stops(readout_s)[0])
     return found, leave_out(_stops()[1], found)
 
 
+@pytest.mark.parametrize("readout_s", [0.0, 0.02])
 @pytest.mark.parametrize("wheels", [False, True])
-def test_a_leg_left_out_changes_the_answer_as_solving_without_it_does(wheels: bool) -> None:
-    (found, among), solution = _left_out(), _stops()[1]
+def test_a_leg_left_out_changes_the_answer_as_solving_without_it_does(wheels: bool, readout_s: float) -> None:
+    (found, among), solution = _left_out(readout_s), _stops()[1]
     joint, place = found.joint, leg_of_places(found.joint.woven)
     level = (np.array([found.levels.slip[found.best]]), np.array([found.levels.jitter_s[found.best]]))
     leg = int(np.bincount(place[joint.woven.moving]).argmax())

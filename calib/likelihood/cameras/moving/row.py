@@ -114,7 +114,7 @@ def moving_row(stops: RobotFit, row: Correspondences, cameras: Sequence[Seen], c
     causes = (*stops.robot.problem.explanations, *own_clocks)
     robot = together(problems, corners, Row(drives=woven.drives, places=places), cameras[0].fit.options, causes)
     parts = [
-        part if seen.settled is None else _rolling(robot, part, own, woven.course, c, seen.drive.image_size[1])
+        part if seen.settled is None else _rolling(robot, replace(part, problem=own), woven.course, c, seen)
         for c, (part, own, seen) in enumerate(zip(robot.parts, problems, cameras, strict=True), 1)
     ]
     of_camera = np.cumsum(woven.frame < 0) - 1
@@ -190,16 +190,14 @@ def _frame_weights(seen: Seen, number: int) -> Array:
     return joint.weights.corners[starts[place] : starts[place + 1]]
 
 
-def _rolling(  # noqa: PLR0917 - a camera's data and what its readout time acts by
-    robot: Together, part: Part, own: Problem, course: Array, number: int, height: int
-) -> Part:
+def _rolling(robot: Together, part: Part, course: Array, number: int, seen: Seen) -> Part:
     """Return a camera's data with its readout time among its unknowns."""
     column = robot.problem.names.index(named(ROLLING, number))
     return replace(
         part,
-        problem=own,
         columns=np.append(part.columns, column),
         course=course[part.places],
-        height=height,
+        within=0.0 if seen.settled is None else seen.settled.joint.within,
+        height=seen.drive.image_size[1],
         readout=column - int(robot.problem.explained.start),
     )
