@@ -15,7 +15,7 @@ from boxcal.calib.four_steps.step4_mounting import (
     stand_on_floor,
     upright_translations,
 )
-from boxcal.calib.geometry.diff_drive import Legs, legs_between, pair_displacements, unit_path
+from boxcal.calib.geometry.diff_drive import Legs, legs_between, pair_displacements, stop_pairs, unit_path
 from boxcal.detect.correspondences import Correspondences
 from boxcal.detect.stops import MIN_STOPS
 from boxcal.target.arrays import Array
@@ -95,7 +95,7 @@ def solve_motion(camera: CameraStep, legs: Legs) -> FourSteps:
         If the moves do not determine the calibration.
     """
     axis = find_axis(camera.T_cam_box)
-    i, j = np.triu_indices(len(camera.T_cam_box), 1)
+    i, j = stop_pairs(len(camera.T_cam_box))
     phi = np.stack([legs.phi_R, legs.phi_L], axis=1)
     heading = solve_heading(-axis.theta[i, j], phi[j] - phi[i], moves=len(phi) - 1)
     u = upright_translations(camera.T_cam_box, axis.a2, axis.a3)

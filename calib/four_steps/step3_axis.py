@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from boxcal.calib.errors import CalibError
-from boxcal.calib.geometry.so3_se3 import vee
+from boxcal.calib.geometry.so3_se3 import hat
 from boxcal.target.arrays import Array
 
 MIN_TURN_DEG = 10.0
@@ -45,8 +45,9 @@ def find_axis(T_cam_box: Array) -> AxisStep:
 
     The robot turns about the vertical only, so ``R_camj_cami = R_body_cam^T Rz(theta_i - theta_j) R_body_cam``
     (eqs. 10-14): the axis n is the unit vector that minimises ``sum |(R_camj_cami - I) n|^2``, the last right
-    singular vector of the stack. Pairs with small turns weigh little by themselves, and half a turn is no special case,
-    unlike in eqs. 24-25.
+    singular vector of the stack. Over all pairs that sum is a constant less ``|S^T n|^2`` with S the sum of
+    ``R_camj_box``: n is the first left singular vector of S. Pairs with small turns weigh little by themselves, and
+    half a turn is no special case, unlike in eqs. 24-25.
 
     Parameters
     ----------
@@ -59,15 +60,12 @@ def find_axis(T_cam_box: Array) -> AxisStep:
         If no two stops differ by a turn of at least ``MIN_TURN_DEG``.
     """
     R = T_cam_box[:, :3, :3]
-    relative = np.einsum("jab,icb->ijac", R, R)  # [i, j] = R_camj_cami
-    pairs = np.triu_indices(len(R), 1)
-    n = np.linalg.svd((relative[pairs] - np.eye(3)).reshape(-1, 3), full_matrices=False)[2][-1]
+    n = np.linalg.svd(R.sum(axis=0))[0][:, 0]
     up = R[:, :, 2]
     if np.sum(up @ n) < 0:
         n = -n
-    sine = vee(relative) @ n
-    cosine = (np.trace(relative, axis1=2, axis2=3) - 1) / 2
-    theta = np.arctan2(sine, cosine)
+    flat = R.reshape(-1, 9)
+    theta = np.arctan2((hat(n) @ R).reshape(-1, 9) @ flat.T, flat @ flat.T - 1)  # twice sine and cosine
     largest = float(np.degrees(np.abs(theta).max()))
     if largest < MIN_TURN_DEG:
         raise CalibError(

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from boxcal.calib.errors import CalibError
+from boxcal.calib.geometry.diff_drive import stop_pairs
 from boxcal.calib.geometry.so3_se3 import inverse, rigid, rot_y, rot_z
 from boxcal.target.arrays import Array
 
@@ -77,7 +78,7 @@ def solve_mounting(*, beta: Array, theta: Array, u: Array, aR: float, aL: float)
     CalibError
         If the rank is too small: the message names what the drive does not determine.
     """
-    _, singular, Vt = np.linalg.svd(mounting_equations(beta, theta, u), full_matrices=False)
+    _, singular, Vt = np.linalg.svd(np.linalg.qr(mounting_equations(beta, theta, u), mode="r"))
     _check_rank(singular, Vt)
     scale = np.hypot(Vt[-1, 3], Vt[-1, 4])
     v = Vt[-1] / scale
@@ -123,10 +124,11 @@ def check_agreement(step: MountingStep, u: Array) -> None:
 
 
 def upright_translations(T_cam_box: Array, a2: float, a3: float) -> Array:
-    """Return ``u = (Ry(a2) Rz(a3) t_camj_cami)_xy`` for all pairs i < j of poses (P, 4, 4): (N, 2), m."""
-    i, j = np.triu_indices(len(T_cam_box), 1)
-    t_camj_cami = (T_cam_box[j] @ inverse(T_cam_box)[i])[:, :3, 3]
-    return np.asarray((t_camj_cami @ (rot_y(a2) @ rot_z(a3)).T)[:, :2])
+    """Return ``u = (Ry(a2) Rz(a3) t_camj_cami)_xy`` for pairs i < j of poses (P, 4, 4): (N, 2), m."""
+    upright = (rot_y(a2) @ rot_z(a3))[:2]
+    j_i = upright @ T_cam_box[:, :3, :3] @ inverse(T_cam_box)[:, :3, 3].T  # (P, 2, P), t_camj_cami less t_camj_box
+    i, j = stop_pairs(len(T_cam_box))
+    return np.asarray(j_i[j, :, i] + (T_cam_box[:, :3, 3] @ upright.T)[j])
 
 
 def stand_on_floor(step: MountingStep, T_cam_box: Array, a2: float, a3: float) -> Array:

@@ -1,6 +1,7 @@
 """A differential drive: its wheels, the wheel travel of a drive, and the path that it describes, in closed form."""
 
 from dataclasses import dataclass, field
+from functools import lru_cache
 
 import numpy as np
 
@@ -77,7 +78,7 @@ def legs_between(drive: Correspondences, kept: tuple[int, ...] | None = None) ->
     phi, times, at, unknown = _driven(drive, kept[0], kept[-1])
     some = np.array(kept) - kept[0]
     dphi, ends = np.diff(phi, axis=0), at[some]
-    turned = np.concatenate([[0], np.cumsum(np.any(dphi != 0, axis=1))])
+    turned = np.concatenate([[0], np.cumsum((dphi[:, 0] != 0) | (dphi[:, 1] != 0))])
     return Legs(
         dphi_R=dphi[:, 0],
         dphi_L=dphi[:, 1],
@@ -165,8 +166,30 @@ def dead_reckoned(dphi_R: Array, dphi_L: Array, aR: float, aL: float) -> tuple[A
     return np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)]), th
 
 
+_ALL_PAIRS = 100
+"""Stops up to which all pairs are taken: nearly 5,000."""
+_GAPS = 16
+"""Of more stops so many distances within the drive, from neighbours to its whole length."""
+
+
+@lru_cache(maxsize=4)
+def stop_pairs(stops: int) -> tuple[Ids, Ids]:
+    """Return the pairs of stops i < j that moves are taken between, (N,) each: all, or of many stops some.
+
+    Of many stops the pairs are those a few stops, a few dozen and so on apart: their number grows with the stops, not
+    with their square.
+    """
+    i, j = np.triu_indices(stops, 1)
+    if stops > _ALL_PAIRS:
+        some = np.isin(j - i, np.geomspace(1, stops - 1, _GAPS).round())
+        i, j = i[some], j[some]
+    for part in (i, j):
+        part.flags.writeable = False  # it is kept
+    return i, j
+
+
 def pair_displacements(xy: Array, heading: Array) -> Array:
-    """Return where stop j lies in the frame of stop i for all pairs i < j, (N, 2).
+    """Return where stop j lies in the frame of stop i for pairs i < j (see :func:`stop_pairs`), (N, 2).
 
     Parameters
     ----------
@@ -175,7 +198,7 @@ def pair_displacements(xy: Array, heading: Array) -> Array:
     heading : (P,), rad
         Their headings.
     """
-    i, j = np.triu_indices(len(xy), 1)
+    i, j = stop_pairs(len(xy))
     dx, dy = (xy[j] - xy[i]).T
     c, s = np.cos(heading[i]), np.sin(heading[i])
     return np.stack([c * dx + s * dy, -s * dx + c * dy], axis=1)

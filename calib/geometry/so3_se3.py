@@ -14,7 +14,8 @@ _SMALL = 1e-4
 
 def wrap(angle: ArrayLike) -> Array:
     """Return angles in [-pi, pi), rad."""
-    return np.asarray((np.asarray(angle) + np.pi) % (2 * np.pi) - np.pi)
+    angle = np.asarray(angle, dtype=np.float64)
+    return np.asarray(angle - 2 * np.pi * np.floor((angle + np.pi) / (2 * np.pi)))
 
 
 def rot2(angle: float) -> Array:

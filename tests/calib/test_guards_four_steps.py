@@ -9,7 +9,7 @@ from boxcal.calib.errors import CalibError
 from boxcal.calib.four_steps.procedure import solve_motion
 from boxcal.calib.four_steps.step1_camera import CameraMode, calibrate_camera
 from boxcal.calib.four_steps.step2_heading import MAX_RELATIVE_SIGMA, solve_heading, unwrap_turns
-from boxcal.calib.geometry.diff_drive import Legs, legs_between, unit_path
+from boxcal.calib.geometry.diff_drive import Legs, legs_between, stop_pairs, unit_path
 from boxcal.calib.geometry.so3_se3 import inverse, wrap
 from boxcal.detect.correspondences import Correspondences, StopObservation
 from boxcal.detect.log.wheel_samples import WheelSamples
@@ -142,3 +142,15 @@ def test_three_stops_name_no_swapped_wheels_since_any_number_of_whole_turns_fits
     phi = np.array([[33.456, 13.177], [-1.198, 18.665]])
     with pytest.raises(CalibError, match="3 stops do not tell how the wheels roll"):
         solve_heading(wrap(phi @ (0.173, -0.178)), phi, 2)
+
+
+def test_pairs_of_many_stops_grow_with_their_number_not_its_square():
+    i, j = stop_pairs(20)
+    np.testing.assert_array_equal((i, j), np.triu_indices(20, 1))
+    i, j = stop_pairs(500)
+    gaps = j - i
+    assert len(i) < 20 * 500
+    assert np.count_nonzero(gaps == 1) == 499
+    assert gaps.max() == 499
+    largest = np.unique(gaps)
+    assert np.all(largest[1:] <= 2 * largest[:-1])
