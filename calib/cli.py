@@ -310,22 +310,10 @@ def _record(args: argparse.Namespace, calibrations: "list[Calibration]") -> bool
 
 
 def _print_results(place: "ResultsPlace", results: "list[Calibration]", failed: list[str]) -> None:
-    from boxcal.calib.console.cameras import cameras_table, of_further_cameras
-    from boxcal.calib.console.judgement import judgement, own_notes
-    from boxcal.calib.console.tables import results_tables, verdict_table
+    from boxcal.calib.console.summary import summary
     from boxcal.calib.fleet.store import CAMERA_TABLES
 
-    print(verdict_table(results, failed=failed) + "\n")
-    for c in results:
-        if c.verdict is not None:
-            print(judgement(c.robot, c.verdict))
-            for note in own_notes(c):
-                print(note)
-            for line in of_further_cameras(c):
-                print(line)
-    print("\n" + results_tables(results))
-    if several := cameras_table(results):
-        print("\n" + several)
+    print(summary(results, failed=failed))
     more = "".join(
         f",\n         {place.said}/{name}" for name in CAMERA_TABLES.values() if (place.folder / name).exists()
     )

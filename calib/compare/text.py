@@ -1,6 +1,7 @@
 """Text and table of the difference of two calibrations."""
 
 from collections.abc import Sequence
+from dataclasses import fields
 
 import numpy as np
 
@@ -8,7 +9,7 @@ from boxcal.calib.compare.cameras import Further, chance_of_all, only_in_one
 from boxcal.calib.compare.difference import STRAIGHT, Difference
 from boxcal.calib.compare.ground_truth import Errors
 from boxcal.calib.console.judgement import judgement, wrapped
-from boxcal.calib.console.tables import shortened, table
+from boxcal.calib.console.tables import MANY, shortened, table
 from boxcal.calib.geometry.parameters import ORDER
 from boxcal.calib.results.calibration import Calibration
 from boxcal.detect.log.safe_text import printable
@@ -106,8 +107,15 @@ def _listed(values: Sequence[float]) -> str:
     return ", ".join(f"{v:.2f}" for v in values)
 
 
-def errors_table(errors: list[tuple[str, Errors]]) -> str:
-    """Return how far every robot's calibration is from the truth, in two tables that fit 80 columns."""
+def errors_table(errors: Sequence[tuple[str, Errors]]) -> str:
+    """Return how far every robot's calibration is from the truth, in two tables that fit 80 columns.
+
+    Of more than :data:`~boxcal.calib.console.tables.MANY` robots each table has the root mean square of the errors and
+    the largest ones alone.
+    """
+    if len(errors) > MANY:
+        rms, largest = _over_all_robots([e for _, e in errors])
+        errors = [(f"rms of {len(errors)}", rms), ("largest", largest)]
     wheels = [
         [shortened(robot)]
         + [f"{100 * v:+.3f}" for v in (e.rL, e.rR, e.b)]
@@ -125,3 +133,10 @@ def errors_table(errors: list[tuple[str, Errors]]) -> str:
     title = "error against truth"
     header = [title, "rL %", "rR %", "b %", "turn deg", "x mm", "y mm", "z mm"]
     return table(header, wheels) + "\n\n" + table([title, "fu %", "fv %", "cu px", "cv px", "kr"], camera)
+
+
+def _over_all_robots(errors: Sequence[Errors]) -> tuple[Errors, Errors]:
+    """Return the root mean square of each error, and the largest of each, with its sign."""
+    each = {field.name: np.array([getattr(e, field.name) for e in errors]) for field in fields(Errors)}
+    rms = {name: float(np.sqrt((of**2).mean())) for name, of in each.items()}
+    return Errors(**rms), Errors(**{name: float(of[np.abs(of).argmax()]) for name, of in each.items()})

@@ -23,14 +23,14 @@ def judgement(robot: str, verdict: Verdict, *, width: int = WIDTH) -> str:
     return "\n".join(lines)
 
 
-def own_notes(calibration: Calibration, *, width: int = WIDTH) -> Iterator[str]:
-    """Yield the notes of a result that its verdict does not say already, wrapped to a width."""
+def own_notes(calibration: Calibration) -> Iterator[str]:
+    """Yield the notes of a result that its verdict does not say already."""
     legs = calibration.detail.flagged_legs if calibration.detail else ()
     told = {leg.text for leg in legs} | {finding.text for finding in calibration.findings}
     told = told if calibration.verdict else set()
     for note in calibration.notes:
         if note not in told and not note.startswith(_TOLD):
-            yield from wrapped("  ", note, width)
+            yield note
 
 
 def header_lines(verdict: Verdict | None) -> Iterator[str]:

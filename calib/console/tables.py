@@ -11,6 +11,8 @@ from boxcal.calib.console.judgement import WIDTH
 from boxcal.calib.results.calibration import Calibration
 from boxcal.calib.results.each_camera import each_camera
 
+MANY = 20
+"""Robots that have a line each in a table; a larger fleet is summed up."""
 _LONGEST_NAME = 24
 """Columns that a robot's name takes at most; a longer one is cut in its middle."""
 _MM, _DEG = 1e3, 180 / pi
