@@ -1,4 +1,4 @@
-"""What a run prints of its results: all of a few robots; of a large fleet, what needs somebody's attention."""
+"""Printed results of a run: all of a few robots; of a large fleet, what needs somebody's attention."""
 
 from collections import Counter
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""What is printed of a run: each robot of a few, and of a large fleet what needs attention."""
+"""Printed results of a run: each robot of a few; of a large fleet, what needs attention."""
 
 from collections.abc import Callable
 from dataclasses import fields, replace
