@@ -91,3 +91,16 @@ def true_wheels(robot: Robot) -> Array:
 
 def rms(values: Array) -> float:
     return float(np.sqrt(np.mean(values**2)))
+
+
+def whitened(error: Array, cov: Array) -> Array:
+    """Return errors (n,) in units of their covariance (n, n): independent, each of standard deviation 1."""
+    scale = np.sqrt(np.diag(cov))
+    return np.asarray(np.linalg.solve(np.linalg.cholesky(cov / np.outer(scale, scale)), error / scale))
+
+
+def of_one(errors: list[Array]) -> str:
+    """Return the root mean square of whitened errors and by how many standard deviations of chance it is off 1."""
+    square = np.concatenate([e.ravel() for e in errors]) ** 2
+    off = (square.mean() - 1) / np.sqrt(2 / len(square))
+    return f"{np.sqrt(square.mean()):.3f} (rms; {off:+.1f} sigma from 1)"

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from camera_robots import LEAST_TAGS, SIGMA_PX, SLIP, Kind, driven, found_wheels, rms, true_wheels
+from camera_robots import LEAST_TAGS, SIGMA_PX, SLIP, Kind, driven, found_wheels, of_one, rms, true_wheels, whitened
 
 from boxcal.calib.likelihood import EstimateOptions
 from boxcal.calib.likelihood.cameras.estimates import Cameras, solve_cameras
@@ -36,11 +36,13 @@ LATE_S, JITTER_S = (0.03, -0.02), 5e-4
 class Moved:
     """One robot with frames on the move: both cameras' ``ERRORS``, (2, 5) each, in SI.
 
+    ``whitened`` (2, 5) are a camera's errors in units of their covariance: independent, of one.
     ``late`` are the errors of both clocks over their sigmas, (2,), NaN for a camera whose frames were not used.
     """
 
     error: Array
     sigma: Array
+    whitened: Array
     stops_sigma: Array
     bound: Array
     late: Array
@@ -73,8 +75,11 @@ def moved(kind: Kind, number: int, seed: int) -> Moved | None:
         else np.nan
         for e, t in zip(both.estimates, LATE_S, strict=True)
     ]
+    error = np.array([_errors(e, r) for e, r in zip(both.estimates, robots, strict=True)])
+    covs = [e.cov[np.ix_(columns, columns)] for e in both.estimates]
     return Moved(
-        error=np.array([_errors(e, r) for e, r in zip(both.estimates, robots, strict=True)]),
+        error=error,
+        whitened=np.array([whitened(e, cov) for e, cov in zip(error, covs, strict=True)]),
         sigma=np.array([np.sqrt(np.diag(e.cov)[columns]) for e in both.estimates]),
         stops_sigma=np.array([np.sqrt(np.diag(e.cov)[columns]) for e in stops.estimates]),
         bound=_bound_with_frames(stops, fits, views),
@@ -125,6 +130,10 @@ def report_moved(title: str, outcomes: list[Moved | None]) -> None:
     z, of_bound = np.array([o.error / o.sigma for o in done]), np.array([o.error / o.bound for o in done])
     used = sum("were used" in " ".join(o.notes) for o in done)
     print(f"{title}: {len(done)} of {len(outcomes)} robots, frames used of {used}")
+    print(
+        "  errors in units of their covariance: "
+        + ", ".join(f"camera {c + 1} {of_one([o.whitened[c] for o in done])}" for c in range(2))
+    )
     print(
         f"  errors: largest {np.abs(z).max():.2f} sigma, rms {rms(z):.3f} sigma, within 95 % intervals "
         f"{100 * np.mean(np.abs(z) < 1.96):.1f} %"
