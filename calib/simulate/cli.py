@@ -28,7 +28,13 @@ _EPILOG = "exit status: 0 all robots simulated, 1 some robot failed (its reason 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run ``simulate-fleet``; return 0 if all logs were written, 1 if some could not be (argparse exits with 2)."""
-    args = _parser().parse_args(argv)
+    parser = _parser()
+    args = parser.parse_args(argv)
+    for name in ("camera_clock_offsets_ms", "camera_image_sizes", "camera_frames"):
+        count = len(getattr(args, name))
+        if count not in {0, args.cameras}:
+            option = f"--{name.replace('_', '-')}"
+            parser.error(f"{option}: one value for each of {args.cameras} cameras is needed, and {count} are given")
 
     # What is heavy comes after --help has answered.
     from boxcal.calib.simulate.fleet import simulate_fleet
@@ -57,6 +63,7 @@ def _jobs(args: argparse.Namespace) -> "list[Job]":
     from boxcal.calib.simulate.asked_faults import AskedFaults, named_violation
     from boxcal.calib.simulate.drive import DriveOptions
     from boxcal.calib.simulate.fleet import Job
+    from boxcal.calib.simulate.more_cameras import OwnSettings
     from boxcal.calib.simulate.recorder import RecordOptions
     from boxcal.target.box import make_target
     from boxcal.target.camera.camera_model import CameraKind
@@ -91,6 +98,11 @@ def _jobs(args: argparse.Namespace) -> "list[Job]":
         tilt=None if args.tilt_deg is None else radians(args.tilt_deg),
         violations=tuple(args.violation),
     )
+    own = OwnSettings(
+        late_s=tuple(1e-3 * late for late in args.camera_clock_offsets_ms),
+        image_sizes=tuple(args.camera_image_sizes),
+        frames=tuple(args.camera_frames),
+    )
     return [
         Job(
             folder=args.folder,
@@ -104,6 +116,7 @@ def _jobs(args: argparse.Namespace) -> "list[Job]":
             faults=faults,
             cameras=args.cameras,
             rig=args.rig,
+            own=own,
         )
         for k in range(args.robots)
     ]
@@ -141,18 +154,7 @@ def _parser() -> argparse.ArgumentParser:
     add("--noise", number(0, 100), 1.5, "standard deviation of the pictures' noise, grey levels", "GREY")
     add("--blur", number(0, 50), 0.6, "standard deviation of the lens's blur, px", "PX")
     parser.add_argument("--image", choices=("jpeg", "png", "raw"), default="jpeg", help="pictures (default: jpeg)")
-    add(
-        "--cameras",
-        whole_number(1, 4),
-        1,
-        "cameras of each robot: /front/image_raw, /rear/image_raw ...",
-    )
-    parser.add_argument(
-        "--rig",
-        choices=("rear", "stereo", "wide"),
-        default="rear",
-        help="the second camera: behind, 60 mm beside the first, or a fisheye beside it (default: rear)",
-    )
+    _cameras(parser)
     _clock(parser)
     add("--quality", whole_number(1, 100), 90, "of JPEG")
     parser.add_argument(
@@ -166,6 +168,33 @@ def _parser() -> argparse.ArgumentParser:
         "--compression", choices=("none", "lz4", "zstd"), default="zstd", help="of the log (default: zstd)"
     )
     return parser
+
+
+def _cameras(parser: argparse.ArgumentParser) -> None:
+    several = parser.add_argument_group(
+        "several cameras",
+        "What has a value for each camera is in the order of the cameras; else each has a clock 4 ms later and one "
+        "picture a stop more than the one before, and images of one size.",
+    )
+    several.add_argument(
+        "--cameras",
+        type=whole_number(1, 4),
+        default=1,
+        metavar="N",
+        help="cameras of each robot: /front/image_raw, /rear/image_raw ... (default: 1)",
+    )
+    several.add_argument(
+        "--rig",
+        choices=("rear", "stereo", "wide"),
+        default="rear",
+        help="the second camera: behind, 60 mm beside the first, or a fisheye beside it (default: rear)",
+    )
+    for name, kind, metavar, meaning in (
+        ("--camera-clock-offsets-ms", number(-10_000, 10_000), "MS", "each camera's, instead of --clock-offset-ms"),
+        ("--camera-image-sizes", image_size, "WxH", "each camera's, instead of --image-size"),
+        ("--camera-frames", whole_number(1, 1000), "N", "each camera's pictures at each stop, instead of --frames"),
+    ):
+        several.add_argument(name, type=kind, nargs="+", default=(), metavar=metavar, help=meaning)
 
 
 def _clock(parser: argparse.ArgumentParser) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 from boxcal.calib.errors import CalibError
 from boxcal.calib.simulate.asked_faults import AskedFaults
 from boxcal.calib.simulate.drive import DriveOptions, simulate_drive
-from boxcal.calib.simulate.more_cameras import RIGS, further_cameras, stops_for_all, views_of
+from boxcal.calib.simulate.more_cameras import RIGS, OwnSettings, further_cameras, stops_for_all, views_of
 from boxcal.calib.simulate.recorder import RecordOptions, write_log
 from boxcal.calib.simulate.robot import VGA, random_robot, with_camera
 from boxcal.calib.simulate.truth import truth_bytes
@@ -45,8 +45,9 @@ class Job:
         Of its camera model.
     faults
         What is not exact.
-    cameras, rig
-        How many cameras it has, and of what kind the second is (:data:`boxcal.calib.simulate.more_cameras.RIGS`).
+    cameras, rig, own
+        How many cameras it has, of what kind the second is (:data:`boxcal.calib.simulate.more_cameras.RIGS`), and what
+        each has of its own.
     """
 
     folder: Path
@@ -60,6 +61,7 @@ class Job:
     faults: AskedFaults = field(default_factory=AskedFaults)
     cameras: int = 1
     rig: str = RIGS[0]
+    own: OwnSettings = field(default_factory=OwnSettings)
 
     @property
     def name(self) -> str:
@@ -97,13 +99,15 @@ def simulate_robot(job: Job) -> Done:
     cv2.setNumThreads(1)
     try:
         of_robot, of_drive, of_log, of_faults = np.random.default_rng([job.seed, job.number]).spawn(4)
-        robot = with_camera(random_robot(job.name, of_robot, job.image_size), job.kind, of_faults)
+        size = job.own.image_sizes[0] if job.own.image_sizes else job.image_size
+        robot = with_camera(random_robot(job.name, of_robot, size), job.kind, of_faults)
         faults = job.faults.draw(robot, job.drive, of_faults)
-        others = further_cameras(robot, job.cameras - 1, job.rig, of_robot)
+        others = further_cameras(robot, job.cameras - 1, job.rig, of_robot, job.own)
         stops = stops_for_all((robot, *others.values()), job.target, job.drive, of_drive) if others else None
-        record = replace(job.record, topic=_FIRST, frame="front_optical_frame") if others else job.record
+        record = job.own.of(0, job.record)
+        record = replace(record, topic=_FIRST, frame="front_optical_frame") if others else record
         drive = simulate_drive(robot, job.target, job.drive, of_drive, stops, faults=faults)
-        views = views_of(drive, robot, others, job.record)
+        views = views_of(drive, robot, others, job.record, job.own)
         names, frames = write_log(log, robot, job.target, drive, record, rng=of_log, others=views)
         truth = truth_bytes(robot, drive, job.drive, record, names, note=job.faults.note, others=views)
         write_atomically(job.folder / f"{job.name}.truth.json", truth)

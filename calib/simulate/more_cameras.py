@@ -1,7 +1,7 @@
 """More cameras on a simulated robot: the same drive as another of its cameras sees it."""
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from math import atan2, radians
 
 import numpy as np
@@ -22,6 +22,45 @@ BASELINE = 0.06
 _BESIDE = 0.04
 _LATER_S = 0.004
 """By how much the clock of each further camera is ahead of the one before, s: no two cameras have one clock."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OwnSettings:
+    """What the cameras of a robot have each of its own; each tuple has one for every camera, or is empty.
+
+    Attributes
+    ----------
+    late_s : s
+        Stamps less the middle of the exposure; if empty, each camera's are 4 ms later than those of the one before.
+    image_sizes : px
+        Width and height; if empty, those of the first camera.
+    frames
+        Pictures at each stop; if empty, each camera takes one more than the one before.
+    """
+
+    late_s: tuple[float, ...] = ()
+    image_sizes: tuple[tuple[int, int], ...] = ()
+    frames: tuple[int, ...] = ()
+
+    def of(self, number: int, record: RecordOptions) -> RecordOptions:
+        """Return how the pictures of a camera, from 0, are recorded, by how those of the robot are."""
+        late_s = self.late_s[number] if self.late_s else record.late_s + number * _LATER_S
+        frames = self.frames[number] if self.frames else record.frames + number
+        return replace(record, late_s=late_s, frames=frames)
+
+
+def with_images_of(robot: Robot, image_size: tuple[int, int]) -> Robot:
+    """Return the robot with images of another size, px, of the same lens: the width is seen as before."""
+    (width, height), (w, h) = robot.image_size, image_size
+    camera, scale = robot.camera, w / width
+    camera = replace(
+        camera,
+        fu=scale * camera.fu,
+        fv=scale * camera.fv,
+        cu=scale * (camera.cu + 0.5) - 0.5,
+        cv=scale * (camera.cv - (height - 1) / 2) + (h - 1) / 2,
+    )
+    return replace(robot, camera=camera, image_size=image_size)
 
 
 def with_camera_at(
@@ -65,7 +104,7 @@ def seen_by(drive: Drive, robot: Robot, other: Robot) -> Drive:
     return replace(drive, scene=scene, T_box_cam=drive.T_box_cam @ T_cam_other if unmoved else np.stack(at_stops))
 
 
-def further_cameras(robot: Robot, count: int, rig: str, rng: np.random.Generator) -> dict[str, Robot]:
+def further_cameras(robot: Robot, count: int, rig: str, rng: np.random.Generator, own: OwnSettings) -> dict[str, Robot]:
     """Return a robot with each of its further cameras, by their names.
 
     Parameters
@@ -78,9 +117,14 @@ def further_cameras(robot: Robot, count: int, rig: str, rng: np.random.Generator
         Kind of the first of them.
     rng
         Draws their places and lenses.
+    own
+        What each has of its own.
     """
     first = RIGS.index(rig)
-    return {kind: _further(robot, kind, rng) for kind in (RIGS[(first + k) % len(RIGS)] for k in range(count))}
+    found = {kind: _further(robot, kind, rng) for kind in (RIGS[(first + k) % len(RIGS)] for k in range(count))}
+    if not own.image_sizes:
+        return found
+    return {k: with_images_of(r, size) for (k, r), size in zip(found.items(), own.image_sizes[1:], strict=True)}
 
 
 def _further(robot: Robot, kind: str, rng: np.random.Generator) -> Robot:
@@ -118,19 +162,15 @@ def stops_for_all(robots: Sequence[Robot], target: Target, options: DriveOptions
     return stops
 
 
-def views_of(drive: Drive, robot: Robot, others: dict[str, Robot], record: RecordOptions) -> tuple[View, ...]:
+def views_of(
+    drive: Drive, robot: Robot, others: dict[str, Robot], record: RecordOptions, own: OwnSettings
+) -> tuple[View, ...]:
     """Return a drive as each further camera sees and stamps it; no two have one clock, or one rate of pictures."""
     return tuple(
         View(
             robot=other,
             drive=seen_by(drive, robot, other),
-            options=replace(
-                record,
-                topic=f"/{name}/image_raw",
-                frame=f"{name}_optical_frame",
-                frames=record.frames + number,
-                late_s=record.late_s + number * _LATER_S,
-            ),
+            options=replace(own.of(number, record), topic=f"/{name}/image_raw", frame=f"{name}_optical_frame"),
         )
         for number, (name, other) in enumerate(others.items(), 1)
     )
