@@ -37,7 +37,7 @@ At a solution without it variances have grown to take it in, so that its score t
 camera knocks by a tenth of a degree: 0 to 1 where the solution says 2 to 4); what is not adopted is a doubt with that.
 """
 _TRIED = 3
-_LEAST_LEGS = 6
+LEAST_LEGS = 6
 """With fewer legs nothing is explained: a few unknowns would explain anything."""
 _NEEDLESS = 0.01
 """An explanation goes again where the others leave it this chance of being nothing, or more."""
@@ -65,7 +65,7 @@ class Explained:
     def findings(self) -> tuple[Finding, ...]:
         """Adopted explanations, then the likely ones of the others, in words."""
         adopted = [cause.finding(_solved(self.fit, cause, gain), self.fit.problem) for cause, gain in self.adopted]
-        perhaps = [doubt.finding(self.fit) for doubt in self.doubts]
+        perhaps = [doubt.finding(self.fit.problem) for doubt in self.doubts]
         return (*adopted, *(finding for finding in perhaps if finding is not None))
 
 
@@ -89,7 +89,7 @@ def explain(fit: Fit, needed: float = NEEDED) -> Explained:
     needed
         Logarithm of the Bayes factor that an explanation needs.
     """
-    if np.count_nonzero(fit.problem.leg_known) < _LEAST_LEGS:
+    if np.count_nonzero(fit.problem.leg_known) < LEAST_LEGS:
         return Explained(fit=fit)
     found = Explained(fit=fit)
     vanished: tuple[str, ...] = ()
@@ -103,7 +103,7 @@ def explain(fit: Fit, needed: float = NEEDED) -> Explained:
         if here is None or not _shows(here, more.cause, more.gain):  # once faulty legs are left out again
             vanished = (*vanished, more.cause.family)
             continue
-        kept = tuple(a for a in adopted if a[0] is more.cause or not _needless(_solved(here, *a)))
+        kept = tuple(a for a in adopted if a[0] is more.cause or not needless(_solved(here, *a)))
         fewer = _refit(start, [c for c, _ in kept]) if len(kept) < len(adopted) else None
         found = Explained(fit=here, adopted=adopted)
         if fewer is not None and _shows(fewer, more.cause, more.gain):
@@ -179,9 +179,10 @@ def _shows(fit: Fit, cause: Cause, gain: float) -> bool:
     if not fit.converged:
         return False
     solved = _solved(fit, cause, gain)
-    return not _needless(solved) and can_be(cause, solved)
+    return not needless(solved) and can_be(cause, solved)
 
 
-def _needless(solved: Solved) -> bool:
+def needless(solved: Solved) -> bool:
+    """Tell whether the size of a cause that was solved for may be nothing, by chance."""
     square = float(solved.values @ np.linalg.solve(solved.cov, solved.values))
     return bool(chdtrc(len(solved.values), square) > _NEEDLESS)

@@ -14,8 +14,8 @@ import numpy as np
 from boxcal.calib.diagnosis.cause import Cause, Solved, can_be
 from boxcal.calib.diagnosis.ranking import Ranked
 from boxcal.calib.likelihood.finding import Finding
-from boxcal.calib.likelihood.fit import Fit
 from boxcal.calib.likelihood.log_sum import log_sum
+from boxcal.calib.likelihood.problem import Problem
 from boxcal.target.arrays import Array
 
 RARE = 3.0
@@ -57,12 +57,12 @@ class Doubt:
         """Addition of the averaging to the covariance of the shared unknowns, (n, n)."""
         return np.asarray(self.probability * (self.shift_cov + np.outer(self.shift, self.shift)))
 
-    def finding(self, fit: Fit) -> Finding | None:
+    def finding(self, problem: Problem) -> Finding | None:
         """Return what is said of it; None where it is too improbable for words, or its size is not one it can have."""
         solved = Solved(values=self.values, cov=self.cov, p_value=float(np.exp(-self.log_bayes)))
         if self.probability < NAMED or not can_be(self.cause, solved):
             return None
-        told = self.cause.finding(solved, fit.problem)
+        told = self.cause.finding(solved, problem)
         return Finding(
             cause=told.cause,
             text=f"perhaps {told.text} (probability {self.probability:.0%} among the causes that were tried: the "

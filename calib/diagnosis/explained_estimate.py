@@ -6,7 +6,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from boxcal.calib.diagnosis.camera_doubt import camera_doubt
+from boxcal.calib.diagnosis.cause import Cause
 from boxcal.calib.diagnosis.choose import Explained, explain
+from boxcal.calib.diagnosis.doubts import Doubt
 from boxcal.calib.diagnosis.leg_causes import leg_findings
 from boxcal.calib.diagnosis.target_causes import target_findings
 from boxcal.calib.four_steps.procedure import FourSteps
@@ -18,6 +20,7 @@ from boxcal.calib.likelihood.moving.without_stops import from_frames_alone, refu
 from boxcal.calib.likelihood.options import EstimateOptions
 from boxcal.calib.likelihood.summary import reported_cov
 from boxcal.detect.correspondences import Correspondences
+from boxcal.target.arrays import Array
 
 _PROBABLE = 0.2
 """From this probability on what a cause may do unseen is in the standard deviations: of less probable ones it would be
@@ -32,6 +35,10 @@ class ExplainedEstimate:
     ----------
     found
         The estimate, with its findings.
+    but_wheels
+        The same without what is found and doubted of the wheels, which cameras of one robot tell together.
+    wheels
+        Causes in the wheels that are part of the solution.
     fit
         The solution that it reports.
     options
@@ -39,6 +46,8 @@ class ExplainedEstimate:
     """
 
     found: Estimate
+    but_wheels: Estimate
+    wheels: tuple[Cause, ...]
     fit: Fit
     options: EstimateOptions
 
@@ -84,26 +93,37 @@ def explained_estimate(
     first = fit(drives, start, options)
     explained = explain(first)
     solved = replace(explained.fit, camera_scores=first.camera_scores)
-    found = reported(solved, drives, options)
-    found = _with_unseen(found, replace(explained, fit=solved))
-    findings = (*explained.findings, *leg_findings(solved, found, drives), *target_findings(solved))
-    of_wheels = tuple(cause for cause, _ in explained.adopted if not cause.in_pictures)
-    options = replace(options, lens=found.camera.kind, explanations=(*options.explanations, *of_wheels))
-    return ExplainedEstimate(found=replace(found, findings=(*findings, *found.findings)), fit=solved, options=options)
+    bare = reported(solved, drives, options)
+    explained = replace(explained, fit=solved)
+    of_camera = camera_doubt(solved) if solved.camera_scores else None
+    found = _with_unseen(bare, explained, of_camera)
+    of_legs_and_target = (*leg_findings(solved, found, drives), *target_findings(solved), *found.findings)
+    pictures = replace(
+        explained,
+        adopted=tuple(a for a in explained.adopted if a[0].in_pictures),
+        doubts=tuple(doubt for doubt in explained.doubts if doubt.cause.in_pictures),
+    )
+    wheels = tuple(cause for cause, _ in explained.adopted if not cause.in_pictures)
+    options = replace(options, lens=found.camera.kind, explanations=(*options.explanations, *wheels))
+    return ExplainedEstimate(
+        found=replace(found, findings=(*explained.findings, *of_legs_and_target)),
+        but_wheels=replace(_with_unseen(bare, pictures, of_camera), findings=(*pictures.findings, *of_legs_and_target)),
+        wheels=wheels,
+        fit=solved,
+        options=options,
+    )
 
 
-def _with_unseen(found: Estimate, explained: Explained) -> Estimate:
+def _with_unseen(found: Estimate, explained: Explained, of_camera: Array | None) -> Estimate:
     """Return the estimate less sure of what its explanations may do unseen, and of what others may do that are likely.
 
     The former leaves the odometry as good as it is.
     """
     wider = found.cov_all.copy()
-    of_camera = camera_doubt(explained.fit) if explained.fit.camera_scores else None
     for widening in (*(doubt.widening for doubt in explained.doubts), *(() if of_camera is None else (of_camera,))):
         wider += reported_cov(widening, explained.fit.state, np.zeros(len(widening), dtype=bool))
     odometry = wider.copy()
-    causes = [(cause, 1.0) for cause, _ in explained.adopted]
-    causes += [(d.cause, d.probability) for d in explained.doubts if d.probability > _PROBABLE]
+    causes = probable_causes([cause for cause, _ in explained.adopted], explained.doubts)
     for cause, probability in causes:
         for name, sigma in cause.unseen.items():
             k = found.names.index(name)
@@ -116,3 +136,8 @@ def _with_unseen(found: Estimate, explained: Explained) -> Estimate:
         cov_all=wider,
         odometry_cov=odometry[:count, :count] if unseen else found.odometry_cov,
     )
+
+
+def probable_causes(adopted: Sequence[Cause], doubts: Sequence[Doubt]) -> list[tuple[Cause, float]]:
+    """Return the causes whose unseen effects count, adopted ones and likely others, and how probable each is."""
+    return [(cause, 1.0) for cause in adopted] + [(d.cause, d.probability) for d in doubts if d.probability > _PROBABLE]

@@ -7,7 +7,7 @@ import numpy as np
 
 from boxcal.calib.diagnosis.cause import Cause
 from boxcal.calib.likelihood.explanation_equations import new_columns
-from boxcal.calib.likelihood.fit import Fit
+from boxcal.calib.likelihood.fit import Fit, Tested
 from boxcal.calib.likelihood.log_sum import log_sum
 from boxcal.calib.likelihood.score_test import ScoreTest, score_tests
 from boxcal.calib.likelihood.slip_profile import fixed_profile
@@ -46,12 +46,23 @@ def rank(fit: Fit, causes: Sequence[Cause]) -> list[Ranked]:
     """Return the best explanation of each family, the most probable first."""
     wheels = [cause for cause in causes if not cause.in_pictures]
     pictures = [cause for cause in causes if cause.in_pictures]
-    found = [
-        *((cause, test.log_evidence, test) for cause, test in zip(wheels, score_tests(fit, wheels), strict=True)),
-        *((cause, gain, test) for cause, (gain, test) in zip(pictures, _of_pictures(fit, pictures), strict=True)),
-    ]
+    of_pictures = zip(pictures, _of_pictures(fit, pictures), strict=True)
+    return _ranked([*_of_wheels(fit, wheels), *((cause, gain, test) for cause, (gain, test) in of_pictures)])
+
+
+def rank_wheels(fit: Tested, causes: Sequence[Cause]) -> list[Ranked]:
+    """Return the best explanation of each family in the wheels, the most probable first."""
+    return _ranked(_of_wheels(fit, causes))
+
+
+def _of_wheels(fit: Tested, causes: Sequence[Cause]) -> list[tuple[Cause, float, ScoreTest]]:
+    return [(cause, test.log_evidence, test) for cause, test in zip(causes, score_tests(fit, causes), strict=True)]
+
+
+def _ranked(found: Sequence[tuple[Cause, float, ScoreTest]]) -> list[Ranked]:
+    """Return the best of each family of causes, with logarithms of their Bayes factors, and their tests."""
     out = []
-    for family in dict.fromkeys(cause.family for cause in causes):
+    for family in dict.fromkeys(cause.family for cause, _, _ in found):
         members = [member for member in found if member[0].family == family]
         cause, gain, test = max(members, key=lambda member: member[1])
         mean = float(log_sum(np.array([member[1] for member in members])) - np.log(len(members)))

@@ -15,7 +15,7 @@ from boxcal.calib.likelihood.components import VarianceComponents
 from boxcal.calib.likelihood.corner_residuals import explained_motions
 from boxcal.calib.likelihood.corner_sums import by_stop
 from boxcal.calib.likelihood.explanation import Explanation, stacked
-from boxcal.calib.likelihood.fit import Fit
+from boxcal.calib.likelihood.fit import Tested
 from boxcal.calib.likelihood.leg_residuals import FIRST_STOP, SECOND_STOP, LegResiduals, leg_columns, leg_equations
 from boxcal.calib.likelihood.levenberg_marquardt import leg_information, picture_equations
 from boxcal.calib.likelihood.normal_equations import Normal, eliminate
@@ -54,7 +54,7 @@ class NewColumns:
     legs: Array
 
 
-def new_columns(fit: Fit, explanations: Sequence[Explanation]) -> NewColumns:
+def new_columns(fit: Tested, explanations: Sequence[Explanation]) -> NewColumns:
     """Return what the unknowns of explanations would do about a solution without them."""
     problem, at = fit.problem, fit.at
     columns, c = stacked(explanations, problem, fit.state), at.corners
@@ -121,7 +121,7 @@ class ExplanationEquations:
 
 
 def explanation_equations(
-    fit: Fit, components: VarianceComponents, slip: Array, new: NewColumns
+    fit: Tested, components: VarianceComponents, slip: Array, new: NewColumns
 ) -> ExplanationEquations:
     """Return the equations about a solution for variance components and levels of slip (K,), m/sqrt(m)."""
     problem, at = fit.problem, fit.at

@@ -33,6 +33,34 @@ class Known(Protocol):
         """Levels of slip, if known."""
 
 
+class Tested(Protocol):
+    """Parts of a solution that score tests look at: those of a :class:`Fit`, or of a robot with several cameras."""
+
+    @property
+    def problem(self) -> Problem:
+        """Data and unknowns."""
+
+    @property
+    def at(self) -> Linearization:
+        """The likelihood at the mean over slip."""
+
+    @property
+    def state(self) -> State:
+        """Values of all unknowns."""
+
+    @property
+    def weights(self) -> Weights:
+        """Weights of corners and legs."""
+
+    @property
+    def components(self) -> VarianceComponents:
+        """Variance components."""
+
+    @property
+    def profile(self) -> SlipProfile:
+        """Levels of slip and the solutions that belong to them."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Fit:
     """Converged fit of the likelihood, the basis of estimate, tests, validation and benchmarks.

@@ -13,7 +13,7 @@ from scipy import special
 
 from boxcal.calib.likelihood.explanation import Explanation
 from boxcal.calib.likelihood.explanation_equations import NewColumns, explanation_equations, new_columns
-from boxcal.calib.likelihood.fit import Fit
+from boxcal.calib.likelihood.fit import Tested
 from boxcal.calib.likelihood.information_inverse import invert
 from boxcal.calib.likelihood.log_sum import log_sum
 from boxcal.target.arrays import Array
@@ -56,7 +56,7 @@ class ScoreTest:
 
 
 def score_tests(
-    fit: Fit, explanations: Sequence[Explanation], columns: NewColumns | None = None
+    fit: Tested, explanations: Sequence[Explanation], columns: NewColumns | None = None
 ) -> tuple[ScoreTest, ...]:
     """Return the tests of some explanations, each by itself, about one solution.
 
@@ -88,7 +88,9 @@ def score_tests(
     return tuple(out[e] for e in range(len(explanations)))
 
 
-def _tests(explanations: Sequence[Explanation], g: Array, information: Array, gain: Array, fit: Fit) -> list[ScoreTest]:
+def _tests(
+    explanations: Sequence[Explanation], g: Array, information: Array, gain: Array, fit: Tested
+) -> list[ScoreTest]:
     """Return the tests of E explanations of q unknowns each, from (E, K, q), (E, K, q, q) and (E, K, q, n)."""
     prior = np.array([explanation.prior for explanation in explanations], dtype=np.float64)  # (E, q)
     square = prior[:, :, None] * prior[:, None]

@@ -9,7 +9,8 @@ import numpy as np
 from boxcal.calib.diagnosis.cameras import one_place, swapped
 from boxcal.calib.diagnosis.explained_estimate import ExplainedEstimate
 from boxcal.calib.diagnosis.first_look import FirstLook, first_look
-from boxcal.calib.likelihood.cameras.estimates import Cameras, apart, solve_cameras
+from boxcal.calib.diagnosis.wheels_of_all import solve_explained
+from boxcal.calib.likelihood.cameras.estimates import Cameras, apart
 from boxcal.calib.likelihood.cameras.moving.merge import with_frames_of_all
 from boxcal.calib.likelihood.finding import Finding
 from boxcal.calib.likelihood.moving.clock import LATE
@@ -157,7 +158,7 @@ def _together(cameras: Sequence[_Alone], settings: Settings) -> Cameras:
         return apart(found, "they do not agree on how the box's sheets are glued")
     fits = [camera.explained.fit for camera in cameras]
     drives = [camera.look.drives for camera in cameras]
-    together = solve_cameras(found, fits, drives, settings.slip)
+    together = solve_explained([camera.explained for camera in cameras], drives, settings.slip)
     if settings.moving is Moving.OFF:
         return together
     return with_frames_of_all(together, list(zip(found, fits, drives, strict=True)))

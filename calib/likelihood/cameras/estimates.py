@@ -12,7 +12,7 @@ from boxcal.calib.likelihood.cameras.solve import RobotFit, solved
 from boxcal.calib.likelihood.cameras.start import beginning
 from boxcal.calib.likelihood.estimate import DriveEstimate, Estimate
 from boxcal.calib.likelihood.estimator import ASSUMED_SLIP, LEGS_FOR_SLIP
-from boxcal.calib.likelihood.explanation import in_pictures
+from boxcal.calib.likelihood.explanation import Explanation, in_pictures
 from boxcal.calib.likelihood.fit import Fit
 from boxcal.calib.likelihood.leg_outliers import flagged_legs
 from boxcal.calib.likelihood.problem import Problem
@@ -58,6 +58,7 @@ def solve_cameras(
     fits: Sequence[Fit],
     drives: Sequence[Sequence[Correspondences]],
     slip: float | None = None,
+    causes: tuple[Explanation, ...] | None = None,
 ) -> Cameras:
     """Return the estimates of a robot's cameras from all of them together.
 
@@ -69,11 +70,13 @@ def solve_cameras(
         For each camera the same drives, as it saw them.
     slip : m/sqrt(m)
         As it was given; estimated from the legs of all if None, also where one camera saw too few for that.
+    causes
+        Causes in the wheels to solve for; if None, all that any camera's own solution has.
     """
     why = _unsuitable(fits)
     if not why:
         try:
-            begin = beginning(fits, drives)
+            begin = beginning(fits, drives, causes)
             few = 0 < len(begin.legs) < LEGS_FOR_SLIP
             options = replace(fits[0].options, slip=ASSUMED_SLIP if slip is None and few else slip)
             fit = solved(begin.robot, begin.state, begin.levels, begin.legs, options)
@@ -183,11 +186,12 @@ def _root(matrix: Array) -> Array:
 def _estimate(own: Estimate, fit: RobotFit, number: int, cov: Array) -> Estimate:
     """Return one camera's estimate with the values and the covariance of the common solution."""
     part, state = fit.robot.parts[number], fit.found.state
-    here = state.of(part, number)
-    names = fit.robot.problem.names
-    columns = [int(c) for c in part.columns] + [names.index(n) for n in own.names[len(part.columns) :]]
+    here, n = state.of(part, number), len(part.columns)
+    of_causes = fit.robot.problem.names[fit.robot.problem.explained][: fit.robot.causes]
+    causes = dict(zip(of_causes, state.body.explained[: fit.robot.causes].tolist(), strict=True))
+    own = replace(own, names=(*own.names[:n], *causes), values=np.concatenate([own.values[:n], [*causes.values()]]))
+    columns = columns_of(fit, number)
     cov_all = cov[np.ix_(columns, columns)]
-    causes = dict(zip(names[fit.robot.problem.explained], state.body.explained.tolist(), strict=True))
     profile = fit.profile
     found = with_values(own, part.problem, here, causes, cov_all)
     return replace(
@@ -195,6 +199,12 @@ def _estimate(own: Estimate, fit: RobotFit, number: int, cov: Array) -> Estimate
         drives=tuple(_drive(own.drives[d], d, fit, number, cov_all) for d in range(part.problem.drives)),
         noise=replace(own.noise, slip=profile.mean, slip_sigma=profile.sigma),
     )
+
+
+def columns_of(fit: RobotFit, number: int) -> list[int]:
+    """Return where what a camera's estimate names stands among all: its own unknowns, then the causes in the wheels."""
+    first = int(fit.robot.problem.explained.start)
+    return [*fit.robot.parts[number].columns.tolist(), *range(first, first + fit.robot.causes)]
 
 
 def with_values(own: Estimate, problem: Problem, here: State, causes: Mapping[str, float], cov_all: Array) -> Estimate:

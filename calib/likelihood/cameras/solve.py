@@ -11,11 +11,13 @@ from boxcal.calib.likelihood.cameras.problem import Together
 from boxcal.calib.likelihood.cameras.state import RobotState
 from boxcal.calib.likelihood.components import largest_change
 from boxcal.calib.likelihood.leg_spread import spread_of, spread_weights
-from boxcal.calib.likelihood.levenberg_marquardt import Weights, equations, leg_information
+from boxcal.calib.likelihood.levenberg_marquardt import Linearization, Weights, equations, leg_information
 from boxcal.calib.likelihood.normal_equations import solve
 from boxcal.calib.likelihood.options import EstimateOptions
 from boxcal.calib.likelihood.outliers import LegMemory, LegTests, flag_legs, leg_tests
+from boxcal.calib.likelihood.problem import Problem
 from boxcal.calib.likelihood.slip_profile import SlipProfile, fixed_profile, slip_profile
+from boxcal.calib.likelihood.state import State
 from boxcal.calib.likelihood.systematic_errors import systematic_covariance
 from boxcal.calib.likelihood.variance_components import noise_scale, updated
 from boxcal.target.arrays import Array
@@ -56,6 +58,31 @@ class RobotFit:
     legs: Array
     tests: LegTests
     converged: bool
+
+    @property
+    def problem(self) -> Problem:
+        """All unknowns, legs and priors."""
+        return self.robot.problem
+
+    @property
+    def at(self) -> Linearization:
+        """The likelihood of all about the mean over slip."""
+        return self.found.at
+
+    @property
+    def state(self) -> State:
+        """Values of the chain's unknowns."""
+        return self.found.at.state
+
+    @property
+    def weights(self) -> Weights:
+        """Weights of the legs; those of corners are in their cameras' equations."""
+        return _weights(self.legs)
+
+    @property
+    def components(self) -> Levels:
+        """Variance components."""
+        return self.levels
 
 
 def solved(robot: Together, start: RobotState, levels: Levels, legs: Array, options: EstimateOptions) -> RobotFit:

@@ -51,14 +51,20 @@ def wheel_causes(fits: Sequence[Fit]) -> tuple[Explanation, ...]:
     return tuple(found.values())
 
 
-def beginning(fits: Sequence[Fit], drives: Sequence[Sequence[Correspondences]]) -> Start:
+def beginning(
+    fits: Sequence[Fit],
+    drives: Sequence[Sequence[Correspondences]],
+    causes: tuple[Explanation, ...] | None = None,
+) -> Start:
     """Return a robot with several cameras, from each camera's own solution of the same drives.
+
+    ``causes`` are those in the wheels; if None, all that any camera's own solution has.
 
     Errors as of :func:`boxcal.calib.likelihood.cameras.row.one_row`.
     """
     kept = [[tuple(f.problem.stop[f.problem.drive == d].tolist()) for d in range(f.problem.drives)] for f in fits]
     row = one_row(drives, kept)
-    causes = wheel_causes(fits)
+    causes = wheel_causes(fits) if causes is None else causes
     robot = together([f.problem for f in fits], [f.weights.corners for f in fits], row, fits[0].options, causes)
     best = min(range(len(fits)), key=lambda c: float(np.trace(fits[c].cov[WHEELS, WHEELS])))
     state = _state(robot, fits, best)
