@@ -321,6 +321,7 @@ def _of_several_cameras() -> dict[str, Schema]:
             "description": rig["left_out"],
         },
         "cameras_apart": _text(rig["apart"]),
+        "cameras_stops": {"type": "integer", "minimum": 0, "description": rig["stops"]},
     }
 
 

@@ -14,9 +14,13 @@ _LEVEL, _REAR = 0.3, 0.5
 
 
 def _stops(c: Calibration) -> list[Reason]:
-    count = len(c.stops)
+    own = len(c.stops)
+    of_all = c.rig.stops if c.rig is not None else 0
+    count = max(own, of_all) if own >= -LIMITS["stops"].usable else own
     moved = any(finding.cause == "no-stops" for finding in c.findings)
     text = f"{count} frames on the move stand for stops." if moved else f"{count} stops were used."
+    if count > own:
+        text = f"{count} stops were used, {own} of them by this camera."
     if count < -LIMITS["stops"].good:
         text = f"Only {count} stops were used: with so few a slipped wheel or a pushed box goes unnoticed."
     return graded("stops", -count, text, "Record a drive with at least 12 stops, spread all round the box.")

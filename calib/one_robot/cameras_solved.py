@@ -218,6 +218,7 @@ def _rig(solved: Sequence[SolvedCamera], together: Cameras, left_out: Mapping[st
         covariance=np.array(together.mountings),
         left_out=tuple(sorted(left_out.items())),
         apart=together.apart,
+        stops=0 if together.fit is None else len(together.fit.problem.drive),
     )
 
 

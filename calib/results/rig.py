@@ -116,6 +116,8 @@ class Rig:
     apart
         Why the cameras were not solved together, and the covariance is an upper bound of what differences between
         cameras have; empty if they were.
+    stops
+        How many stops they were solved at together, each counted once; 0 if they were not, or where nobody counted.
 
     Examples
     --------
@@ -129,6 +131,7 @@ class Rig:
     covariance: Array
     left_out: tuple[tuple[str, str], ...] = ()
     apart: str = ""
+    stops: int = 0
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -33,6 +33,7 @@ def rig_document(rig: Rig) -> dict[str, Any]:
             "cameras_covariance": {"order": order, "matrix": rig.covariance.tolist()},
             "cameras_left_out": [{"topic": topic, "why": why} for topic, why in rig.left_out],
             "cameras_apart": rig.apart,
+            "cameras_stops": rig.stops,
         }
     )
     return document
@@ -108,4 +109,5 @@ def read_rig(
         covariance=matrix,
         left_out=tuple((str(c["topic"]), str(c["why"])) for c in document["cameras_left_out"]),
         apart=str(document["cameras_apart"]),
+        stops=int(document.get("cameras_stops", 0)),
     )

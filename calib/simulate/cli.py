@@ -13,6 +13,7 @@ from boxcal.command_line import CommandParser, image_size, number, whole_number
 
 if TYPE_CHECKING:
     from boxcal.calib.simulate.fleet import Job
+    from boxcal.calib.simulate.more_cameras import OwnSettings
 
 _DESCRIPTION = """\
 example:
@@ -63,7 +64,6 @@ def _jobs(args: argparse.Namespace) -> "list[Job]":
     from boxcal.calib.simulate.asked_faults import AskedFaults, named_violation
     from boxcal.calib.simulate.drive import DriveOptions
     from boxcal.calib.simulate.fleet import Job
-    from boxcal.calib.simulate.more_cameras import OwnSettings
     from boxcal.calib.simulate.recorder import RecordOptions
     from boxcal.target.box import make_target
     from boxcal.target.camera.camera_model import CameraKind
@@ -98,11 +98,7 @@ def _jobs(args: argparse.Namespace) -> "list[Job]":
         tilt=None if args.tilt_deg is None else radians(args.tilt_deg),
         violations=tuple(args.violation),
     )
-    own = OwnSettings(
-        late_s=tuple(1e-3 * late for late in args.camera_clock_offsets_ms),
-        image_sizes=tuple(args.camera_image_sizes),
-        frames=tuple(args.camera_frames),
-    )
+    own = _own_settings(args)
     return [
         Job(
             folder=args.folder,
@@ -120,6 +116,17 @@ def _jobs(args: argparse.Namespace) -> "list[Job]":
         )
         for k in range(args.robots)
     ]
+
+
+def _own_settings(args: argparse.Namespace) -> "OwnSettings":
+    """Return what each camera has of its own."""
+    from boxcal.calib.simulate.more_cameras import OwnSettings
+
+    return OwnSettings(
+        late_s=tuple(1e-3 * late for late in args.camera_clock_offsets_ms),
+        image_sizes=tuple(args.camera_image_sizes),
+        frames=tuple(args.camera_frames),
+    )
 
 
 def _failed(message: str) -> int:

@@ -26,7 +26,7 @@ _LATER_S = 0.004
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OwnSettings:
-    """What the cameras of a robot have each of its own; each tuple has one for every camera, or is empty.
+    """Settings that cameras of a robot have each of its own; each tuple has one for every camera, or is empty.
 
     Attributes
     ----------

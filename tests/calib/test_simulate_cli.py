@@ -157,3 +157,21 @@ def test_help_opens_with_an_example_and_loads_nothing_heavy() -> None:
     assert result.stdout.splitlines()[-1] == "0 []"
     text = result.stdout.split("\n\n")[1]
     assert text.startswith("example:\n  simulate-fleet robots --robots 3 --stops 10 ")
+
+
+def test_each_camera_can_have_its_own_clock_size_and_number_of_pictures(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    both = ("--robots", "1", "--cameras", "2", "--rig", "stereo")
+    own = ("--camera-clock-offsets-ms", "30", "-20", "--camera-image-sizes", "640x480", "320x240")
+    assert run(tmp_path, *both, *own, "--camera-frames", "2", "5") == 0
+    truth = json.loads((tmp_path / "r01.truth.json").read_bytes())
+    first, second = truth["camera"], truth["cameras"][0]
+    assert (first["width"], second["width"], second["height"]) == (640, 320, 240)
+    assert abs(second["fu"] / (1.01 * first["fu"] / 2) - 1) < 1e-12
+    assert (truth["camera_stamp_offset_s"], second["camera_stamp_offset_s"]) == (0.03, -0.02)
+    assert "3 stops, 21 pictures" in capsys.readouterr().out
+    with pytest.raises(SystemExit) as left:
+        run(tmp_path, *both, "--camera-frames", "2", "5", "6")
+    assert left.value.code == 2
+    assert "--camera-frames: one value for each of 2 cameras is needed, and 3 are given" in capsys.readouterr().err

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 import boxcal
+from boxcal.calib.assessment.drive_rules import DRIVE_RULES
 from boxcal.calib.compare.cameras import further
 from boxcal.calib.compare.difference import difference
 from boxcal.calib.compare.text import comparison
@@ -85,8 +86,24 @@ def test_one_camera_keeps_its_format(calibrated: dict[str, boxcal.Calibration]) 
     with_rig, alone = (
         calibration_document(replace(calibrated["front"], rig=rig)) for rig in (calibrated["front"].rig, None)
     )
-    more = {"cameras", "camera_pairs", "cameras_covariance", "cameras_left_out", "cameras_apart"}
+    more = {"cameras", "camera_pairs", "cameras_covariance", "cameras_left_out", "cameras_apart", "cameras_stops"}
     assert with_rig.keys() - alone.keys() == more
+
+
+def test_stops_of_all_cameras_count_for_the_verdict_on_the_wheels(calibrated: dict[str, boxcal.Calibration]) -> None:
+    found = calibrated["front"]
+    assert found.rig is not None
+    assert found.rig.stops == 12
+    assert len(found.stops) == 6
+
+    def reason(c: boxcal.Calibration) -> Reason:
+        return next(r for rule in DRIVE_RULES for r in rule(c) if r.rule == "stops")
+
+    assert (reason(found).level, reason(found).text) == (Level.GOOD, "12 stops were used, 6 of them by this camera.")
+    assert reason(replace(found, rig=None)).level is Level.USABLE
+    few = replace(found, stops=found.stops[:4])
+    assert reason(few).level is Level.REDO
+    assert "Only 4 stops" in reason(few).text
 
 
 def test_second_topic_of_one_camera_is_recognised(stereo: Rigged) -> None:
