@@ -14,8 +14,7 @@ from boxcal.calib.likelihood.fit import Fit
 from boxcal.calib.likelihood.moving.agreement import agreement
 from boxcal.calib.likelihood.moving.covariance import joint_covariance
 from boxcal.calib.likelihood.moving.exposure import exposure
-from boxcal.calib.likelihood.moving.faults import FEWEST, enough_frames, sound
-from boxcal.calib.likelihood.moving.jumps import jump
+from boxcal.calib.likelihood.moving.faults import FEWEST, Sound, enough_frames, sound
 from boxcal.calib.likelihood.moving.leave_out import LeaveOut, leave_out
 from boxcal.calib.likelihood.moving.levels import Settled
 from boxcal.calib.likelihood.moving.noise import FrameNoise
@@ -75,9 +74,18 @@ def _with_frames(found: Estimate, fit: Fit, drives: Sequence[Correspondences], m
     if why:
         return why
     noise = FrameNoise(slip=fit.components.slip, jitter_s=FIRST_JITTER_S, sway=1.0, scale=1.0)
-    settled, odd = sound(fit, drives, enough_frames(drives), noise)
+    among_all = sound(fit, drives, enough_frames(drives), noise)
+    result = _checked(found, fit, drives, moving, among_all)
+    return among_all.said(result, len(drives)) if isinstance(result, str) else result
+
+
+def _checked(
+    found: Estimate, fit: Fit, drives: Sequence[Correspondences], moving: Moving, among_all: Sound
+) -> Estimate | str:
+    """Return the estimate with frames on the move that do not contradict each other, or why they cannot be used."""
+    settled = among_all.settled
     if settled is None:
-        return f"{odd} of them contradict the others" if odd else "wheels and pictures do not fit there"
+        return ""
     cov = joint_covariance(fit, settled)
     why = of_another_kind(settled, cov, moving)
     if why:
@@ -92,14 +100,12 @@ def _with_frames(found: Estimate, fit: Fit, drives: Sequence[Correspondences], m
             f"they contradict the stops ({compared.parameter} by {compared.sigmas:.1f} of its standard deviations; "
             f"chance of that {compared.p_value:.1g})"
         )
-    return merged(found, fit, settled, cov, Doubts(odd=odd, among=among, exposure=exposure(settled, drives)))
+    return merged(found, fit, settled, cov, Doubts(without=among_all, among=among, exposure=exposure(settled, drives)))
 
 
 def of_another_kind(settled: Settled, cov: Array, moving: Moving) -> str:
-    """Return which clock or shutter the frames have that the model does not; empty if none."""
-    jumped, rolls = jump(settled), rolling(settled, cov)
-    if jumped is not None:
-        return jumped.said(len(settled.joint.woven.drives))
+    """Return which shutter the frames have that the model does not; empty if none."""
+    rolls = rolling(settled, cov)
     if rolls and moving is Moving.AUTO:
         return f"{rolls}, too long for the robot's course to be told over it (--moving on uses them all the same)"
     return ""

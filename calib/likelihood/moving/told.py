@@ -9,6 +9,7 @@ from boxcal.calib.geometry.so3_se3 import inverse, rigid
 from boxcal.calib.likelihood.estimate import DriveEstimate, Estimate
 from boxcal.calib.likelihood.fit import Fit
 from boxcal.calib.likelihood.moving.exposure import Exposure
+from boxcal.calib.likelihood.moving.faults import Sound
 from boxcal.calib.likelihood.moving.leave_out import LeaveOut
 from boxcal.calib.likelihood.moving.levels import Settled
 from boxcal.calib.likelihood.moving.weave import Woven
@@ -23,15 +24,15 @@ class Doubts:
 
     Attributes
     ----------
-    odd
-        How many more contradict them and were left out.
+    without
+        Frames that contradict them and were left out, and jumps of the clock.
     among
         Their agreement among themselves.
     exposure
         How long the shutter was open, where that is known.
     """
 
-    odd: int
+    without: Sound
     among: LeaveOut
     exposure: Exposure | None
 
@@ -97,7 +98,7 @@ def rolling(settled: Settled, cov: Array) -> str:
 
 def _said(settled: Settled, doubts: Doubts, values: Array, sigma: Array) -> str:
     """Return what the frames are and tell: clocks, readout time and jitter, of values (n,) and their sigmas."""
-    odd, among = doubts.odd, doubts.among
+    odd, among = doubts.without.odd, doubts.among
     drives = len(settled.joint.woven.drives)
     late, rate = slice(-1 - 2 * drives, -1 - drives), slice(-1 - drives, -1)
     without = f" ({odd} more, which contradict{'s' if odd == 1 else ''} them, left out)" if odd else ""
@@ -105,6 +106,7 @@ def _said(settled: Settled, doubts: Doubts, values: Array, sigma: Array) -> str:
         f"{len(settled.joint.woven.moving)} frames taken on the move were used{without}: the camera's stamps are "
         f"{_lateness(settled.joint.woven, values[late], sigma[late])} against the wheels', which was allowed for"
     )
+    text += "".join(f"; {jump}" for jump in doubts.without.jumps_said(drives))
     told = np.abs(values[rate]) > SAID_SIGMAS * sigma[rate]
     if told.any():
         k = int(np.argmax(np.abs(values[rate]) / sigma[rate]))

@@ -11,7 +11,6 @@ from boxcal.calib.likelihood.explanation import in_pictures
 from boxcal.calib.likelihood.fit import Fit
 from boxcal.calib.likelihood.moving.covariance import joint_covariance
 from boxcal.calib.likelihood.moving.faults import sound
-from boxcal.calib.likelihood.moving.jumps import jump
 from boxcal.calib.likelihood.moving.leave_out import leave_out
 from boxcal.calib.likelihood.moving.noise import FrameNoise
 from boxcal.calib.likelihood.moving.solve import FIRST_JITTER_S
@@ -54,19 +53,18 @@ def from_frames_alone(found: Estimate, fit: Fit, drive: Correspondences) -> Esti
     )
     noise = FrameNoise(slip=fit.components.slip, jitter_s=FIRST_JITTER_S, sway=1.0, scale=1.0)
     try:
-        settled, odd = sound(fit, [replace(drive, stops=(), moving=frames)], fit.problem.stop, noise)
+        among_all = sound(fit, [replace(drive, stops=(), moving=frames)], fit.problem.stop, noise)
     except np.linalg.LinAlgError as error:
         raise _refused("wheels and pictures do not fit together") from error
-    if settled is None:
-        raise _refused(f"{odd} of them contradict the others" if odd else "wheels and pictures do not fit together")
-    if jumped := jump(settled):
-        raise _refused(jumped.said(1))
+    settled = among_all.settled
+    if settled is None or among_all.jumps:
+        raise _refused(among_all.said("frames on one side of that are too few", 1))
     cov = joint_covariance(fit, settled)
     rolls = rolling(settled, cov)
     if rolls:
         raise _refused(f"{rolls}, too long for the robot's course to be told over it")
     among = leave_out(fit, settled)
-    doubts = Doubts(odd=odd, among=among, exposure=None)
+    doubts = Doubts(without=among_all, among=among, exposure=None)
     return merged(found, fit, settled, among.enlarged(cov), doubts, drive.source.clock_offset)
 
 

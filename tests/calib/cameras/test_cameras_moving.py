@@ -49,7 +49,9 @@ def joined(rigged: Rigged, drives: Sequence[Correspondences]) -> SettledAll:
     stops, seen = of_stops(rigged), []
     for fit, drive in zip(rigged.fits, drives, strict=True):
         noise = FrameNoise(slip=fit.components.slip, jitter_s=1e-3, sway=1.0, scale=1.0)
-        seen.append(Seen(fit=fit, drive=drive, settled=sound(fit, [drive], np.arange(len(drive.moving)), noise)[0]))
+        seen.append(
+            Seen(fit=fit, drive=drive, settled=sound(fit, [drive], np.arange(len(drive.moving)), noise).settled)
+        )
     assert stops.fit is not None
     found = settled_together(stops.fit, stops.drives[0], seen)
     assert found is not None

@@ -1,5 +1,6 @@
 """Clocks that are off, drift or jump, and long exposures, from log to result: right, or said in one line."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -43,7 +44,8 @@ def test_a_clock_that_is_set_half_way_is_put_right_by_the_times_of_recording(tmp
 
 def test_a_small_jump_of_the_clock_is_found_by_the_frames_themselves(tmp_path: Path) -> None:
     found = _calibrated(tmp_path, clock_jump_s=0.06)
-    assert "left out: the camera's clock jumps by 5" in _said(found, "on the move")
+    said = _said(found, "on the move")
+    assert re.search(r"frames taken on the move were used.*the camera's clock jumps by (5[89]|6[0-2]) ms against", said)
     assert worst(found) < 3.5
 
 

@@ -34,7 +34,7 @@ def _stops(readout_s: float = 0.0) -> tuple[Correspondences, Fit]:
 
 def _settled(drive: Correspondences) -> Settled:
     noise = FrameNoise(slip=3e-4, jitter_s=1e-3, sway=1.0, scale=1.0)
-    found, _ = sound(_stops()[1], [drive], np.arange(len(drive.moving)), noise)
+    found = sound(_stops()[1], [drive], np.arange(len(drive.moving)), noise).settled
     assert found is not None
     return found
 

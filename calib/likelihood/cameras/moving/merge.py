@@ -18,7 +18,7 @@ from boxcal.calib.likelihood.fit import Fit
 from boxcal.calib.likelihood.moving.agreement import agreement
 from boxcal.calib.likelihood.moving.clock import LATE, RATE
 from boxcal.calib.likelihood.moving.covariance import joint_covariance
-from boxcal.calib.likelihood.moving.faults import FEWEST, sound
+from boxcal.calib.likelihood.moving.faults import FEWEST, Sound, sound
 from boxcal.calib.likelihood.moving.leave_out import leave_out
 from boxcal.calib.likelihood.moving.merge import Moving, of_another_kind, unsuitable
 from boxcal.calib.likelihood.moving.noise import FrameNoise
@@ -49,7 +49,7 @@ def with_frames_of_all(cameras: Cameras, alone: Sequence[tuple[Estimate, Fit, Se
         seen.append(own)
         factors.append(factor)
         if said:
-            why.append(f"camera {number} has none that can be used ({said})")
+            why.append(f"camera {number} {'has none that can be used' if own.settled is None else 'has some'} ({said})")
     if all(own.settled is None for own in seen):
         return _left_out(cameras, "; ".join(why)) if why else cameras
     try:
@@ -70,22 +70,23 @@ def _left_out(cameras: Cameras, why: str) -> Cameras:
 
 
 def _by_itself(found: Estimate, fit: Fit, drives: Sequence[Correspondences]) -> tuple[Seen, Array, str]:
-    """Return a camera's frames as they fit its own stops, factors on its standard deviations, and why it has none."""
+    """Return a camera's frames as they fit its own stops, factors on its standard deviations, and what is odd."""
     nothing, drive = np.ones(len(fit.problem.names)), drives[0]
     why = "" if len(drive.moving) < FEWEST else unsuitable(found, fit, drives)
     if why or len(drive.moving) < FEWEST:
         return Seen(fit=fit, drive=drive, settled=None), nothing, why
     noise = FrameNoise(slip=fit.components.slip, jitter_s=FIRST_JITTER_S, sway=1.0, scale=1.0)
     try:
-        settled, odd = sound(fit, drives, np.arange(len(drive.moving)), noise)
+        among_all = sound(fit, drives, np.arange(len(drive.moving)), noise)
     except np.linalg.LinAlgError:
-        settled, odd = None, 0
+        among_all = Sound(settled=None)
+    settled = among_all.settled
     if settled is None:
-        why = f"{odd} of them contradict the others" if odd else "wheels and pictures do not fit there"
-        return Seen(fit=fit, drive=drive, settled=None), nothing, why
+        return Seen(fit=fit, drive=drive, settled=None), nothing, among_all.said("", 1)
     if why := of_another_kind(settled, joint_covariance(fit, settled), Moving.AUTO):
-        return Seen(fit=fit, drive=drive, settled=None), nothing, why
-    return Seen(fit=fit, drive=drive, settled=settled), leave_out(fit, settled).inflation[: len(nothing)], ""
+        return Seen(fit=fit, drive=drive, settled=None), nothing, among_all.said(why, 1)
+    factors = leave_out(fit, settled).inflation[: len(nothing)]
+    return Seen(fit=fit, drive=drive, settled=settled), factors, "; ".join(among_all.jumps_said(1))
 
 
 def _enlarged(settled: SettledAll, factors: Sequence[Array]) -> Array:
