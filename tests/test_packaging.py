@@ -144,14 +144,16 @@ def test_only_boxcal_appears_in_site_packages(way: str, wheel: Path, source: Pat
 
 
 _COMPILED_AT_FIRST_USE = """
+from boxcal.calib.four_steps.compiled import compilation as four_steps, reprojection_sums
 from boxcal.calib.likelihood.compiled import chain, compilation as likelihood, corner_sums, corners, legs
 from boxcal.detect.alignment import compilation as detector
 from boxcal.detect.alignment.numba import box_refinement, finish, gauss_newton, misfit_sums
 
 likelihood.prepare_all(print)
 detector.compile_half("all")
+four_steps.compile_all()
 likelihood.compile_all()
-modules = chain, corner_sums, corners, legs, box_refinement, finish, gauss_newton, misfit_sums
+modules = chain, corner_sums, corners, legs, reprojection_sums, box_refinement, finish, gauss_newton, misfit_sums
 stats = [f.stats for m in modules for f in vars(m).values() if getattr(getattr(f, "stats", None), "cache_hits", None)]
 print(len(stats) > 8, sum(sum(s.cache_misses.values()) for s in stats))
 """
@@ -168,7 +170,7 @@ def test_an_installation_from_sources_has_its_code_compiled(source: Path, home: 
         _install(home, "--force-reinstall", str(source))
         (kept,) = _site(home).glob("boxcal/detect/alignment/numba/compiled")
         assert "compiled-earlier" not in {path.name for path in kept.iterdir()}
-        assert len(list(kept.glob("*/complete"))) == 2
+        assert len(list(kept.glob("*/complete"))) == 3
     nowhere = {"NUMBA_CACHE_DIR": "/dev/null/cache", "XDG_CACHE_HOME": "/dev/null/home", "HOME": "/dev/null"}
     done = subprocess.run(
         [str(home), "-c", _COMPILED_AT_FIRST_USE],

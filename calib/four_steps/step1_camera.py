@@ -9,17 +9,19 @@ from dataclasses import dataclass
 from enum import StrEnum
 from functools import lru_cache
 from itertools import pairwise
+from operator import itemgetter
 
 import cv2
 import numpy as np
 
 from boxcal.calib.errors import CalibError
 from boxcal.calib.four_steps.reprojection import move_left
+from boxcal.calib.four_steps.reprojection_sums import fastest_sums
 from boxcal.calib.four_steps.zhang_init import camera_matrix_guesses, face_homographies
 from boxcal.calib.geometry.so3_se3 import exp_se3
 from boxcal.detect.correspondences import StopObservation
 from boxcal.target.arrays import Array, Ids
-from boxcal.target.camera.camera_model import CameraModel, project, project_with_jacobians
+from boxcal.target.camera.camera_model import CameraModel
 
 MIN_LANDMARKS = 6
 _ITERATIONS = 100
@@ -30,6 +32,10 @@ _LAST = 1e-7
 """A step that promises less than this share of the sum of squares is the last, and taken: steps square the error."""
 _STOPS_FOR_GUESS = 6
 """How many stops, spread over the drive, the first guess of the camera is taken from."""
+_FITS = 0.01
+"""A guess whose errors are smaller than this share of the picture (root mean square) is taken without another one."""
+_LANDMARKS_FOR_POSE = 48
+"""A first pose is taken from about so many landmarks of a stop; all of them refine it."""
 
 
 class CameraMode(StrEnum):
@@ -129,13 +135,13 @@ def _step(
     camera: CameraModel, kept: tuple[int, ...], poses: Array, stops: tuple[StopObservation, ...], notes: tuple[str, ...]
 ) -> CameraStep:
     views = _Views.of([stops[j] for j in kept])
-    squares = np.sum((project(camera, views.in_camera(poses)) - views.uv_px) ** 2, axis=1)
+    squares = _linearise(camera, poses, views).squares
     return CameraStep(
         camera=camera,
         kept=kept,
         T_cam_box=poses,
-        rms_px=float(np.sqrt(np.mean(squares))),
-        stop_rms_px=np.sqrt(np.bincount(views.stop, weights=squares) / np.bincount(views.stop)),
+        rms_px=float(np.sqrt(np.sum(squares) / len(views.uv_px))),
+        stop_rms_px=np.sqrt(squares / np.diff(views.starts)),
         notes=notes,
     )
 
@@ -151,30 +157,47 @@ def _solve(stops: list[StopObservation], image_size: tuple[int, int]) -> tuple[C
         CameraModel(fu=K[0, 0], fv=K[1, 1], cu=K[0, 2], cv=K[1, 2], kr=0.0)
         for K in camera_matrix_guesses(homographies, image_size)
     ]
-    judges = some[::2]
-    views = _Views.of(judges)
-    guess = min(guesses, key=lambda guess: _linearise(guess, located(guess, judges), views).cost)
-    camera, poses, _ = minimise_reprojection(guess, located(guess, stops), stops)
+    judges = rows[::2]
+    views = _Views.of([stops[j] for j in judges])
+    tried: list[tuple[float, CameraModel, Array]] = []
+    for guess in guesses:
+        found = located(guess, [stops[j] for j in judges])
+        tried.append((_linearise(guess, found, views).cost, guess, found))
+        if tried[-1][0] < len(views.uv_px) * (_FITS * max(image_size)) ** 2:
+            break
+    _, guess, found = min(tried, key=itemgetter(0))
+    poses, rest = np.empty((len(stops), 4, 4)), np.delete(np.arange(len(stops)), judges)
+    poses[judges] = found
+    if len(rest):
+        poses[rest] = located(guess, [stops[j] for j in rest])
+    camera, poses, _ = minimise_reprojection(guess, poses, stops)
     return camera, poses
 
 
 def located(camera: CameraModel, stops: Sequence[StopObservation]) -> Array:
-    """Return the camera's poses at some stops, ``T_cam_box`` (P, 4, 4), for known intrinsics (OpenCV's PnP)."""
-    K, dist = camera.K, np.array([camera.kr, 0.0, 0.0, 0.0])
-    off = [stop.p_box - stop.p_box.sum(axis=0) / len(stop.p_box) for stop in stops]
-    flat = np.linalg.eigvalsh([p.T @ p for p in off])[:, 0] < _FLAT_M2
+    """Return the camera's poses at some stops, ``T_cam_box`` (P, 4, 4), for known intrinsics (OpenCV's PnP).
+
+    A first guess: of many landmarks of a stop, some.
+    """
+    K, dist, views = camera.K, np.array([camera.kr, 0.0, 0.0, 0.0]), _Views.of(stops)
+    counts = np.diff(views.starts)
+    centre = np.add.reduceat(views.p_box, views.starts[:-1]) / counts[:, None]
+    off = views.p_box - np.repeat(centre, counts, axis=0)
+    scatter = np.add.reduceat(off[:, :, None] * off[:, None, :], views.starts[:-1])
+    flat = np.linalg.eigvalsh(scatter)[:, 0] < _FLAT_M2
     found = np.empty((len(stops), 2, 3))
-    for at, stop, plane in zip(found, stops, flat.tolist(), strict=True):
+    for at, (i, j), plane in zip(found, pairwise(views.starts.tolist()), flat.tolist(), strict=True):
         method = cv2.SOLVEPNP_IPPE if plane else cv2.SOLVEPNP_SQPNP
-        p_box, uv_px = np.ascontiguousarray(stop.p_box), np.ascontiguousarray(stop.uv_px)
+        some = slice(i, j, 1 + (j - i) // _LANDMARKS_FOR_POSE)
         try:
+            p_box, uv_px = (np.ascontiguousarray(part[some]) for part in (views.p_box, views.uv_px))
             count, rvecs, tvecs, errors = cv2.solvePnPGeneric(p_box, uv_px, K, dist, flags=method)
         except cv2.error as error:  # they lie so close to one another that its numerics refuse them
             raise _unexplained() from error
         if not count:
             raise _unexplained()
         best = int(np.argmin(errors))
-        at[0], at[1] = np.ravel(rvecs[best]), np.ravel(tvecs[best])
+        at[0], at[1] = rvecs[best][:, 0], tvecs[best][:, 0]
     return exp_se3(found.reshape(-1, 6))
 
 
@@ -218,6 +241,7 @@ class _System:
     C: Array  # (P, 6, 6)
     a: Array  # (5,)
     c: Array  # (P, 6)
+    squares: Array  # (P,)
     cost: float
 
 
@@ -227,39 +251,28 @@ class _Views:
 
     p_box: Array  # (L, 3)
     uv_px: Array  # (L, 2)
-    stop: Ids  # (L,)
+    starts: Ids  # (P + 1,)
 
     @classmethod
     def of(cls, stops: Sequence[StopObservation]) -> "_Views":
         return cls(
             p_box=np.concatenate([stop.p_box for stop in stops]),
             uv_px=np.concatenate([stop.uv_px for stop in stops]),
-            stop=np.repeat(np.arange(len(stops)), [len(stop.landmark_ids) for stop in stops]),
+            starts=np.cumsum([0, *(len(stop.landmark_ids) for stop in stops)]),
         )
-
-    def in_camera(self, poses: Array) -> Array:
-        """Return the landmarks in the camera's frame, (L, 3), m, for poses ``T_cam_box`` (P, 4, 4)."""
-        T = poses[self.stop]
-        return np.asarray(np.einsum("lij,lj->li", T[:, :3, :3], self.p_box) + T[:, :3, 3])
 
 
 def _linearise(camera: CameraModel, poses: Array, views: _Views) -> _System:
-    ends = 2 * np.searchsorted(views.stop, np.arange(len(poses) + 1))
-    p_cam = views.in_camera(poses)
-    uv, d_camera, d_point = project_with_jacobians(camera.kind, camera.values, p_cam)
-    r = views.uv_px - uv
-    cost = float(np.sum(r * r)) if np.all(p_cam[:, 2] > 0) else np.inf
-    J = np.empty((len(r), 2, 12))
-    J[..., :5] = d_camera
-    (x, y, z), (du, dv, dw) = p_cam.T[:, :, None], np.moveaxis(d_point, 2, 0)
-    J[..., 5], J[..., 6], J[..., 7] = y * dw - z * dv, z * du - x * dw, x * dv - y * du  # d_point @ -hat(p_cam)
-    J[..., 8:11] = d_point
-    J[..., 11] = r
-    rows = J.reshape(-1, 12)
-    N = np.array([rows[a:b].T @ rows[a:b] for a, b in pairwise(ends)])
-    H, g = N[:, :11, :11], N[:, :11, 11]
+    N = fastest_sums()(camera.values, poses, views.p_box, views.uv_px, views.starts)
+    H, g, squares = N[:, :11, :11], N[:, :11, 11], N[:, 11, 11]
     return _System(
-        A=H[:, :5, :5].sum(axis=0), B=H[:, :5, 5:], C=H[:, 5:, 5:], a=g[:, :5].sum(axis=0), c=g[:, 5:], cost=cost
+        A=H[:, :5, :5].sum(axis=0),
+        B=H[:, :5, 5:],
+        C=H[:, 5:, 5:],
+        a=g[:, :5].sum(axis=0),
+        c=g[:, 5:],
+        squares=squares,
+        cost=float(squares.sum()),
     )
 
 
@@ -267,8 +280,8 @@ def _damped_step(system: _System, lam: float) -> tuple[Array, Array]:
     """Return the changes of the intrinsics, (5,), and of the poses, (P, 6), at damping lam (Marquardt's scaling)."""
     A = system.A + lam * np.diag(np.diag(system.A))
     C = system.C + lam * np.einsum("pii,ij->pij", system.C, np.eye(6))
-    BCinv = np.swapaxes(np.linalg.solve(C, np.swapaxes(system.B, 1, 2)), 1, 2)
-    S = A - np.einsum("pij,pkj->ik", BCinv, system.B)
-    d_camera = np.linalg.solve(S, system.a - np.einsum("pij,pj->i", BCinv, system.c))
-    d_poses = np.linalg.solve(C, (system.c - np.einsum("pij,i->pj", system.B, d_camera))[:, :, None])[:, :, 0]
-    return d_camera, d_poses
+    right = np.concatenate([np.swapaxes(system.B, 1, 2), system.c[:, :, None]], axis=2)
+    by_camera = np.linalg.solve(C, right)  # (P, 6, 5 + 1)
+    reduced = np.sum(system.B @ by_camera, axis=0)
+    d_camera = np.linalg.solve(A - reduced[:, :5], system.a - reduced[:, 5])
+    return d_camera, by_camera[:, :, 5] - by_camera[:, :, :5] @ d_camera

@@ -129,7 +129,8 @@ def unwrap_turns(turn: Array, phi: Array) -> Array:
 
 def _spread(count: int) -> Ids:
     """Return the ranks that hypotheses are scored by: all of the first, then fewer and fewer, (M,), ascending."""
-    return np.unique(np.concatenate([np.arange(min(count, _ALL_OF)), np.geomspace(1, count, _ALL_OF).astype(int) - 1]))
+    few = np.arange(min(count, _ALL_OF))
+    return few if count <= _ALL_OF else np.union1d(few, np.geomspace(1, count, _ALL_OF).astype(int) - 1)
 
 
 def _unlikeness(a: Array) -> Array:
@@ -172,9 +173,12 @@ def _unwrapped(turn: Array, expected: Array) -> Array:
 
 def _fitted(phi: Array, turns: Array) -> Array:
     """Return aR and aL, (C, 2), that fit C sets of turns (N, C) of the same moves (N, 2) best."""
-    normal = phi.T @ phi
-    tiny = 1e-12 * np.trace(normal) * np.eye(2)  # moves may all be alike
-    return np.asarray(np.linalg.solve(normal + tiny, phi.T @ turns).T, dtype=np.float64)
+    (a, b), (_, d) = (phi.T @ phi).tolist()
+    a, d = a + 1e-12 * (a + d), d + 1e-12 * (a + d)  # moves may all be alike
+    determinant = a * d - b * b
+    if not determinant > 0:
+        raise np.linalg.LinAlgError("wheels that do not turn")
+    return np.asarray((phi.T @ turns).T @ (np.array([[d, -b], [-b, a]]) / determinant))
 
 
 def _proportional(phi: Array, condition: float) -> str:

@@ -26,10 +26,13 @@ def face_homographies(stops: Sequence[StopObservation]) -> list[Array]:
     ids, face = (np.concatenate([getattr(stop, name) for stop in stops]) for name in ("landmark_ids", "faces"))
     p, uv = (np.concatenate([getattr(stop, name) for stop in stops]) for name in ("p_box", "uv_px"))
     stop = np.repeat(np.arange(len(stops)), [len(stop.landmark_ids) for stop in stops])
-    _, of_tag, corners = np.unique(np.stack([stop, ids // CORNERS]), axis=1, return_inverse=True, return_counts=True)
-    rows = np.flatnonzero(corners[of_tag.ravel()] >= _WHOLE)
+    tag = ids // CORNERS  # ascending in each stop
+    ends = np.flatnonzero(np.append((tag[1:] != tag[:-1]) | (stop[1:] != stop[:-1]), True)) + 1
+    corners = np.diff(ends, prepend=0)
+    rows = np.flatnonzero(np.repeat(corners >= _WHOLE, corners))
     rows = rows[np.argsort(FACES * stop[rows] + face[rows], kind="stable")]
-    _, counts = np.unique(FACES * stop[rows] + face[rows], return_counts=True)
+    counts = np.bincount(FACES * stop[rows] + face[rows])
+    counts = counts[counts > 0]
     rows, counts = rows[np.repeat(counts >= MIN_POINTS, counts)], counts[counts >= MIN_POINTS]
     if not len(counts):
         return []

@@ -124,7 +124,14 @@ def chord_lengths(distance: Array, turn: Array) -> Array:
     distance, turn : (...), m and rad
         Along the arcs.
     """
+    h2 = (turn / 2) ** 2
+    if np.all(h2 < _SMALL_TURN2):
+        return np.asarray(distance * (1 - h2 / 6 * (1 - h2 / 20 * (1 - h2 / 42))))
     return np.asarray(distance * np.sinc(turn / (2 * np.pi)))
+
+
+_SMALL_TURN2 = 1e-3
+"""Square of half a turn, rad^2, below which a series to its sixth power is exact to rounding."""
 
 
 def unit_path(legs: Legs, aR: float, aL: float) -> tuple[Array, Array]:
@@ -159,11 +166,13 @@ def dead_reckoned(dphi_R: Array, dphi_L: Array, aR: float, aL: float) -> tuple[A
         ``rR / b`` and ``-rL / b``.
     """
     dth = aR * dphi_R + aL * dphi_L
-    th = np.concatenate([[0.0], np.cumsum(dth)])
+    th, xy = np.zeros(len(dth) + 1), np.zeros((2, len(dth) + 1))
+    np.cumsum(dth, out=th[1:])
     m = chord_lengths(0.5 * (dphi_L - (aR / aL) * dphi_R), dth)
     middle = th[:-1] + dth / 2
-    steps = m[:, None] * np.stack([np.cos(middle), np.sin(middle)], 1)
-    return np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)]), th
+    np.cumsum(m * np.cos(middle), out=xy[0, 1:])
+    np.cumsum(m * np.sin(middle), out=xy[1, 1:])
+    return xy.T, th
 
 
 _ALL_PAIRS = 100

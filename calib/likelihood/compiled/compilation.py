@@ -11,24 +11,30 @@ from pathlib import Path
 
 import numpy as np
 
+from boxcal.calib.four_steps.compiled import compilation as four_steps
 from boxcal.calib.geometry.diff_drive import Legs
 from boxcal.calib.likelihood.backend import loops
 from boxcal.calib.likelihood.wheel_path import wheel_path
 from boxcal.detect.alignment.compilation import PASSING, Tell, detector_folder, finish, prepare
 
 
-def prepare_detector(tell: Tell) -> None:
-    """Have the detector's code compiled, unless it is, and the likelihood's begun; ``tell`` is told what takes long.
+_ESTIMATOR = (four_steps.__name__, "boxcal.calib.likelihood.compiled.compilation")
+"""Modules with the estimator's code, in the order in which a robot needs it."""
 
-    Who needs the likelihood's waits for it (:func:`boxcal.calib.likelihood.backend.numba_backend`).
+
+def prepare_detector(tell: Tell) -> None:
+    """Have the detector's code compiled, unless it is, and the estimator's begun; ``tell`` is told what takes long.
+
+    Who needs the estimator's waits for it (:func:`boxcal.calib.likelihood.backend.numba_backend`).
     """
-    prepare(tell, (__name__,))
+    prepare(tell, _ESTIMATOR)
 
 
 def prepare_all(tell: Tell) -> None:
-    """Have the detector's and the likelihood's code compiled, unless it is; ``tell`` is told what takes long."""
-    prepare(tell, (__name__,))
-    finish(__name__)
+    """Have the detector's and the estimator's code compiled, unless it is; ``tell`` is told what takes long."""
+    prepare(tell, _ESTIMATOR)
+    for module in _ESTIMATOR:
+        finish(module)
 
 
 def compile_into(place: Path) -> None:
@@ -40,7 +46,7 @@ def compile_into(place: Path) -> None:
         If no folder can be written where it would be kept.
     """
     prepare_all(print)
-    for kept in (detector_folder(), cache_folder()):
+    for kept in (detector_folder(), four_steps.cache_folder(), cache_folder()):
         if kept is None:
             raise OSError("no folder for compiled code can be written: neither the user's cache nor NUMBA_CACHE_DIR")
         shutil.copytree(kept, place / kept.name, ignore=shutil.ignore_patterns(*PASSING, "*.tmp.*"))
