@@ -35,6 +35,7 @@ def corner_floor(problem: Problem, at: Linearization) -> float:
     some = slice(None, None, 1 + len(problem.uv_px) // _CORNERS)
     told = problem.told_px2[some]
     x, y = products(inverses(problem.whiten[some]), at.residual_px[some]).T
+    errors = x * x, 2 * x * y, y * y
     a, b, d = told[:, 0, 0], told[:, 0, 1], told[:, 1, 1]
     least = float(np.sqrt(np.min(np.minimum(a, d))))
     floors = np.concatenate([[0.0], np.geomspace(_SMALLEST_SHARE * least, max(_LARGEST_PX, least), _LEVELS)])
@@ -42,7 +43,7 @@ def corner_floor(problem: Problem, at: Linearization) -> float:
 
     def look(at: Iterable[int]) -> int:
         for k in at:
-            loss[k] = _loss(x, y, (a + floors[k] ** 2, b, d + floors[k] ** 2))
+            loss[k] = _loss(errors, (a + floors[k] ** 2, b, d + floors[k] ** 2))
         return int(np.argmin(loss))
 
     coarse = look([0, *range(1, len(floors), 2)])
@@ -56,18 +57,26 @@ def corner_floor(problem: Problem, at: Linearization) -> float:
     return float(floors[best] * (floors[best + 1] / floors[best]) ** shift)
 
 
-def _loss(x: Array, y: Array, cov: tuple[Array, Array, Array]) -> float:
-    """Return the negative log likelihood of errors (L,) in u and v under covariances of one unknown scale."""
-    a, b, d = cov
+def _loss(products: tuple[Array, Array, Array], cov: tuple[Array, Array, Array]) -> float:
+    """Return the negative log likelihood of errors under covariances of one unknown scale.
+
+    Parameters
+    ----------
+    products : (L,) each
+        Of errors x along u and y along v: ``x x``, ``2 x y`` and ``y y``.
+    cov : (L,) each
+        Variance of x, covariance, and variance of y.
+    """
+    (xx, xy, yy), (a, b, d) = products, cov
     det = a * d - b * b
-    square = (d * x * x - 2 * b * x * y + a * y * y) / det
-    scale = float(np.median(square)) / (2 * np.log(2.0))
-    if scale <= 0:
+    square = (d * xx - b * xy + a * yy) / det
+    scale = float(np.partition(square, len(square) // 2)[len(square) // 2]) / (2 * np.log(2.0))
+    if not scale > 0:
         return np.inf
     for _ in range(_FIXED_POINT):
-        scale = float(np.mean(square * (_FREEDOM + 2) / (_FREEDOM + square / scale))) / 2
-    tail = 0.5 * (_FREEDOM + 2) * np.log1p(square / (scale * _FREEDOM))
-    return float(np.sum(0.5 * np.log(det) + tail) + len(x) * np.log(scale))
+        scale *= (_FREEDOM + 2) / 2 * float(np.mean(square / (_FREEDOM * scale + square)))
+    tail = (_FREEDOM + 2) * np.log1p(square / (scale * _FREEDOM))
+    return 0.5 * float(np.sum(np.log(det) + tail)) + len(square) * float(np.log(scale))
 
 
 def differs(problem: Problem, floor_px: float) -> bool:

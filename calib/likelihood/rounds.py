@@ -116,7 +116,7 @@ def solve_likelihood(
             spread = legs_seen.widest(spread_of(tests.square[kept > 0]) if options.slip is None else 0.0)
             legs = spread_weights(tests.expected_square, kept, spread)
         same = fresh and bool(np.all(np.abs(legs - weights.legs) < _CLOSE_WEIGHT))
-        near = profile if np.array_equal(legs > 0, weights.legs > 0) else None
+        near = profile
         at = at if np.array_equal(corners, weights.corners) else reweighted(problem, at, corners)
         weights = Weights(corners=corners, legs=legs)
         converged = same and _settled(before, components, scale_sigma, profile)
@@ -215,7 +215,7 @@ def _components(  # noqa: PLR0917 - a solution and what it is of
     """Return all variance components from the likelihood about one state, and the profile of slip that belongs to them.
 
     Nothing is linearized again: the fixed point of the variances is iterated on the same normal equations. ``near`` is
-    a profile nearby, with the same legs.
+    a profile nearby.
     """
     scale_sigma = 0.0
     steps: list[VarianceComponents] = [components]

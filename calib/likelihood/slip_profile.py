@@ -7,6 +7,7 @@ of the legs' variance (the quantisation's part included; Jeffreys' prior for a v
 little slip. What is reported is the mean over them.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -50,6 +51,8 @@ _NONE = 0.02
 """A given slip of nought is taken as this share of what equals the quantisation, so that nothing is exact."""
 _POINTS = 13
 _ZOOMS = 4
+_ABOUT = 3.0
+"""How far from the components' level it is looked first, in the logarithm of the variance."""
 _DENSE = 1.1
 """Levels are close enough at a distance of this many standard deviations: a sum over them is an integral to 1e-7."""
 _IMPROBABLE = 1e-5
@@ -147,14 +150,15 @@ def slip_profile(
 ) -> SlipProfile:
     """Return the restricted likelihood over the slip that the data allow.
 
-    Starts with all levels, or with those that were probable nearby, and closes in on those that are probable.
+    Starts with levels that were probable nearby, or else about the components' level, or else with all, and closes in
+    on those that are probable: levels beyond which others may be probable are not taken.
 
     Parameters
     ----------
     problem, at, components, weights
         The likelihood about a state.
     near
-        The profile about a state nearby with the same legs.
+        The profile about a state nearby.
 
     Raises
     ------
@@ -168,17 +172,16 @@ def slip_profile(
     def over(u: Array) -> _Scan:
         return _scan(system, u, quiet, little)
 
+    middle = np.log(components.slip**2 + quiet**2)
+    ranges = [(middle - _ABOUT, middle + _ABOUT)]
     if near is not None and len(near.slip) > len(little) + 1:
         u = np.log(near.slip[len(little) :] ** 2 + quiet**2)
-        found = over(np.linspace(max(2 * u[0] - u[1], low), min(2 * u[-1] - u[-2], high), _POINTS))
+        ranges.insert(0, (2 * u[0] - u[1], 2 * u[-1] - u[-2]))
+    for first, last in ranges:
+        found = _closed_in(over, over(np.linspace(max(first, low), min(last, high), _POINTS)), low, high)
         if found.holds_all(low, high):
             return _of_probable(system, found)
-    found = over(np.linspace(low, high, _POINTS + 4))
-    for _ in range(_ZOOMS):
-        if found.step < _DENSE * found.spread:
-            break
-        found = over(found.closer(low, high))
-    return _of_probable(system, found)
+    return _of_probable(system, _closed_in(over, over(np.linspace(low, high, _POINTS + 4)), low, high))
 
 
 class _Scan(NamedTuple):
@@ -229,6 +232,15 @@ class _Scan(NamedTuple):
         below = self.u[0] <= low or probable[0] < least
         above = self.u[-1] >= high or probable[-1] < least
         return bool(below and above and self.step < _DENSE * self.spread)
+
+
+def _closed_in(over: "Callable[[Array], _Scan]", found: "_Scan", low: float, high: float) -> "_Scan":
+    """Return a scan of levels as close as they must be, over what is probable of another."""
+    for _ in range(_ZOOMS):
+        if found.step < _DENSE * found.spread:
+            break
+        found = over(found.closer(low, high))
+    return found
 
 
 def _scan(system: "_System", u: Array, quiet: float, little: Array) -> _Scan:

@@ -17,7 +17,6 @@ from boxcal.calib.likelihood.backend import loops
 from boxcal.calib.likelihood.wheel_path import wheel_path
 from boxcal.detect.alignment.compilation import PASSING, Tell, detector_folder, finish, prepare
 
-
 _ESTIMATOR = (four_steps.__name__, "boxcal.calib.likelihood.compiled.compilation")
 """Modules with the estimator's code, in the order in which a robot needs it."""
 

@@ -35,17 +35,35 @@ DISPLACEMENT, D_WHEELS, SLIP, ROLLED = 0, 3, 12, 21
 SUMS = 23
 
 
+@kernel(inner=True)
+def _arc(h: float) -> tuple[float, float, float]:
+    """Return the cosine of an angle h, ``sin(h) / h`` and its derivative."""
+    q = h * h
+    if q < _SMALL2:
+        cosine = 1 - q / 2 * (1 - q / 12 * (1 - q / 30 * (1 - q / 56)))
+        return cosine, 1 - q / 6 * (1 - q / 20 * (1 - q / 42)), -h / 3 * (1 - q / 10 * (1 - q / 28 * (1 - q / 54)))
+    cosine, sinc = np.cos(h), np.sin(h) / h
+    return cosine, sinc, (cosine - sinc) / h
+
+
+_SMALL2 = 2.5e-3
+"""Square of an angle below which the series are exact to rounding, rad^2."""
+
+
 @kernel()
 def _propagate(starts: Any, dphi: Any, u: Any, b: float, sums: Any, by_travel: Any, by_sideways: Any) -> None:  # noqa: PLR0917
     """Fill what one pass over the samples of each leg gives; u (S, 2) is the distance that the wheels rolled."""
     for n in range(starts.shape[0] - 1):
         x, y, th = 0.0, 0.0, 0.0
+        heading_c, heading_s = 1.0, 0.0
         for s in range(starts[n], starts[n + 1]):
             ds, dth = (u[s, 0] + u[s, 1]) / 2, (u[s, 0] - u[s, 1]) / b
             h = dth / 2
-            sinc = np.sin(h) / h if h != 0.0 else 1.0
-            dsinc = -h / 3 + h**3 / 30 if abs(h) < 1e-3 else (np.cos(h) - sinc) / h
-            c, si = np.cos(th + h), np.sin(th + h)
+            cosine, sinc, dsinc = _arc(h)
+            # Halfway through the sample's arc, then at its end: a turn by h each.
+            sine = h * sinc
+            c, si = heading_c * cosine - heading_s * sine, heading_s * cosine + heading_c * sine
+            heading_c, heading_s = c * cosine - si * sine, si * cosine + c * sine
             x += ds * sinc * c
             y += ds * sinc * si
             th += dth
@@ -81,7 +99,7 @@ def _propagate(starts: Any, dphi: Any, u: Any, b: float, sums: Any, by_travel: A
 
 
 @kernel()
-def _readings(  # noqa: PLR0917
+def _readings(  # noqa: PLR0912, PLR0917
     starts: Any, raw: Any, ends: Any, radius: Any, by_travel: Any, d_start: Any, d_end: Any, quantisation: Any
 ) -> None:
     """Fill the derivatives by the readings at both ends, and the covariance of those between."""
@@ -106,9 +124,12 @@ def _readings(  # noqa: PLR0917
                     for i in range(3):
                         step[i] = radius[w] * (by_travel[w, i, before] - by_travel[w, i, s])
                     for i in range(3):
-                        for j in range(3):
+                        for j in range(i + 1):
                             quantisation[n, i, j] += step[i] * step[j] / 12
                     before = s
+        for i in range(3):
+            for j in range(i):
+                quantisation[n, j, i] = quantisation[n, i, j]
 
 
 def propagate(path: Any, wheels: Any, at_start: Any, at_end: Any, added: Any) -> tuple[Any, ...]:
