@@ -59,6 +59,8 @@ class RecordOptions:
         How much later they are stamped for each second that passes.
     clock_jump_s : s
         How much later they are stamped from the middle of the drive on.
+    wheels_jump_s : s
+        How much later the wheels' clock stamps from the middle of the drive on.
     jitter_s : s
         Standard deviation of each stamp's own error.
     readout_s : s
@@ -78,6 +80,7 @@ class RecordOptions:
     late_s: float = 0.0
     clock_rate: float = 0.0
     clock_jump_s: float = 0.0
+    wheels_jump_s: float = 0.0
     jitter_s: float = 0.0
     readout_s: float = 0.0
     sensor: SensorModel = field(default_factory=lambda: SensorModel(noise=1.5, psf_px=0.6, vignetting=0.2, srgb=True))
@@ -161,6 +164,8 @@ def write_log(
     view = View(robot=robot, drive=drive, options=options)
     stamps = frames + stamps_late_ns(drive, frames) + _stamp_errors_ns(view, frames, rng)
     joints_log = drive.t_ns + late[0].astype(np.int64)
+    half_way = (drive.path_t_ns[0] + drive.path_t_ns[-1]) // 2
+    joints = drive.t_ns + round(1e9 * options.wheels_jump_s) * (drive.t_ns > half_way)
     first = _Pictures(
         view=view,
         t_ns=frames,
@@ -175,7 +180,7 @@ def write_log(
     with LogWriter(path, compression=options.compression) as log:
         for row in order.tolist():
             if row < len(joints_log):
-                stamp, log_ns = int(drive.t_ns[row]), int(joints_log[row])
+                stamp, log_ns = int(joints[row]), int(joints_log[row])
                 log.joint_state(JOINT_TOPIC, stamp, log_ns, names, phi[row], velocity[row])
             else:
                 k = row - len(joints_log)

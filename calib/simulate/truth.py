@@ -55,6 +55,8 @@ def truth_document(
     faults = faults_document(drive, note)
     faults["camera_stamp_offset_s"] += recorded.late_s
     shutter = {name: getattr(recorded, name) for name in ("clock_rate", "clock_jump_s", "jitter_s", "readout_s")}
+    if recorded.wheels_jump_s:
+        faults["wheels_clock_jump_s"] = recorded.wheels_jump_s
     faults["camera_faults"] |= {name: value for name, value in shutter.items() if value}
     return {
         "conventions": CONVENTIONS,

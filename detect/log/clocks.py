@@ -81,10 +81,30 @@ def without_jumps(t_ns: Ids, log_ns: Ids, others: tuple[Ids, Ids]) -> tuple[Ids,
     others : (M,) and (M,), ns
         Those of messages stamped by another clock.
     """
-    age = (t_ns - log_ns) / 1e9
-    edges = [0, *_steps(age), len(age)]
-    if len(edges) == 2 or _steps((others[0] - others[1]) / 1e9):
+    steps = _steps((t_ns - log_ns) / 1e9)
+    if not steps or _steps((others[0] - others[1]) / 1e9):
         return t_ns, ()
+    return _put_right(t_ns, log_ns, steps)
+
+
+def without_own_jumps(t_ns: Ids, log_ns: Ids) -> tuple[Ids, tuple[Jump, ...]]:
+    """Return stamps with jumps of their clock taken out, told by themselves, (N,) ns, and the jumps.
+
+    Of messages that come regularly either the stamps or the times of recording go on as usual at a jump: those of the
+    clock that did not jump. See :func:`without_jumps`.
+    """
+    steps = _steps((t_ns - log_ns) / 1e9)
+    if not steps:
+        return t_ns, ()
+    usual = np.median(np.diff(log_ns))
+    own = [k for k in steps if abs(log_ns[k] - log_ns[k - 1] - usual) < abs(t_ns[k] - t_ns[k - 1] - usual)]
+    return _put_right(t_ns, log_ns, own) if len(own) == len(steps) else (t_ns, ())
+
+
+def _put_right(t_ns: Ids, log_ns: Ids, steps: list[int]) -> tuple[Ids, tuple[Jump, ...]]:
+    """Return stamps whose age steps nowhere, and the jumps taken out; unchanged where ages do not keep a level."""
+    age = (t_ns - log_ns) / 1e9
+    edges = [0, *steps, len(age)]
     levels = [float(np.quantile(age[a:b], 0.9)) for a, b in pairwise(edges)]
     spreads = [float(np.median(np.abs(age[a:b] - np.median(age[a:b])))) for a, b in pairwise(edges)]
     if max(spreads) > _STEADY_S:

@@ -7,7 +7,7 @@ from math import pi
 import numpy as np
 
 from boxcal.detect.errors import DetectError
-from boxcal.detect.log.clocks import usable_stamps
+from boxcal.detect.log.clocks import usable_stamps, without_own_jumps
 from boxcal.detect.log.encoder import MAX_ANGLE, Encoder, averaged, clean, join
 from boxcal.detect.log.encoder_step import encoder_step
 from boxcal.detect.log.losses import MOST_STRAYS, Loss, LossKind
@@ -104,7 +104,7 @@ def assemble_wheels(
     return AssembledWheels(
         wheels=wheels,
         log_ns=first.log_ns,
-        stamp_ns=first.t_ns,
+        stamp_ns=without_own_jumps(first.t_ns, first.log_ns)[0],
         units=units,
         nominal=None,
         notes=tuple(notes),
@@ -135,17 +135,20 @@ def _no_numbers(signals: Sequence[Signal]) -> tuple[list[str], tuple[Loss, ...]]
 def _encoder(name: str, signal: Signal, factor: float, notes: list[str]) -> Encoder:
     """Return one signal as an encoder: in rad, in order, put right."""
     who = f"{name}: joint {printable(signal.name)} in {printable(signal.topic)}"
-    t_ns, values = signal.t_ns, signal.values
-    times = usable_stamps(t_ns, signal.log_ns, f"the messages in {printable(signal.topic)}")
+    values = signal.values
+    times = usable_stamps(signal.t_ns, signal.log_ns, f"the messages in {printable(signal.topic)}")
     if not signal.stamped:
         times = replace(
             times,
             note=f"the messages in {printable(signal.topic)} carry no stamps, the times of their recording were taken",
         )
-    t_ns = times.t_ns
+    t_ns, log_ns = times.t_ns, signal.log_ns
     stamped = t_ns != 0
     if np.any(stamped) and not np.all(stamped):
-        t_ns, values = t_ns[stamped], values[stamped]
+        t_ns, log_ns, values = t_ns[stamped], log_ns[stamped], values[stamped]
+    if not times.note:
+        t_ns, jumped = _of_one_clock(t_ns, log_ns, signal.topic)
+        notes += [note for note in jumped if note not in notes]
     other = _second_publisher(t_ns, values)
     if np.any(other):
         notes.append(
@@ -176,6 +179,16 @@ def _encoder(name: str, signal: Signal, factor: float, notes: list[str]) -> Enco
     added = [f"{printable(signal.name)}: {note}" for note in encoder.notes]
     notes += [n for n in (times.note, *added) if n and n not in notes]
     return encoder
+
+
+def _of_one_clock(t_ns: Ids, log_ns: Ids, topic: str) -> tuple[Ids, list[str]]:
+    """Return stamps (N,), ns, with jumps of the wheels' clock taken out, and what is said of them."""
+    right, jumps = without_own_jumps(t_ns, log_ns)
+    return right, [
+        f"the wheels' clock ({printable(topic)}) jumps by {jump.later_s:+.1f} s against the times of recording, "
+        f"{(jump.at_ns - log_ns[0]) / 1e9:.0f} s after the first reading; its stamps were put right by that"
+        for jump in jumps
+    ]
 
 
 def _ticks_per_turn(name: str, choice: WheelChoice, units: WheelUnits) -> float | None:
@@ -248,7 +261,8 @@ def _of_odometry(
     what = printable(signal.topic)
     times = usable_stamps(t_ns, log_ns, f"the messages in {what}")
     used = nominal or (ASSUMED_RADIUS, ASSUMED_SEPARATION)
-    wheels = virtual_wheels(signal, times.t_ns, used, f"{name}: odometry in {what}")
+    right, jumped = (times.t_ns, []) if times.note else _of_one_clock(t_ns, log_ns, signal.topic)
+    wheels = virtual_wheels(signal, right, used, f"{name}: odometry in {what}")
     sizes = f"{used[0]:g} m radius, {used[1]:g} m separation"
     if nominal is None:
         note = (
@@ -264,9 +278,9 @@ def _of_odometry(
     return AssembledWheels(
         wheels=wheels,
         log_ns=log_ns,
-        stamp_ns=t_ns,
+        stamp_ns=t_ns if times.note else right,
         units=WheelUnits(),
         nominal=used,
-        notes=tuple(n for n in (*notes, note, times.note) if n),
+        notes=tuple(n for n in (*notes, note, times.note, *jumped) if n),
         losses=(Loss(kind=LossKind.SIZES_UNKNOWN, text=note),) if nominal is None else (),
     )

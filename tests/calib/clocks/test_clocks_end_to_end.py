@@ -9,7 +9,7 @@ import pytest
 import boxcal
 from boxcal.calib.results.calibration import Calibration
 from boxcal.calib.settings import Settings
-from boxcal.detect.log.clocks import without_jumps
+from boxcal.detect.log.clocks import without_jumps, without_own_jumps
 from boxcal.detect.log.recording import Recording
 from boxcal.detect.tags.on_the_move import TRIED, budget
 from tests.calib.clocks.logs import TARGET, driven, worst, write
@@ -46,6 +46,34 @@ def test_a_small_jump_of_the_clock_is_found_by_the_frames_themselves(tmp_path: P
     found = _calibrated(tmp_path, clock_jump_s=0.06)
     said = _said(found, "on the move")
     assert re.search(r"frames taken on the move were used.*the camera's clock jumps by (5[89]|6[0-2]) ms against", said)
+    assert worst(found) < 3.5
+
+
+@pytest.mark.parametrize("later_s", [3.0, -1.0])
+def test_a_clock_of_the_wheels_that_is_set_half_way_is_put_right_by_the_times_of_recording(
+    tmp_path: Path, later_s: float
+) -> None:
+    found = _calibrated(tmp_path, wheels_jump_s=later_s)
+    assert f"the wheels' clock (/joint_states) jumps by {later_s:+.1f} s" in _said(found, "times of recording")
+    assert "frames taken on the move were used" in _said(found, "on the move")
+    assert worst(found) < 3.5
+
+
+@pytest.mark.parametrize("later_ms", [50, -300])
+def test_a_small_jump_of_the_wheels_clock_is_told_as_one_of_the_camera_against_it(
+    tmp_path: Path, later_ms: int
+) -> None:
+    found = _calibrated(tmp_path, wheels_jump_s=later_ms / 1e3)
+    said = re.search(r"the camera's clock jumps by (\d+) ms against the wheels'", _said(found, "on the move"))
+    assert said is not None
+    assert abs(int(said[1]) - abs(later_ms)) <= 5
+    assert worst(found) < 3.5
+
+
+def test_both_clocks_set_half_way_are_put_right_together(tmp_path: Path) -> None:
+    found = _calibrated(tmp_path, wheels_jump_s=3.0, clock_jump_s=3.0)
+    assert len([note for note in found.notes if "jumps by +3.0 s" in note]) == 2
+    assert "frames taken on the move were used" in _said(found, "on the move")
     assert worst(found) < 3.5
 
 
@@ -106,3 +134,18 @@ def test_jumps_are_taken_out_unless_the_recorder_s_own_clock_jumps() -> None:
     kept, none = without_jumps(stamps, held_up, (wheels, log_ns))
     np.testing.assert_array_equal(kept, stamps)
     assert none == ()
+
+
+def test_jumps_of_the_wheels_are_their_clock_s_where_the_recorder_goes_on_as_usual() -> None:
+    rng = np.random.default_rng(0)
+    log_ns = (np.arange(600) * 0.02 * SECOND).astype(np.int64)
+    stamps = log_ns - 2_000_000 - (rng.exponential(2e5, 600)).astype(np.int64)
+    back = stamps - np.where(np.arange(600) >= 200, 2 * SECOND, 0) + np.where(np.arange(600) >= 450, 7 * SECOND, 0)
+    right, jumps = without_own_jumps(back, log_ns)
+    assert [round(jump.later_s, 1) for jump in jumps] == [-2.0, 7.0]
+    assert np.ptp(right - stamps) < 2_000_000
+    recorder = log_ns + np.where(np.arange(600) >= 300, SECOND, 0)
+    for kept, log in ((stamps, recorder), (stamps, log_ns), (back, recorder)):
+        same, none = without_own_jumps(kept, log)
+        np.testing.assert_array_equal(same, kept)
+        assert none == ()
