@@ -1,7 +1,7 @@
 """Estimates of the cameras of one robot, as their common solution has them."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -42,6 +42,8 @@ class Cameras:
         What the user should know of the common solution.
     fit, drives
         That solution, and the drives with the stops of all cameras; None, and none, where there is no such solution.
+    inflation : (n,)
+        Factors on the standard deviations of the solution's unknowns, by how stops and legs of a camera disagree.
     """
 
     estimates: tuple[Estimate, ...]
@@ -51,6 +53,7 @@ class Cameras:
     notes: tuple[str, ...] = ()
     fit: RobotFit | None = None
     drives: tuple[Correspondences, ...] = ()
+    inflation: Array = field(default_factory=lambda: np.ones(0))
 
 
 def solve_cameras(
@@ -147,6 +150,7 @@ def _reported(
         notes=notes,
         fit=fit,
         drives=tuple(drives),
+        inflation=factor,
     )
 
 

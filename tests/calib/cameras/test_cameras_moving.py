@@ -81,6 +81,24 @@ def test_frames_of_both_cameras_make_wheels_and_cameras_surer_and_find_both_cloc
     assert len([note for note in after.notes if "taken on the move by camera" in note]) == 2
 
 
+def test_covariance_stays_one_where_stops_of_a_camera_disagree(front_and_rear: Rigged) -> None:
+    drives = with_frames(front_and_rear)
+    first, second = front_and_rear.found
+    ratio = first.jackknife.ratio.copy()
+    ratio[11] = 6.0 + first.jackknife.limit
+    doubtful = replace(first, jackknife=replace(first.jackknife, ratio=ratio, unexplained=True))
+    found = [doubtful, second]
+    before = solve_cameras(found, front_and_rear.fits, [[view] for view in front_and_rear.views])
+    alone = [(e, f, [d]) for e, f, d in zip(found, front_and_rear.fits, drives, strict=True)]
+    after = with_frames_of_all(before, alone)
+    assert any("camera 1 has none that can be used (the stops do not agree" in note for note in after.notes)
+    for e in after.estimates:
+        sigma = np.sqrt(np.diag(e.cov))
+        assert np.linalg.eigvalsh(e.cov / np.outer(sigma, sigma))[0] > 0
+    scale = np.sqrt(np.diag(after.mountings))
+    assert np.linalg.eigvalsh(after.mountings / np.outer(scale, scale))[0] > 0
+
+
 def test_of_frames_at_one_moment_each_camera_gives_as_many(stereo: Rigged) -> None:
     row = joined(stereo, with_frames(stereo, late_s=(0.0, 0.0), jitter_s=0.0)).joint.row
     counts = [int(np.sum(row.camera == c)) for c in (0, 1)]

@@ -129,12 +129,17 @@ def _contradiction(stops: RobotFit, settled: SettledAll, cov: Array) -> str:
 
 
 def _merged(cameras: Cameras, stops: RobotFit, settled: SettledAll, cov: Array, why: Sequence[str]) -> Cameras:
-    """Return the estimates with values of stops and frames, and with as much less variance as frames take off."""
+    """Return the estimates with values of stops and frames, and with as much less variance as frames take off.
+
+    Where stops disagree, what frames take off is as much larger as what the stops leave: a covariance stays one.
+    """
     robot, state = settled.joint.row.robot, settled.joint.state
-    fresh = _reported(robot, state, cov)
-    base = _reported(stops.robot, stops.found.state, stops.cov)
     names, here = stops.robot.problem.names, list(robot.problem.names)
     same = [here.index(name) for name in names]
+    factor = np.ones(len(here))
+    factor[same] = cameras.inflation
+    fresh = _reported(robot, state, cov) * np.outer(factor, factor)
+    base = _reported(stops.robot, stops.found.state, stops.cov) * np.outer(cameras.inflation, cameras.inflation)
     gain = fresh[np.ix_(same, same)] - base
     mounted = np.concatenate([part.columns[MOUNTING] for part in stops.robot.parts])
     estimates = tuple(_estimate(own, c, stops, settled, gain, fresh) for c, own in enumerate(cameras.estimates))
