@@ -31,8 +31,9 @@ class BoxcalError(ValueError):
         super().__init__(f"{self.source}: {text}" if self.source else text)
 
     def of(self, source: str) -> Self:
-        """Return the same error, said of an input that whoever raised it did not know."""
-        inner = f"{source}: {self.source}" if self.source else source
+        """Return the same error, said of an input that whoever raised it may not have known."""
+        known = self.source == source or self.source.startswith(f"{source}: ")
+        inner = self.source if known else f"{source}: {self.source}" if self.source else source
         return type(self)(self.found, source=inner, needed=self.needed, remedy=self.remedy)
 
 

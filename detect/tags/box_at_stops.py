@@ -9,6 +9,7 @@ from boxcal.detect.alignment.detection import KnownCamera
 from boxcal.detect.image.bit_depth import DeepGrey, eight_bits
 from boxcal.detect.log.recording import Recording
 from boxcal.detect.log.safe_text import listed, printable
+from boxcal.detect.log.topics import distances
 from boxcal.detect.stops import MIN_STOPS, Stop, StopSettings
 from boxcal.detect.tags.averaging import AveragedCorners
 from boxcal.detect.tags.detections import TagSettings, find_tags, other_family
@@ -235,6 +236,8 @@ class BoxAtStops:
                 "was printed from"
             )
         where = printable(self._recording.camera_topic)
+        if distances(self._recording.camera_topic):
+            return f" of {where}, which by its name holds distances, no pictures; name a camera's topic"
         return f" of {where}; check that the camera sees the box, in focus and lit, and that this is its target.json"
 
     def _mirrored(self, image: DeepGrey) -> bool:
