@@ -23,8 +23,13 @@ from boxcal.calib.results.provenance import plain_settings
 from boxcal.calib.results.rig import Rig, RigCamera
 from boxcal.calib.settings import Job, Settings
 from boxcal.detect.log.safe_text import printable
+from boxcal.detect.log.topics import says_raw
 from boxcal.target.errors import BoxcalError
 from boxcal.target.files.target_json import target_sha256
+
+SWAPPED = "cameras-swapped"
+EXPLAINED_BY_SWAPPED = ("camera-direction", "camera-height")
+"""Findings about one camera that say of two exchanged ones the same once more, and another cause."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -89,10 +94,17 @@ def _solved(job: Job, given: ReadCameras) -> list[SolvedCamera]:
             findings=(*estimate.findings, *doubts),
         )
         own = job_of(job, camera.read.topic)
-        result = concluded(own, camera.look, said_too, camera.explained.options)
+        result = _unless_swapped(concluded(own, camera.look, said_too, camera.explained.options))
         solved.append(SolvedCamera(read=camera.read, look=camera.look, calibration=result))
     rig = _rig(solved, together, left_out)
     return [replace(s, calibration=replace(s.calibration, rig=rig)) for s in solved]
+
+
+def _unless_swapped(found: Calibration) -> Calibration:
+    """Return a camera's result without what exchanged cameras explain: that it looks elsewhere than is described."""
+    if not any(finding.cause == SWAPPED for finding in found.findings):
+        return found
+    return replace(found, findings=tuple(f for f in found.findings if f.cause not in EXPLAINED_BY_SWAPPED))
 
 
 def _only(job: Job, camera: CameraDrives, look: FirstLook, left_out: Mapping[str, str]) -> SolvedCamera:
@@ -132,18 +144,24 @@ def _each_alone(job: Job, cameras: Sequence[CameraDrives], left_out: dict[str, s
 
 
 def _without_twins(job: Job, cameras: Sequence[_Alone], left_out: dict[str, str]) -> list[_Alone]:
-    """Return the cameras, of those that stand in one place at every stop the first only (CalibError if both named)."""
+    """Return the cameras, of those that stand in one place at every stop one only (CalibError if both named).
+
+    That is the first whose name says that its pictures are raw, else the first: others are made from its pictures.
+    """
     kept: list[_Alone] = []
     for camera in cameras:
-        twin = next((other for other in kept if _one_place(other, camera)), None)
+        twin = next((k for k, other in enumerate(kept) if _one_place(other, camera)), None)
         if twin is None:
             kept.append(camera)
-        elif job.settings.all_cameras:
-            left_out[camera.read.topic] = (
-                f"it shows the camera of {printable(twin.read.topic)} once more: from one place at every stop"
-            )
-        else:
-            raise one_camera(twin.read, camera.read)
+            continue
+        if not job.settings.all_cameras:
+            raise one_camera(kept[twin].read, camera.read)
+        spare = camera
+        if says_raw(camera.read.topic) and not says_raw(kept[twin].read.topic):
+            spare, kept[twin] = kept[twin], camera
+        left_out[spare.read.topic] = (
+            f"it shows the camera of {printable(kept[twin].read.topic)} once more: from one place at every stop"
+        )
     return kept
 
 
@@ -182,7 +200,7 @@ def _doubts(cameras: Sequence[_Alone], together: Cameras) -> list[Finding]:
         a, b = exchanged
         found.append(
             Finding(
-                cause="cameras-swapped",
+                cause=SWAPPED,
                 text=f"{topics[a]} sits where the robot's description has the camera of {topics[b]}, and the other way "
                 "round",
                 advice="Exchange the two cameras' topics or frames, in their drivers or in the description.",

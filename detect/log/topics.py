@@ -133,6 +133,12 @@ def without_transport(topic: str) -> str:
     return _TRANSPORT.sub("", topic)
 
 
+def says_raw(topic: str) -> bool:
+    """Tell whether a topic's name says that its pictures are the camera's own: ``image_raw``, with any transport."""
+    last = re.split(r"[/_]", without_transport(topic).lower())[-1]
+    return last == "raw" and _DERIVED.search(topic) is None
+
+
 def made_from_another(topic: str, others: Collection[str]) -> bool:
     """Tell whether a topic's name says that its pictures are made from those of another one beside it."""
     folder = topic.rpartition("/")[0]

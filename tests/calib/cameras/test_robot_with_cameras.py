@@ -136,6 +136,7 @@ def test_cameras_swapped_against_the_description_are_said(front_and_rear: Rigged
     wrong = {"front": described(seen["front"], rear), "rear": described(seen["rear"], front)}
     found = boxcal.calibrate_cameras(wrong)["front"]
     assert "cameras-swapped" in causes(found)
+    assert "camera-direction" not in causes(found)  # the same once more, and another cause for it
     assert found.verdict.level != "good"
 
 
