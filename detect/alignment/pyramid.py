@@ -19,7 +19,7 @@ STOP_PX = 0.15
 SIDE_PX = 12.0
 MAX_LEVEL = 6
 AROUND = 0.6
-"""How far above and below tags the image is needed, sides of the largest: alignments look a quarter beyond corners."""
+"""How far around tags the image is needed, sides of the largest: alignments look a quarter beyond corners."""
 
 
 class Pyramid:
@@ -41,7 +41,7 @@ class Pyramid:
         self._response, self._lens = response, lens
         self._copies: list[Levels] = [levels]
         self._greys: dict[int, NDArray[np.float32]] = {}
-        self._rows = _GreyRows(levels) if levels.dtype == np.uint8 else None
+        self._part = _GreyPart(levels) if levels.dtype == np.uint8 else None
 
     @property
     def size(self) -> tuple[int, int]:
@@ -52,46 +52,51 @@ class Pyramid:
     def under(self, lens: Array) -> "Pyramid":
         """Return the same images, taken through another lens."""
         other = Pyramid(self._copies[0], self._response, lens)
-        other._copies, other._greys, other._rows = self._copies, self._greys, self._rows
+        other._copies, other._greys, other._part = self._copies, self._greys, self._part
         return other
+
+    def copy(self, level: int) -> Levels:
+        """Return the levels of the copy shrunk by ``2**level``; the image itself at level 0."""
+        while len(self._copies) <= level:
+            self._copies.append(halved(self._copies[-1]))
+        return self._copies[level]
 
     def level(self, level: int) -> Frame:
         """Return the copy shrunk by ``2**level``."""
-        while len(self._copies) <= level:
-            self._copies.append(halved(self._copies[-1]))
-        if level == 0 and self._rows is not None:
-            self._greys[0] = self._rows.between(0, self.size[1])
+        if level == 0 and self._part is not None:
+            self._greys[0] = self._part.within(0, 0, *self.size)
         elif level not in self._greys:
-            self._greys[level] = from_levels(self._copies[level])
+            self._greys[level] = from_levels(self.copy(level))
         lens = self._lens.copy()
         lens[:2] = (lens[:2] + 0.5) / 2**level - 0.5
         lens[PER_RADIUS] *= 2**level
         return Frame(grey=self._greys[level], response=self._response, lens=lens)
 
     def around(self, corners_px: Array) -> Frame:
-        """Return the image itself; of 8 bits, it may be black but in rows around tags with corners (N, 4, 2), px."""
-        if self._rows is None or len(corners_px) == 0:
+        """Return the image itself; of 8 bits, it may be black but around tags with corners (N, 4, 2), px."""
+        if self._part is None or len(corners_px) == 0:
             return self.level(0)
-        side = float(np.ptp(corners_px, axis=1).max())
-        low, high = corners_px[..., 1].min() - AROUND * side, corners_px[..., 1].max() + AROUND * side
-        grey = self._rows.between(max(int(np.floor(low)), 0), max(int(np.ceil(high)) + 1, 0))
-        return Frame(grey=grey, response=self._response, lens=self._lens)
+        beyond = AROUND * float(np.ptp(corners_px, axis=1).max())
+        low, high = corners_px.min(axis=(0, 1)) - beyond, corners_px.max(axis=(0, 1)) + beyond
+        x0, y0 = np.maximum(np.floor(low), 0).astype(int)
+        x1, y1 = np.clip(np.ceil(high) + 1, 0, self.size).astype(int)
+        return Frame(grey=self._part.within(x0, y0, x1, y1), response=self._response, lens=self._lens)
 
 
-class _GreyRows:
-    """Grey levels of an image of 8 bits, made where they are asked for."""
+class _GreyPart:
+    """Grey levels of an image of 8 bits, made where they are asked for: in a rectangle around all such places."""
 
     def __init__(self, levels: Levels) -> None:
-        self._levels, self._made = levels, np.zeros(len(levels), dtype=np.bool_)
+        self._levels, self._made = levels, (levels.shape[1], levels.shape[0], 0, 0)
         self._grey = np.zeros(levels.shape, dtype=np.float32)  # whose pages cost nothing until they are written to
 
-    def between(self, first: int, last: int) -> NDArray[np.float32]:
-        """Return the image with rows from the first up to the last as they are; others may be black."""
-        missing = np.flatnonzero(~self._made[first:last])
-        if len(missing):
-            rows = slice(first + int(missing[0]), first + int(missing[-1]) + 1)
-            np.multiply(self._levels[rows], np.float32(1 / 255), out=self._grey[rows], dtype=np.float32)
-            self._made[rows] = True
+    def within(self, x0: int, y0: int, x1: int, y1: int) -> NDArray[np.float32]:
+        """Return the image with columns x0 up to x1 of rows y0 up to y1 as they are; others may be black."""
+        left, top, right, bottom = self._made
+        if x0 < left or y0 < top or x1 > right or y1 > bottom:
+            left, top, right, bottom = self._made = min(x0, left), min(y0, top), max(x1, right), max(y1, bottom)
+            part = slice(top, bottom), slice(left, right)
+            np.multiply(self._levels[part], np.float32(1 / 255), out=self._grey[part], dtype=np.float32)
         return self._grey
 
 

@@ -63,7 +63,7 @@ def find_box(
         if found is not None and found.lost_module_px < CANDIDATE_MODULE_PX * factor:
             continue
         if found is None:
-            read = find_candidates(grey8, patterns, windows_px[:1], scale=1 / factor)
+            read = _in_all(pyramid, grey8, patterns, windows_px[:1], factor)
         else:
             there = _around_lost(grey8, patterns, windows_px[:1], factor, found)
             if np.isin(there.rows, found.tags.rows).all():
@@ -91,6 +91,17 @@ def find_box(
         return None
     search = predict_regions(target, patterns, candidates, size, camera=camera)
     return replace(grow_from_pose(pyramid, target, patterns, search, limits), read=read)
+
+
+def _in_all(
+    pyramid: Pyramid, grey8: NDArray[np.uint8], patterns: Patterns, windows_px: tuple[int, ...], factor: int
+) -> TagCandidates:
+    """Return what resembles a tag in the image shrunk by a factor: in the pyramid's copy, if that is of 8 bits."""
+    if pyramid.copy(0) is not grey8:
+        return find_candidates(grey8, patterns, windows_px, scale=1 / factor)
+    copy = np.asarray(pyramid.copy(factor.bit_length() - 1), dtype=np.uint8)
+    there = find_candidates(copy, patterns, windows_px)
+    return replace(there, corners_px=(there.corners_px + 0.5) * factor - 0.5)
 
 
 def _around_lost(

@@ -30,20 +30,25 @@ differences without their squares do not tell as well: .5 to .9, once, 0.98 to 1
 
 
 def alternation(image: NDArray[Any]) -> tuple[bool, bool]:
-    """Return whether a grey image (H, W) alternates from column to column, and from row to row.
+    """Return whether a grey image (H, W) alternates from column to column as well as from row to row, and the latter.
 
     Of a scene, neighbours differ less than pixels two apart. Where they differ more, columns and rows alternate in a
-    colour mosaic that was sent as grey, rows alone in an interlaced picture of something that moved.
+    colour mosaic that was sent as grey, rows alone in an interlaced picture of something that moved. Where rows do not
+    alternate, columns are not looked at.
     """
     if image.dtype not in {np.dtype(np.uint8), np.dtype(np.uint16)}:
         image = image.astype(np.float32)
     every = max(1, image.shape[0] // _LINES) | 1  # odd, so that both kinds of alternating rows are met
-    rows = image[::every]
-    across = _mean_step(rows[:, 1:], rows[:, :-1]), _mean_step(rows[:, 2:], rows[:, :-2])
     first, second, third = (image[k : image.shape[0] - 2 + k : every] for k in range(3))
-    down = _mean_step(second, first), _mean_step(third, first)
-    alternates = [one > _ALTERNATES * two + _LEAST_LEVELS2 for one, two in (across, down)]
-    return alternates[0], alternates[1]
+    if not _alternates(_mean_step(second, first), _mean_step(third, first)):
+        return False, False
+    rows = image[::every]
+    return _alternates(_mean_step(rows[:, 1:], rows[:, :-1]), _mean_step(rows[:, 2:], rows[:, :-2])), True
+
+
+def _alternates(one: float, two: float) -> bool:
+    """Return whether the squared differences of neighbours, and of pixels two apart, are those of alternating levels."""
+    return one > _ALTERNATES * two + _LEAST_LEVELS2
 
 
 def _mean_step(levels: NDArray[Any], others: NDArray[Any]) -> float:

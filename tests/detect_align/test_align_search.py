@@ -52,13 +52,15 @@ def test_a_large_near_box_is_found_without_looking_at_the_whole_picture(monkeypa
     camera = CameraModel(fu=1400.0, fv=1400.0, cu=650.0, cv=472.0, kr=-0.1)
     T = pose(25.0, distance=0.7)
     image = render(TARGET, camera, T, SIZE, SensorModel(noise=2.0, psf_px=0.6), np.random.default_rng(1))
-    scales = []
+    sizes = []
     whole = find.find_candidates
     monkeypatch.setattr(
-        find, "find_candidates", lambda *arguments, scale=1.0: scales.append(scale) or whole(*arguments, scale=scale)
+        find,
+        "find_candidates",
+        lambda searched, *arguments, **named: sizes.append(searched.shape) or whole(searched, *arguments, **named),
     )
     assert len(detect_tags(image, TARGET).ids) >= 60
-    assert scales == [0.5]
+    assert sizes == [(480, 640)]
 
 
 def test_a_face_seen_at_a_slant_does_not_contradict_the_box_for_its_rough_corners():

@@ -1,6 +1,8 @@
 """Contributions of module edges to a block of pixels and to its Jacobian, in single precision.
 
-No loop has a branch, so that the compiler turns each into vector instructions. Edges enter by partial summation,
+No loop has a branch, so that the compiler turns each into vector instructions. Rows of a block that belong together lie
+one after the other in an array of one axis: so the compiler knows how far apart they are, and has but few arrays to
+compare. Edges enter by partial summation,
 ``sum_k E_k (Phi_k - Phi_k+1) = E_0 + sum_e Phi_e (E_e+1 - E_e)``, which needs the differences of the modules along u,
 along v and along both only.
 """
@@ -12,8 +14,11 @@ import numpy as np
 from boxcal.detect.alignment.numba.kernel import kernel
 from boxcal.detect.alignment.numba.pixels import BLOCK
 
-OF_EDGE = 6
-"""Rows an edge takes: Phi with its kurtosis, its slope, widening, tail, density, distance."""
+OF_EDGE = 7 * BLOCK
+"""Room of an edge: Phi with its kurtosis, its slope, widening, tail, density, and that times the distance once and
+twice."""
+_1, _2, _3, _4, _5, _6 = (k * BLOCK for k in range(1, 7))
+"""Where rows begin after the first."""
 _REACH = np.float32(4.5)
 _F0, _F05, _F1, _F2, _F3, _F6 = (np.float32(x) for x in (0, 0.5, 1, 2, 3, 6))
 _F24TH, _ROOT = np.float32(1 / 24), np.float32(1 / np.sqrt(2 * np.pi))
@@ -48,19 +53,20 @@ def blur_geometry(theta: Any, sigma: Any, blur: Any, at: Any, geometry: Any) -> 
     xx, xy, yy = np.float32(blur[0]), np.float32(blur[1]), np.float32(blur[2])
     g0, g1, g3, g4, g6, g7 = xx * h0 + xy * h1, yy * h1, xx * h3 + xy * h4, yy * h4, xx * h6 + xy * h7, yy * h7
     for p in range(BLOCK):
-        w = _F1 / (h6 * at[0, p] + h7 * at[1, p] + _F1)
-        ux, uy = (g0 - at[2, p] * g6) * w, (g1 - at[2, p] * g7) * w
-        vx, vy = (g3 - at[3, p] * g6) * w, (g4 - at[3, p] * g7) * w
+        place_u, place_v = at[_2 + p], at[_3 + p]
+        w = _F1 / (h6 * at[p] + h7 * at[_1 + p] + _F1)
+        ux, uy = (g0 - place_u * g6) * w, (g1 - place_u * g7) * w
+        vx, vy = (g3 - place_v * g6) * w, (g4 - place_v * g7) * w
         u, v = _F1 / np.sqrt(ux * ux + uy * uy), _F1 / np.sqrt(vx * vx + vy * vy)
-        geometry[0, p] = w
-        geometry[1, p] = u * inverse
-        geometry[2, p] = v * inverse
-        geometry[3, p] = min(max((ux * vx + uy * vy) * u * v, -limit), limit)
+        geometry[p] = w
+        geometry[_1 + p] = u * inverse
+        geometry[_2 + p] = v * inverse
+        geometry[_3 + p] = min(max((ux * vx + uy * vy) * u * v, -limit), limit)
 
 
 @kernel(inner=True, fastmath=True)
 def edge(place: Any, inverse: Any, first: Any, e: Any, k: Any, out: Any) -> None:  # noqa: PLR0917
-    """Fill what a module edge does to each pixel of a block, a row for each of the six figures."""
+    """Fill what a module edge does to each pixel of a block, a row for each of the seven figures."""
     shift, k24 = np.float32(e), np.float32(k) * _F24TH
     for p in range(BLOCK):
         a = min(max((place[p] - (first[p] + shift)) * inverse[p], -_REACH), _REACH)
@@ -76,12 +82,13 @@ def edge(place: Any, inverse: Any, first: Any, e: Any, k: Any, out: Any) -> None
         step = _F1 - far if a > _F0 else far
         tail = -(a2 - _F3) * a * density * _F24TH
         full = density * (_F1 + k24 * (a2 * (a2 - _F6) + _F3))
-        out[0, p] = step + np.float32(k) * tail
-        out[1, p] = full
-        out[2, p] = -a * full
-        out[3, p] = tail
-        out[4, p] = density
-        out[5, p] = a
+        out[p] = step + np.float32(k) * tail
+        out[_1 + p] = full
+        out[_2 + p] = -a * full
+        out[_3 + p] = tail
+        out[_4 + p] = density
+        out[_5 + p] = a * density
+        out[_6 + p] = a2 * density
 
 
 @kernel(inner=True, fastmath=True)
@@ -89,29 +96,29 @@ def across(weight: Any, edge: Any, sums: Any) -> None:
     """Add an edge along u, times the difference of the modules there, to the sums along a row of modules."""
     for p in range(BLOCK):
         c = weight[p]
-        d = c * edge[4, p]
-        da = d * edge[5, p]
-        sums[0, p] += c * edge[0, p]
-        sums[1, p] += c * edge[1, p]
-        sums[2, p] += c * edge[2, p]
-        sums[3, p] += c * edge[3, p]
-        sums[4, p] += d
-        sums[5, p] += da
-        sums[6, p] += da * edge[5, p]
+        sums[p] += c * edge[p]
+        sums[_1 + p] += c * edge[_1 + p]
+        sums[_2 + p] += c * edge[_2 + p]
+        sums[_3 + p] += c * edge[_3 + p]
+        sums[_4 + p] += c * edge[_4 + p]
+        sums[_5 + p] += c * edge[_5 + p]
+        sums[_6 + p] += c * edge[_6 + p]
 
 
 @kernel(inner=True, fastmath=True)
 def down(sums: Any, edge: Any, rho: Any, total: Any) -> None:
     """Add an edge along v, times the sums along u of the differences there, to P and its derivatives."""
     for p in range(BLOCK):
-        s, b = sums[0, p], edge[5, p]
-        d = rho[p] * edge[4, p]
-        db = d * b
-        total[0, p] += edge[0, p] * s + d * sums[4, p] + _F05 * rho[p] * db * sums[5, p]
-        total[1, p] += edge[0, p] * sums[1, p] - d * sums[5, p]
-        total[2, p] += edge[1, p] * s - db * sums[4, p]
-        total[3, p] += edge[0, p] * sums[2, p] + edge[2, p] * s + d * sums[6, p] + db * b * sums[4, p]
-        total[4, p] += edge[0, p] * sums[3, p] + edge[3, p] * s
+        s0, s1, s2, s3 = sums[p], sums[_1 + p], sums[_2 + p], sums[_3 + p]
+        s4, s5, s6 = sums[_4 + p], sums[_5 + p], sums[_6 + p]
+        e0, e1, e2, e3 = edge[p], edge[_1 + p], edge[_2 + p], edge[_3 + p]
+        e4, e5, e6 = edge[_4 + p], edge[_5 + p], edge[_6 + p]
+        r = rho[p]
+        total[p] += e0 * s0 + r * (e4 * s4 + _F05 * r * e5 * s5)
+        total[_1 + p] += e0 * s1 - r * e4 * s5
+        total[_2 + p] += e1 * s0 - r * e5 * s4
+        total[_3 + p] += e0 * s2 + e2 * s0 + r * (e4 * s6 + e6 * s4)
+        total[_4 + p] += e0 * s3 + e3 * s0
 
 
 @kernel(inner=True, fastmath=True)
@@ -120,24 +127,23 @@ def jacobian(light: Any, at: Any, geometry: Any, total: Any, response_slope: Any
     gain, slope_x, slope_y, kappa = (
         np.float32(light[1]), np.float32(light[2]), np.float32(light[3]), np.float32(light[4])
     )  # fmt: skip
-    # short loops: of one with all of these rows the compiler does not see that they lie apart
     for p in range(BLOCK):
-        factor = (gain + slope_x * at[0, p] + slope_y * at[1, p]) * response_slope[p]
-        out[12, p] = factor * total[3, p]
-        out[13, p] = factor * total[4, p]
-        out[2, p] = factor * total[1, p] * geometry[1, p] * geometry[0, p]
-        out[5, p] = factor * total[2, p] * geometry[2, p] * geometry[0, p]
-    for k in (0, 3):
-        for p in range(BLOCK):
-            out[k, p] = out[k + 2, p] * at[0, p]
-            out[k + 1, p] = out[k + 2, p] * at[1, p]
-    for p in range(BLOCK):
-        both = -(out[2, p] * at[2, p] + out[5, p] * at[3, p])
-        out[6, p] = both * at[0, p]
-        out[7, p] = both * at[1, p]
-    for p in range(BLOCK):
-        lit = (total[0, p] + kappa) * response_slope[p]
-        out[8, p] = response_slope[p]
-        out[9, p] = total[0, p] * response_slope[p]
-        out[10, p] = at[0, p] * lit
-        out[11, p] = at[1, p] * lit
+        x, y, live, value = at[p], at[_1 + p], response_slope[p], total[p]
+        factor, per_w = (gain + slope_x * x + slope_y * y) * live, geometry[p]
+        by_u = factor * total[_1 + p] * geometry[_1 + p] * per_w
+        by_v = factor * total[_2 + p] * geometry[_2 + p] * per_w
+        both, lit = -(by_u * at[_2 + p] + by_v * at[_3 + p]), (value + kappa) * live
+        out[p] = by_u * x
+        out[_1 + p] = by_u * y
+        out[_2 + p] = by_u
+        out[_3 + p] = by_v * x
+        out[_4 + p] = by_v * y
+        out[_5 + p] = by_v
+        out[_6 + p] = both * x
+        out[7 * BLOCK + p] = both * y
+        out[8 * BLOCK + p] = live
+        out[9 * BLOCK + p] = value * live
+        out[10 * BLOCK + p] = x * lit
+        out[11 * BLOCK + p] = y * lit
+        out[12 * BLOCK + p] = factor * total[_3 + p]
+        out[13 * BLOCK + p] = factor * total[_4 + p]

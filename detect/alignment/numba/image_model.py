@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from boxcal.detect.alignment.numba.arrays import clear, clear_rows
+from boxcal.detect.alignment.numba.arrays import clear
 from boxcal.detect.alignment.numba.edges import OF_EDGE, across, blur_geometry, down, edge, jacobian, module_differences
 from boxcal.detect.alignment.numba.kernel import kernel
 from boxcal.detect.alignment.numba.pixels import BLOCK, widths
@@ -22,65 +22,74 @@ _NEAR = 3.5
 _MOST = 16
 """Edges across a tag, at most."""
 _F0, _F05, _F1 = np.float32(0), np.float32(0.5), np.float32(1)
-_I0 = np.int32(0)
+_I0, _U1 = np.int32(0), np.uint64(1)
 _UNDER_1 = np.float32(1 - 2**-20)
 """The light that saturates, and still lies within the last step of a table."""
 
 
 @kernel(inner=True, fastmath=True)
 def _residuals(  # noqa: PLR0917
-    at: Any, light: Any, batch: Any, total: Any, used: Any, step: Any, response_slope: Any, out: Any, stats: Any
+    at: Any, light: Any, batch: Any, total: Any, used: Any, shown: Any, response_slope: Any, out: Any, stats: Any
 ) -> None:
     """Fill the residuals of a block and the response curve's slope, both 0 behind the used pixels; add to the sums.
 
-    ``step`` is room for as many figures.
+    ``shown`` is room for as many figures.
     """
-    response = batch.response
     offset, gain, slope_x, slope_y, kappa = (
         np.float32(light[0]), np.float32(light[1]), np.float32(light[2]), np.float32(light[3]), np.float32(light[4])
     )  # fmt: skip
-    shown = response_slope  # for a moment
     for p in range(BLOCK):
-        lit = offset + gain * total[0, p] + (slope_x * at[0, p] + slope_y * at[1, p]) * (total[0, p] + kappa)
-        shown[p] = lit
-    r2, y1, y2, p1, p2 = _F0, _F0, _F0, _F0, _F0
+        value = total[p]
+        shown[p] = offset + gain * value + (slope_x * at[p] + slope_y * at[BLOCK + p]) * (value + kappa)
     if batch.linear:
         for p in range(BLOCK):
-            lit, live = shown[p], _F1 if p < used else _F0
-            value, predicted = at[4, p] * live, min(max(lit, _F0), _F1) * live
-            r = value - predicted
-            out[p] = r
-            response_slope[p] = live if lit >= _F0 and lit < _F1 else _F0
-            r2 += r * r
-            y1 += value
-            y2 += value * value
-            p1 += predicted
-            p2 += predicted * predicted
+            lit = shown[p]
+            shown[p] = min(max(lit, _F0), _F1)
+            response_slope[p] = _F1 if lit >= _F0 and lit < _F1 else _F0
     else:
-        last, most = np.float32(len(response) - 1), np.int32(len(response) - 2)
-        low = out  # for a moment
-        for p in range(BLOCK):
-            response_slope[p] = min(max(shown[p], _F0), _UNDER_1) * last
-        for p in range(BLOCK):
-            i = min(max(np.int32(response_slope[p]), _I0), most)  # what is not finite has no place in the table
-            low[p] = response[i]
-            step[p] = response[i + 1] - response[i]
-        for p in range(BLOCK):
-            t, live = response_slope[p], _F1 if p < used else _F0
-            value, predicted = at[4, p] * live, (low[p] + (t - np.floor(t)) * step[p]) * live
-            r = value - predicted
-            out[p] = r
-            response_slope[p] = step[p] * last * live if t > _F0 and t < last * _UNDER_1 else _F0
-            r2 += r * r
-            y1 += value
-            y2 += value * value
-            p1 += predicted
-            p2 += predicted * predicted
+        _through_table(batch.response, shown, response_slope, out)
+    r2, y1, y2, p1, p2 = _F0, _F0, _F0, _F0, _F0
+    for p in range(BLOCK):
+        live = _F1 if p < used else _F0
+        value, predicted = at[4 * BLOCK + p] * live, shown[p] * live
+        r = value - predicted
+        out[p] = r
+        response_slope[p] *= live
+        r2 += r * r
+        y1 += value
+        y2 += value * value
+        p1 += predicted
+        p2 += predicted * predicted
     stats[1] += r2
     stats[2] += y1
     stats[3] += y2
     stats[4] += p1
     stats[5] += p2
+
+
+@kernel(inner=True, fastmath=True)
+def _through_table(response: Any, shown: Any, response_slope: Any, step: Any) -> None:
+    """Replace light by grey levels, and fill the response curve's slopes there; ``step`` is room for as many."""
+    last, most = np.float32(len(response) - 1), np.int32(len(response) - 2)
+    for p in range(BLOCK):
+        response_slope[p] = min(max(shown[p], _F0), _UNDER_1) * last
+    for p in range(BLOCK):
+        i = np.uint64(min(max(np.int32(response_slope[p]), _I0), most))  # what is not finite has no place in the table
+        shown[p] = response[i]
+        step[p] = response[i + _U1]
+    for p in range(BLOCK):
+        t, low = response_slope[p], shown[p]
+        rise = step[p] - low
+        shown[p] = low + (t - np.floor(t)) * rise
+        response_slope[p] = rise * last if t > _F0 and t < last * _UNDER_1 else _F0
+
+
+@kernel(inner=True, fastmath=True)
+def _gather(table: Any, corner: Any, beyond: Any, weight: Any) -> None:
+    """Fill weights from a table, so far beyond the first modules in reach."""
+    shift = np.uint64(beyond)  # numba looks whether other numbers are negative, and counts from the end
+    for p in range(BLOCK):
+        weight[p] = table[corner[p] + shift]
 
 
 @kernel(inner=True, fastmath=True)
@@ -97,65 +106,79 @@ def differentiate(batch: Any, tag: Any, pixels: Any, n: Any, stats: Any) -> Any:
     kappa = theta[8] / theta[9] if abs(theta[9]) > 1e-9 else 0.0
     light = (theta[8], theta[9], theta[10], theta[11], kappa)
     parts = (n + BLOCK - 1) // BLOCK
-    jac = np.empty((parts, ROWS, BLOCK), np.float32)
-    at = np.empty((5, BLOCK), np.float32)
-    geometry = np.empty((4, BLOCK), np.float32)
+    jac = np.empty(parts * ROWS * BLOCK, np.float32)
+    at, geometry = np.empty(5 * BLOCK, np.float32), np.empty(4 * BLOCK, np.float32)
     first_u, first_v = np.empty(BLOCK, np.float32), np.empty(BLOCK, np.float32)
-    corner = np.empty(BLOCK, np.int32)
-    edges_u = np.empty((count_u, OF_EDGE, BLOCK), np.float32)
-    edge_v = np.empty((OF_EDGE, BLOCK), np.float32)
+    corner = np.empty(BLOCK, np.uint64)
+    edges_u, edge_v = np.empty(count_u * OF_EDGE, np.float32), np.empty(OF_EDGE, np.float32)
     weight, response_slope = np.empty(BLOCK, np.float32), np.empty(BLOCK, np.float32)
-    sums, total = np.empty((7, BLOCK), np.float32), np.empty((5, BLOCK), np.float32)
+    sums, total = np.empty(7 * BLOCK, np.float32), np.empty(5 * BLOCK, np.float32)
     table = np.zeros((4, side * side), np.float32)
     module_differences(cells, table)
     flat, along_u, along_v, along_both = table[0], table[1], table[2], table[3]
     half_u, half_v = _F1 - _F05 * np.float32(count_u), _F1 - _F05 * np.float32(count_v)
     last_u, last_v = np.float32(modules + 1 - count_u), np.float32(modules + 1 - count_v)
     width, farthest = np.float32(side), np.int32(last_v * np.float32(side) + last_u)
+    u, v, per_su, per_sv, rho = (
+        at[2 * BLOCK : 3 * BLOCK], at[3 * BLOCK : 4 * BLOCK],
+        geometry[BLOCK : 2 * BLOCK], geometry[2 * BLOCK : 3 * BLOCK], geometry[3 * BLOCK :],
+    )  # fmt: skip
     for part in range(parts):
         begin = part * BLOCK
         used = min(BLOCK, n - begin)
-        for k in range(5):
-            for p in range(used):
-                at[k, p] = pixels[k, begin + p]
-            for p in range(used, BLOCK):
-                at[k, p] = pixels[k, begin]
+        _take(pixels, begin, used, at)
         for p in range(BLOCK):
-            i = min(max(np.floor(at[2, p] + half_u), _F0), last_u)
-            j = min(max(np.floor(at[3, p] + half_v), _F0), last_v)
+            i = min(max(np.floor(u[p] + half_u), _F0), last_u)
+            j = min(max(np.floor(v[p] + half_v), _F0), last_v)
             first_u[p] = i
             first_v[p] = j
-            corner[p] = min(max(np.int32(j * width + i), _I0), farthest)
+            corner[p] = np.uint64(min(max(np.int32(j * width + i), _I0), farthest))
         blur_geometry(theta, sigma, batch.blur, at, geometry)
-        clear_rows(total)
-        clear_rows(sums)
+        clear(sums)
         for e in range(count_u):
-            edge(at[2], geometry[1], first_u, e, theta[13], edges_u[e])
-            for p in range(BLOCK):
-                weight[p] = along_u[corner[p] + e]
-            across(weight, edges_u[e], sums)
-        for p in range(BLOCK):
-            total[0, p] = flat[corner[p]] + sums[0, p]
-            total[1, p] = sums[1, p]
-            total[3, p] = sums[2, p]
-            total[4, p] = sums[3, p]
+            along = edges_u[e * OF_EDGE : (e + 1) * OF_EDGE]
+            edge(u, per_su, first_u, e, theta[13], along)
+            _gather(along_u, corner, e, weight)
+            across(weight, along, sums)
+        _gather(flat, corner, 0, weight)
+        _begin_total(weight, sums, total)
         for f in range(count_v):
-            edge(at[3], geometry[2], first_v, f, theta[13], edge_v)
-            clear_rows(sums)
+            edge(v, per_sv, first_v, f, theta[13], edge_v)
+            clear(sums)
             for e in range(count_u):
-                beyond = f * side + e
-                for p in range(BLOCK):
-                    weight[p] = along_both[corner[p] + beyond]
-                across(weight, edges_u[e], sums)
+                _gather(along_both, corner, f * side + e, weight)
+                across(weight, edges_u[e * OF_EDGE : (e + 1) * OF_EDGE], sums)
+            _gather(along_v, corner, f * side, weight)
             for p in range(BLOCK):
-                sums[0, p] += along_v[corner[p] + f * side]
-            down(sums, edge_v, geometry[3], total)
-        into = jac[part]
-        _residuals(at, light, batch, total, used, weight, response_slope, into[14], stats)
-        clear(into[15])
+                sums[p] += weight[p]
+            down(sums, edge_v, rho, total)
+        into = jac[part * ROWS * BLOCK : (part + 1) * ROWS * BLOCK]
+        _residuals(at, light, batch, total, used, weight, response_slope, into[PARAMETERS * BLOCK :], stats)
+        clear(into[(ROWS - 1) * BLOCK :])
         jacobian(light, at, geometry, total, response_slope, into)
     stats[0] += n
-    return jac
+    return jac.reshape(parts, ROWS, BLOCK)
+
+
+@kernel(inner=True)
+def _take(pixels: Any, begin: Any, used: Any, at: Any) -> None:
+    """Fill a block with collected pixels, and the rest with its first one."""
+    for k in range(5):
+        for p in range(used):
+            at[k * BLOCK + p] = pixels[k, begin + p]
+        for p in range(used, BLOCK):
+            at[k * BLOCK + p] = pixels[k, begin]
+
+
+@kernel(inner=True, fastmath=True)
+def _begin_total(flat: Any, sums: Any, total: Any) -> None:
+    """Fill P and its derivatives by u, v, log sigma and kurtosis as the edges along u alone make them."""
+    for p in range(BLOCK):
+        total[p] = flat[p] + sums[p]
+        total[BLOCK + p] = sums[BLOCK + p]
+        total[2 * BLOCK + p] = _F0
+        total[3 * BLOCK + p] = sums[2 * BLOCK + p]
+        total[4 * BLOCK + p] = sums[3 * BLOCK + p]
 
 
 @kernel(inner=True, fastmath=True)
