@@ -7,6 +7,8 @@ polynomial and each tag's own displacement tells the size of the errors: of nois
 not model (motion, ink that spread, a curve of the camera's own), which the residuals of pixels tell but roughly.
 """
 
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -56,7 +58,7 @@ def scatter(
         degree = next((degree for least, degree in DEGREES if len(at) >= least), None)
         if degree is None or not np.isfinite(apart_px[at]).all():
             continue
-        basis = _polynomials(_on_face(target, int(face), rows[at]), degree)
+        basis = _polynomials(target, degree)[rows[at]].reshape(4 * len(at), -1)
         left = _left_over(basis, apart_px[at].reshape(-1, 2), cov_px2[at].reshape(-1, 2, 2)).reshape(-1, 4, 2)
         shape = left - left.mean(axis=1, keepdims=True)
         squares = np.sum(shape**2, axis=2) / (SHAPE * (1 - basis.shape[1] / (4 * len(at))))
@@ -76,22 +78,25 @@ def _mean_square(squares: Array, expected: float) -> float:
     size = expected
     for _ in range(ROUNDS):
         total = np.minimum(squares, FAR2 * size).sum()
-        size = float(np.clip((total + PRIOR * expected) / (2 * len(squares) + PRIOR), *RANGE))
+        size = min(max(float(total + PRIOR * expected) / (2 * len(squares) + PRIOR), RANGE[0]), RANGE[1])
     return size
 
 
-def _on_face(target: Target, face: int, rows: Index) -> Array:
-    """Return where tags' corners (4 N, 2) lie on their face, -1 to 1."""
-    T = target.T_box_face(face)
-    p = ((target.tag_corners[rows].reshape(-1, 3) - T[:3, 3]) @ T[:3, :3])[:, :2]
-    low, high = p.min(axis=0), p.max(axis=0)
-    return np.asarray((2 * p - low - high) / np.maximum(high - low, 1e-12))
-
-
-def _polynomials(p: Array, degree: int) -> Array:
-    """Return the products (P, K) of Chebyshev polynomials of places (P, 2) up to a degree."""
-    x, y = (np.polynomial.chebyshev.chebvander(p[:, k], degree) for k in (0, 1))
-    return np.stack([x[:, i] * y[:, j] for i in range(degree + 1) for j in range(degree + 1 - i)], axis=1)
+@lru_cache(maxsize=16)
+def _polynomials(target: Target, degree: int) -> Array:
+    """Return the products (T, 4, K) of Chebyshev polynomials up to a degree at tags' corners, each face from -1 to 1."""
+    out = np.empty((len(target.tag_faces), 4, (degree + 1) * (degree + 2) // 2))
+    for face in np.unique(target.tag_faces):
+        at = target.tag_faces == face
+        T = target.T_box_face(int(face))
+        p = ((target.tag_corners[at].reshape(-1, 3) - T[:3, 3]) @ T[:3, :3])[:, :2]
+        low, high = p.min(axis=0), p.max(axis=0)
+        x, y = np.polynomial.chebyshev.chebvander((2 * p - low - high) / np.maximum(high - low, 1e-12), degree).transpose(
+            1, 0, 2
+        )
+        products = [x[:, i] * y[:, j] for i in range(degree + 1) for j in range(degree + 1 - i)]
+        out[at] = np.stack(products, axis=1).reshape(-1, 4, len(products))
+    return out
 
 
 def _left_over(basis: Array, apart: Array, cov: Array) -> Array:
@@ -99,12 +104,14 @@ def _left_over(basis: Array, apart: Array, cov: Array) -> Array:
     a = 1 / np.sqrt(cov[:, 0, 0])
     b = -cov[:, 0, 1] / cov[:, 0, 0]
     c = 1 / np.sqrt(np.maximum(cov[:, 1, 1] + b * cov[:, 0, 1], 1e-300))
-    first, second = a[:, None] * basis, c[:, None] * basis
-    A = np.concatenate(
-        [np.hstack([first, np.zeros_like(first)]), np.hstack([b[:, None] * second, second])]
-    )  # the inverse of the covariance's lower triangular factor times (u, v)
-    y = np.concatenate([a * apart[:, 0], c * (apart[:, 1] + b * apart[:, 0])])
-    normal = A.T @ A
-    normal[np.diag_indices(len(normal))] *= 1 + 1e-10
-    z = y - A @ np.linalg.solve(normal, A.T @ y)
-    return np.asarray(z.reshape(2, -1).T)
+    # a u and c (b u + v): the inverse of the covariance's lower triangular factor; its square are the weights
+    uu, uv, vv = a * a + b * b * c * c, b * c * c, c * c
+    k, u, v = basis.shape[1], apart[:, 0], apart[:, 1]
+    normal, right = np.empty((2 * k, 2 * k)), np.empty(2 * k)
+    normal[:k, :k], normal[k:, k:] = basis.T @ (uu[:, None] * basis), basis.T @ (vv[:, None] * basis)
+    normal[:k, k:] = normal[k:, :k] = basis.T @ (uv[:, None] * basis)
+    right[:k], right[k:] = (uu * u + uv * v) @ basis, (uv * u + vv * v) @ basis
+    normal.flat[:: 2 * k + 1] *= 1 + 1e-10
+    fitted = np.linalg.solve(normal, right)
+    u, v = u - basis @ fitted[:k], v - basis @ fitted[k:]
+    return np.stack([a * u, c * (b * u + v)], axis=1)

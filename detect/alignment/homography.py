@@ -43,17 +43,23 @@ def least_squares_homography(src: Array, dst: Array) -> Array:
 
     Hartley and Zisserman, Multiple View Geometry, algorithm 4.2; three quarters of the points in line make it fail.
     """
-    A_src, A_dst = _normaliser(src), _normaliser(dst)
-    s, d = _mapped(A_src, src), _mapped(A_dst, dst)
-    zero, one = np.zeros(len(s)), np.ones(len(s))
-    rows = np.concatenate(
-        [
-            np.stack([s[:, 0], s[:, 1], one, zero, zero, zero, -d[:, 0] * s[:, 0], -d[:, 0] * s[:, 1], -d[:, 0]], 1),
-            np.stack([zero, zero, zero, s[:, 0], s[:, 1], one, -d[:, 1] * s[:, 0], -d[:, 1] * s[:, 1], -d[:, 1]], 1),
-        ]
-    )
-    _, vectors = np.linalg.eigh(rows.T @ rows)
-    return np.asarray(np.linalg.inv(A_dst) @ vectors[:, 0].reshape(3, 3) @ A_src)
+    (src_scale, src_centre, s), (dst_scale, dst_centre, d) = _normalised(src), _normalised(dst)
+    p = np.empty((len(s), 12))
+    p[:, :2], p[:, 2] = s, 1
+    p[:, 3:6], p[:, 6:9] = d[:, :1] * p[:, :3], d[:, 1:] * p[:, :3]
+    p[:, 9:] = d[:, :1] * p[:, 3:6] + d[:, 1:] * p[:, 6:9]
+    # of the equations (p, 0, -u p) h = 0 and (0, p, -v p) h = 0 the normal matrix, block by block
+    blocks = p[:, :3].T @ p
+    normal = np.zeros((9, 9))
+    normal[:3, :3] = normal[3:6, 3:6] = blocks[:, :3]
+    normal[:3, 6:] = normal[6:, :3] = -blocks[:, 3:6]
+    normal[3:6, 6:] = normal[6:, 3:6] = -blocks[:, 6:9]
+    normal[6:, 6:] = blocks[:, 9:]
+    _, vectors = np.linalg.eigh(normal)
+    (x, y), (u, v) = src_scale * src_centre, dst_centre
+    to_src = np.array([[src_scale, 0, -x], [0, src_scale, -y], [0, 0, 1]])
+    from_dst = np.array([[1 / dst_scale, 0, u], [0, 1 / dst_scale, v], [0, 0, 1]])
+    return np.asarray(from_dst @ vectors[:, 0].reshape(3, 3) @ to_src)
 
 
 def map_points(H: Array, points: Array) -> Array:
@@ -64,11 +70,9 @@ def map_points(H: Array, points: Array) -> Array:
     return np.asarray(np.where(np.abs(w)[..., None] > 1e-12, mapped, np.nan))
 
 
-def _normaliser(points: Array) -> Array:
-    centre = points.mean(axis=0)
-    scale = np.sqrt(2) / max(float(np.sqrt(((points - centre) ** 2).sum(axis=1).mean())), 1e-12)
-    return np.array([[scale, 0, -scale * centre[0]], [0, scale, -scale * centre[1]], [0, 0, 1]])
-
-
-def _mapped(A: Array, points: Array) -> Array:
-    return np.asarray(points @ A[:2, :2].T + A[:2, 2])
+def _normalised(points: Array) -> tuple[float, Array, Array]:
+    """Return a scale, the centre (2,) and points (P, 2) about it, scaled to a mean square of two."""
+    centre = points.sum(axis=0) / len(points)
+    apart = points - centre
+    scale = np.sqrt(2) / max(float(np.sqrt(np.vdot(apart, apart) / len(points))), 1e-12)
+    return scale, centre, apart * scale

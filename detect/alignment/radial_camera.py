@@ -22,6 +22,7 @@ LEAST_SLOPE = 0.05
 FAR = 30.0
 
 
+_NEXT = np.array([1, 2, 3, 0])
 CENTRE_X, CENTRE_Y, A1, A2, PER_RADIUS, A3, LOG_ASPECT, SKEW, P1, P2 = range(10)
 """What stands where in a lens: the centre, px; the radial terms about 1 / radius, 1 / px; the logarithm of height over
 width of a square's picture, and its skew; two tangential terms (Brown 1966), which only the box's fit knows."""
@@ -46,21 +47,28 @@ def fisheye_distortion(image_size: tuple[int, int], focal_px: float) -> Array:
 
 def square(lens: Array, d: Array) -> Array:
     """Return pixels (..., 2) from the centre as a camera with square pixels without skew would have them."""
-    return np.stack([d[..., 0] - lens[SKEW] * d[..., 1], np.exp(lens[LOG_ASPECT]) * d[..., 1]], axis=-1)
+    out = np.empty(d.shape)
+    out[..., 0] = d[..., 0] - lens[SKEW] * d[..., 1]
+    out[..., 1] = np.exp(lens[LOG_ASPECT]) * d[..., 1]
+    return out
 
 
 def unsquare(lens: Array, d: Array) -> Array:
     """Return the inverse of :func:`square`, (..., 2)."""
-    y = np.exp(-lens[LOG_ASPECT]) * d[..., 1]
-    return np.stack([d[..., 0] + lens[SKEW] * y, y], axis=-1)
+    out = np.empty(d.shape)
+    out[..., 1] = np.exp(-lens[LOG_ASPECT]) * d[..., 1]
+    out[..., 0] = d[..., 0] + lens[SKEW] * out[..., 1]
+    return out
 
 
 def tangential(lens: Array, d: Array) -> Array:
     """Return what the two tangential terms add to pixels (..., 2) from the centre: linear in the terms, px."""
     x, y = d[..., 0], d[..., 1]
     both, xx, yy = 2 * x * y, 3 * x * x + y * y, x * x + 3 * y * y
-    moved = np.stack([lens[P1] * both + lens[P2] * xx, lens[P1] * yy + lens[P2] * both], axis=-1)
-    return np.asarray(lens[PER_RADIUS] * moved)
+    p1, p2 = lens[PER_RADIUS] * lens[P1], lens[PER_RADIUS] * lens[P2]
+    moved = np.empty(d.shape)
+    moved[..., 0], moved[..., 1] = p1 * both + p2 * xx, p1 * yy + p2 * both
+    return moved
 
 
 def distorted(lens: Array, d: Array) -> Array:
@@ -145,11 +153,14 @@ def distort_locally(lens: Array, normalisation: Array, xy: Array) -> Array:
 
 def sagitta_difference_px(lens: Array, other: Array, corners_px: Array) -> float:
     """Return how far apart two lenses have the middles of tags' edges, seen from the corners (N, 4, 2); at most, px."""
-    normalisation = np.column_stack([corners_px.mean(axis=1), np.ones(len(corners_px))])
-    ends = np.stack([corners_px, np.roll(corners_px, -1, axis=1)], axis=2)
-    points = np.concatenate([ends, ends.mean(axis=2, keepdims=True)], axis=2)
+    normalisation = np.ones((len(corners_px), 3))
+    normalisation[:, :2] = 0.25 * corners_px.sum(axis=1)
+    points = np.empty((len(corners_px), 8, 2))
+    points[:, :4] = corners_px
+    points[:, 4:] = 0.5 * (corners_px + corners_px[:, _NEXT])
     apart = undistort_locally(lens, normalisation, points) - undistort_locally(other, normalisation, points)
-    return float(np.linalg.norm(apart[:, :, 2] - apart[:, :, :2].mean(axis=2), axis=-1).max(initial=0))
+    bent = apart[:, 4:] - 0.5 * (apart[:, :4] + apart[:, _NEXT])
+    return float(np.sqrt(np.sum(bent * bent, axis=2).max(initial=0)))
 
 
 def distortion_jacobian(lens: Array, normalisation: Array, uv_px: Array) -> Array:

@@ -12,7 +12,7 @@ from functools import cache
 import numpy as np
 
 from boxcal.detect.alignment.homography import from_square
-from boxcal.detect.alignment.radial_camera import A1, square, tangential, undistort_locally, unsquare
+from boxcal.detect.alignment.radial_camera import A1, P1, P2, square, tangential, undistort_locally, unsquare
 from boxcal.target.arrays import Array
 
 MODULES = 8
@@ -35,18 +35,37 @@ def under_lens(lens: Array, better: Array, corners_px: Array) -> Array:
     """
     if len(corners_px) == 0:
         return corners_px
-    middle = corners_px.mean(axis=1)
+    middle = 0.25 * corners_px.sum(axis=1)
     seen = _on_tag(from_square(1.0, corners_px))
-    charts = np.column_stack([middle, np.ones(len(middle))])
-    straight = seen + _tangential(better, seen) - _tangential(better, middle)[:, None]
-    field = undistort_locally(better, charts, straight) - undistort_locally(lens, charts, seen)
-    along = 0.5 * (corners_px[:, 1:3] - corners_px[:, [0, 3]]).sum(axis=1)
-    down = 0.5 * (corners_px[:, 2:] - corners_px[:, [1, 0]]).sum(axis=1)
-    A = np.stack([along, down], axis=-1)
-    on_tag = np.linalg.solve(A, field.transpose(0, 2, 1)).transpose(0, 2, 1)
+    charts = np.ones((len(middle), 3))
+    charts[:, :2] = middle
+    field = _straightened(better, charts, seen) - undistort_locally(lens, charts, seen)
+    along = 0.5 * (corners_px[:, 1] + corners_px[:, 2] - corners_px[:, 0] - corners_px[:, 3])
+    down = 0.5 * (corners_px[:, 2] + corners_px[:, 3] - corners_px[:, 1] - corners_px[:, 0])
+    on_tag = _split(field, along, down)
     followed = (on_tag.reshape(len(middle), -1) @ _followed().T).reshape(-1, 4, 2)
-    moved = followed @ A.transpose(0, 2, 1) - field[:, _CORNERS]
+    moved = followed[..., :1] * along[:, None] + followed[..., 1:] * down[:, None] - field[:, _CORNERS]
     return np.asarray(corners_px + np.where(np.isfinite(moved), moved, 0.0))
+
+
+def _split(field: Array, along: Array, down: Array) -> Array:
+    """Return a field (N, P, 2) in parts of two vectors (N, 2) each: ``x along + y down``."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        per = (1 / (along[:, 0] * down[:, 1] - along[:, 1] * down[:, 0]))[:, None]
+        out = np.empty_like(field)
+        out[..., 0] = (field[..., 0] * down[:, 1, None] - field[..., 1] * down[:, 0, None]) * per
+        out[..., 1] = (field[..., 1] * along[:, 0, None] - field[..., 0] * along[:, 1, None]) * per
+    return out
+
+
+def _straightened(lens: Array, charts: Array, seen: Array) -> Array:
+    """Return places (N, P, 2), px, on charts of a lens that has its tangential terms, but for those at the centres."""
+    if abs(lens[A1]) > ORDINARY or not (lens[P1] or lens[P2]):
+        return undistort_locally(lens, charts, seen)
+    middle = charts[:, None, :2]
+    places = np.concatenate([seen, middle], axis=1)
+    added = unsquare(lens, tangential(lens, square(lens, places - lens[:2])))
+    return undistort_locally(lens, charts, seen + added[:, :-1] - added[:, -1:])
 
 
 def _on_tag(H: Array) -> Array:
@@ -54,14 +73,9 @@ def _on_tag(H: Array) -> Array:
     x, y = _PLACES.T
     h = H.T[..., None]
     w = h[6] * x + h[7] * y + 1
-    return np.stack([(h[0] * x + h[1] * y + h[2]) / w, (h[3] * x + h[4] * y + h[5]) / w], -1)
-
-
-def _tangential(lens: Array, uv_px: Array) -> Array:
-    """Return what the tangential terms add to pixels (..., 2), nothing under a fisheye's lens."""
-    if abs(lens[A1]) > ORDINARY:
-        return np.zeros_like(uv_px)
-    return unsquare(lens, tangential(lens, square(lens, uv_px - lens[:2])))
+    out = np.empty((len(H), len(x), 2))
+    out[..., 0], out[..., 1] = (h[0] * x + h[1] * y + h[2]) / w, (h[3] * x + h[4] * y + h[5]) / w
+    return out
 
 
 @cache
