@@ -28,6 +28,10 @@ OFF_CENTRE, OFF_SIGMAS = 0.5, 3.0
 """It lies there whose centre is off by no more than this fraction of its side and so many deviations of its place."""
 TOLD_MODULES = 0.1
 """Median deviation of tags from the box, modules, up to which the box says which other tags ought to be seen."""
+PREDICTED_SIDE_PX = 48.0
+"""Of tags that the box predicts no more pixels are aligned than one with sides of this length has: sixteen times as
+many as of those that were read, since they are mostly seen at a slant. With a quarter of these a near box's second
+face was lost."""
 SQUARE = 0.02
 """Largest log aspect of a pixel that counts as square; cameras with square pixels keep to a few thousandths."""
 
@@ -259,7 +263,7 @@ def grow_from_pose(
         more, corners = missing.rows[missing.sure], missing.corners_px[missing.sure]
         if len(more) == 0 or not others:
             break
-        new = align_coarsely(pyramid, patterns, more, corners, side_px=np.inf)
+        new = align_coarsely(pyramid, patterns, more, corners, side_px=PREDICTED_SIDE_PX)
         moved = np.linalg.norm(new.corners_px - corners, axis=2).max(axis=1)
         near = moved <= module_px(patterns, corners) + 0.5
         believed = verified(patterns, new, rough)

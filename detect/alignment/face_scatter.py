@@ -84,16 +84,15 @@ def _mean_square(squares: Array, expected: float) -> float:
 
 @lru_cache(maxsize=16)
 def _polynomials(target: Target, degree: int) -> Array:
-    """Return the products (T, 4, K) of Chebyshev polynomials up to a degree at tags' corners, each face from -1 to 1."""
+    """Return products (T, 4, K) of Chebyshev polynomials up to a degree at tags' corners, faces from -1 to 1."""
     out = np.empty((len(target.tag_faces), 4, (degree + 1) * (degree + 2) // 2))
     for face in np.unique(target.tag_faces):
         at = target.tag_faces == face
         T = target.T_box_face(int(face))
         p = ((target.tag_corners[at].reshape(-1, 3) - T[:3, 3]) @ T[:3, :3])[:, :2]
         low, high = p.min(axis=0), p.max(axis=0)
-        x, y = np.polynomial.chebyshev.chebvander((2 * p - low - high) / np.maximum(high - low, 1e-12), degree).transpose(
-            1, 0, 2
-        )
+        place = (2 * p - low - high) / np.maximum(high - low, 1e-12)
+        x, y = (np.polynomial.chebyshev.chebvander(place[:, k], degree) for k in (0, 1))
         products = [x[:, i] * y[:, j] for i in range(degree + 1) for j in range(degree + 1 - i)]
         out[at] = np.stack(products, axis=1).reshape(-1, 4, len(products))
     return out

@@ -47,7 +47,7 @@ def alternation(image: NDArray[Any]) -> tuple[bool, bool]:
 
 
 def _alternates(one: float, two: float) -> bool:
-    """Return whether the squared differences of neighbours, and of pixels two apart, are those of alternating levels."""
+    """Return whether levels alternate, by squared differences of neighbours and of pixels two apart."""
     return one > _ALTERNATES * two + _LEAST_LEVELS2
 
 
