@@ -168,19 +168,35 @@ def turns_misfit(drive: Correspondences, t_ns: Array, turn: Array, pairs: tuple[
 
     Before and after the record the robot is taken to stand.
     """
+    left = turns_left(drive, t_ns, turn, pairs)
+    return float("inf") if left is None else float(np.sqrt(np.nanmean(left**2)))
+
+
+def turns_left(
+    drive: Correspondences, t_ns: Array, turn: Array, pairs: tuple[Index, Index], worst: float = 0.0
+) -> Array | None:
+    """Return turns seen less turns rolled if pictures were taken at times (P,), rad, NaN where hardly anything rolled.
+
+    None if no wheels fit. The wheels are those that fit all turns but the ``worst`` share of them.
+    """
     w = drive.wheels
     phi = np.stack([np.interp(t_ns, w.t_ns, w.phi_R), np.interp(t_ns, w.t_ns, w.phi_L)], axis=1)
     i, j = pairs
     moved = phi[j] - phi[i]
     some = np.abs(moved).sum(axis=1) > _LEAST_RAD
     if np.count_nonzero(some) < LEAST_STOPS:
-        return float("inf")
-    turn, moved = turn[some], moved[some]
+        return None
+    moved = moved[some]
     singular = np.linalg.svd(moved, compute_uv=False)
     if singular[1] < 1e-3 * singular[0]:
-        return float("inf")
-    dtheta = unwrap_turns(turn, moved)
+        return None
+    dtheta = unwrap_turns(turn[some], moved)
     a, *_ = np.linalg.lstsq(moved, dtheta, rcond=None)
+    if worst > 0:
+        kept = np.argsort(np.abs(dtheta - moved @ a))[: max(round((1 - worst) * len(moved)), LEAST_STOPS)]
+        a, *_ = np.linalg.lstsq(moved[kept], dtheta[kept], rcond=None)
     if not (a[0] > 0 > a[1]) or abs(np.log(-a[0] / a[1])) > _ALIKE:
-        return float("inf")
-    return float(np.sqrt(np.mean((dtheta - moved @ a) ** 2)))
+        return None
+    out = np.full(len(turn), np.nan)
+    out[some] = dtheta - moved @ a
+    return out

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from boxcal.calib.diagnosis.clock import FITS_DEG, turns_misfit
+from boxcal.calib.diagnosis.clock import FITS_DEG, turns_left
 from boxcal.calib.errors import CalibError
 from boxcal.calib.four_steps.step1_camera import MIN_LANDMARKS, calibrate_camera
 from boxcal.calib.four_steps.step3_axis import find_axis
@@ -15,7 +15,7 @@ from boxcal.calib.likelihood.moving.weave import weave
 from boxcal.detect.correspondences import Correspondences
 from boxcal.detect.stops import MIN_STOPS
 from boxcal.detect.tags.on_the_move import LEAST_WITHOUT_STOPS, TOO_FEW_PLACES
-from boxcal.target.arrays import Array
+from boxcal.target.arrays import Array, Ids
 
 LONGEST_S = 0.4
 """Clock offsets up to this are looked for."""
@@ -24,6 +24,8 @@ _MOST_FRAMES = 200
 """Of more frames, so many are used, spread over the drive."""
 _NEAR = 2
 """Turns are compared between frames so many apart at most: over more, slip adds up."""
+_WORST = 0.15
+"""Share of the turns that does not count: those of a frame that is mistaken."""
 _STAND = (
     "Let the robot stand still for two seconds in three places or more where it sees the box: stops need no clock, and "
     "tell what frames on the move leave open"
@@ -44,12 +46,10 @@ def with_frames_for_stops(drives: Sequence[Correspondences]) -> tuple[list[Corre
         without = len(drive.stops) < MIN_STOPS and bool(drive.moving)
         if len(drives) > 1 and (without or drive.on_the_move):
             raise CalibError(TOO_FEW_PLACES, source=drive.robot, remedy="calibrate this drive by itself")
-        if without:
-            out.append(_frames_for_stops(drive))
-        else:
-            out.append(drive)
-        if out[-1].on_the_move:
-            findings.append(_finding(out[-1]))
+        used, mistaken = _frames_for_stops(drive) if without else (drive, 0)
+        out.append(used)
+        if used.on_the_move:
+            findings.append(_finding(used, mistaken))
     return out, findings
 
 
@@ -65,18 +65,19 @@ def said_without_stops(error: CalibError, drives: Sequence[Correspondences]) -> 
     )
 
 
-def _finding(drive: Correspondences) -> Finding:
+def _finding(drive: Correspondences, mistaken: int) -> Finding:
     """Return that a result hangs on frames on the move: solved for as well as can be, and never good."""
     return Finding(
         cause="no-stops",
-        text=f"{TOO_FEW_PLACES}: {len(drive.stops)} frames taken on the move stand for stops, and "
-        "what clocks and shutter do to them is told by themselves alone",
+        text=f"{TOO_FEW_PLACES}: {len(drive.stops)} frames taken on the move stand for stops"
+        + (f" ({mistaken} more, seen to turn as the wheels do not, left out)" if mistaken else "")
+        + ", and what clocks and shutter do to them is told by themselves alone",
         advice=f"{_STAND}.",
     )
 
 
-def _frames_for_stops(drive: Correspondences) -> Correspondences:
-    """Return a drive whose stops are its frames on the move, at times on the wheels' clock."""
+def _frames_for_stops(drive: Correspondences) -> tuple[Correspondences, int]:
+    """Return a drive whose stops are its frames on the move, on the wheels' clock, and how many are mistaken."""
     frames = tuple(frame for frame in drive.moving if len(frame.landmark_ids) >= MIN_LANDMARKS)
     if len(frames) < LEAST_WITHOUT_STOPS:
         raise CalibError(
@@ -86,15 +87,19 @@ def _frames_for_stops(drive: Correspondences) -> Correspondences:
         )
     rows = np.unique(np.linspace(0, len(frames) - 1, min(len(frames), _MOST_FRAMES)).round().astype(int))
     alone = replace(drive, stops=(), moving=tuple(frames[k] for k in rows))
-    late_s = _clock_offset(alone)
-    woven = weave(alone, np.zeros(0, dtype=np.int64), np.arange(len(rows)), late_s).drives[0]
+    late_s, kept = _clock_offset(alone)
+    woven = weave(alone, np.zeros(0, dtype=np.int64), kept, late_s).drives[0]
     source = replace(drive.source, clock_offset=drive.source.clock_offset + late_s)
-    return replace(woven, on_the_move=True, source=source)
+    return replace(woven, on_the_move=True, source=source), len(rows) - len(kept)
 
 
-def _clock_offset(drive: Correspondences) -> float:
-    """Return the stamps of frames less the times at which they were taken, s, by turns seen and rolled."""
-    stops = weave(drive, np.zeros(0, dtype=np.int64), np.arange(len(drive.moving)), 0.0).drives[0].stops
+def _clock_offset(drive: Correspondences) -> tuple[float, Ids]:
+    """Return the stamps of frames less the times at which they were taken, s, by turns seen and rolled.
+
+    And the numbers of the frames that are not mistaken: one that shows a single face from afar may be seen mirrored.
+    """
+    row = weave(drive, np.zeros(0, dtype=np.int64), np.arange(len(drive.moving)), 0.0)
+    stops = row.drives[0].stops
     camera = calibrate_camera(stops, drive.image_size)
     theta = find_axis(camera.T_cam_box).theta
     i, j = np.triu_indices(len(theta), 1)
@@ -103,8 +108,11 @@ def _clock_offset(drive: Correspondences) -> float:
     turn = wrap(-theta[i, j])
     at = np.array([float(stops[k].t_start_ns) for k in camera.kept])
 
+    def left(late: float) -> Array | None:
+        return turns_left(drive, at - late * 1e9, turn, (i, j), _WORST)
+
     def misfits(late: Array) -> Array:
-        return np.array([turns_misfit(drive, at - x * 1e9, turn, (i, j)) for x in late.tolist()])
+        return np.array([_most_of(left(x)) for x in late.tolist()])
 
     coarse = np.arange(-LONGEST_S, LONGEST_S + _COARSE_S / 2, _COARSE_S)
     cost = misfits(coarse)
@@ -117,4 +125,26 @@ def _clock_offset(drive: Correspondences) -> float:
             remedy=_REMEDY,
         )
     fine = best + np.arange(-_COARSE_S, _COARSE_S + _FINE_S / 2, _FINE_S)
-    return float(fine[int(np.argmin(misfits(fine)))])
+    late_s = float(fine[int(np.argmin(misfits(fine)))])
+    return late_s, np.delete(
+        np.arange(len(drive.moving)), row.frame[np.array(camera.kept)[_mistaken(left(late_s), i, j)]]
+    )
+
+
+def _most_of(left: Array | None) -> float:
+    """Return the root mean square of turns, rad, but for the worst; inf where there are none."""
+    if left is None:
+        return float("inf")
+    square = np.sort(left[np.isfinite(left)] ** 2)
+    return float(np.sqrt(np.mean(square[: max(round((1 - _WORST) * len(square)), 1)])))
+
+
+def _mistaken(left: Array | None, i: Ids, j: Ids) -> Ids:
+    """Return the frames most of whose turns, of frames i to frames j, differ from the wheels' by more than fits."""
+    if left is None:
+        return i[:0]
+    far = np.abs(left) > np.radians(FITS_DEG)
+    told = np.isfinite(left)
+    count = int(j.max()) + 1
+    bad = np.bincount(i, far, count) + np.bincount(j, far, count)
+    return np.flatnonzero(bad > 0.5 * (np.bincount(i, told, count) + np.bincount(j, told, count)))

@@ -81,6 +81,21 @@ def test_frames_that_clocks_or_shutter_spoil_are_refused_with_what_is_missing(
     assert "stand still for two seconds" in str(caught.value)
 
 
+def test_a_frame_that_is_mistaken_is_left_out_and_said() -> None:
+    drive = _drive(ShutterOptions(late_s=LATE_S))
+    moving = list(drive.moving)
+    moving[15] = replace(moving[3], t_ns=moving[15].t_ns)
+    found, robot = _calibrated(replace(drive, moving=tuple(moving))), _simulated().robot
+    said = [reason.text for reason in found.verdict.reasons if reason.rule == "no-stops"]
+    assert (
+        "39 frames taken on the move stand for stops (1 more, seen to turn as the wheels do not, left out)" in said[0]
+    )
+    assert found.detail is not None
+    covariance = found.detail.covariance
+    sigma = dict(zip(covariance.names, np.sqrt(np.diag(covariance.matrix)).tolist(), strict=True))
+    assert abs(found.wheels.b - robot.b) < 3.5 * sigma["b"] < 2e-3
+
+
 def test_too_few_frames_without_stops_are_refused() -> None:
     with pytest.raises(CalibError, match="0 usable stops, and 8 frames on the move that show the box"):
         _calibrated(_drive(ShutterOptions(), frames=8))
