@@ -145,7 +145,7 @@ def test_only_boxcal_appears_in_site_packages(way: str, wheel: Path, source: Pat
 
 _COMPILED_AT_FIRST_USE = """
 from boxcal.calib.four_steps.compiled import compilation as four_steps, reprojection_sums
-from boxcal.calib.likelihood.compiled import chain, compilation as likelihood, corner_sums, corners, legs
+from boxcal.calib.likelihood.compiled import chain, compilation as likelihood, corner_sums, corners, legs, moved_points
 from boxcal.detect.alignment import compilation as detector
 from boxcal.detect.alignment.numba import box_refinement, finish, gauss_newton, misfit_sums
 
@@ -153,7 +153,8 @@ likelihood.prepare_all(print)
 detector.compile_half("all")
 four_steps.compile_all()
 likelihood.compile_all()
-modules = chain, corner_sums, corners, legs, reprojection_sums, box_refinement, finish, gauss_newton, misfit_sums
+modules = chain, corner_sums, corners, legs, moved_points, reprojection_sums
+modules += box_refinement, finish, gauss_newton, misfit_sums
 stats = [f.stats for m in modules for f in vars(m).values() if getattr(getattr(f, "stats", None), "cache_hits", None)]
 print(len(stats) > 8, sum(sum(s.cache_misses.values()) for s in stats))
 """

@@ -23,8 +23,10 @@ class Backend:
         Of :mod:`boxcal.calib.likelihood.leg_propagation`.
     corner_rows
         Of :mod:`boxcal.calib.likelihood.corner_rows`.
-    corner_sums
+    corner_sums, group_sums
         Of :mod:`boxcal.calib.likelihood.corner_sums`.
+    moved_points
+        Of :mod:`boxcal.calib.likelihood.moved_points`.
     """
 
     eliminate_stops: Callable[..., Any]
@@ -33,6 +35,8 @@ class Backend:
     propagate: Callable[..., tuple[Any, ...]]
     corner_rows: Callable[..., tuple[Any, Any]]
     corner_sums: Callable[..., tuple[Any, ...]]
+    group_sums: Callable[..., Any]
+    moved_points: Callable[..., Any]
 
 
 def backend() -> Backend:
@@ -46,9 +50,15 @@ _NO_NUMBA = find_spec("numba") is None
 @cache
 def numpy_backend() -> Backend:
     """Return the reference in numpy."""
-    from boxcal.calib.likelihood import chain, corner_rows, corner_sums, leg_propagation  # noqa: PLC0415 - as the other one
+    from boxcal.calib.likelihood import (  # noqa: PLC0415 - as the other one
+        chain,
+        corner_rows,
+        corner_sums,
+        leg_propagation,
+        moved_points,
+    )
 
-    return _of(chain, leg_propagation, corner_rows, corner_sums)
+    return _of(chain, leg_propagation, corner_rows, corner_sums, moved_points)
 
 
 @cache
@@ -62,12 +72,12 @@ def numba_backend() -> Backend:
 
 def loops() -> Backend:
     """Return compiled code; each function is compiled, or read from the cache, when it is first called."""
-    from boxcal.calib.likelihood.compiled import chain, corner_sums, corners, legs  # noqa: PLC0415 - slow to import
+    from boxcal.calib.likelihood.compiled import chain, corner_sums, corners, legs, moved_points  # noqa: PLC0415 - slow to import
 
-    return _of(chain, legs, corners, corner_sums)
+    return _of(chain, legs, corners, corner_sums, moved_points)
 
 
-def _of(chain: ModuleType, legs: ModuleType, corners: ModuleType, sums: ModuleType) -> Backend:
+def _of(chain: ModuleType, legs: ModuleType, corners: ModuleType, sums: ModuleType, points: ModuleType) -> Backend:
     return Backend(
         eliminate_stops=chain.eliminate_stops,
         substitute_back=chain.substitute_back,
@@ -75,4 +85,6 @@ def _of(chain: ModuleType, legs: ModuleType, corners: ModuleType, sums: ModuleTy
         propagate=legs.propagate,
         corner_rows=corners.corner_rows,
         corner_sums=sums.corner_sums,
+        group_sums=sums.group_sums,
+        moved_points=points.moved_points,
     )

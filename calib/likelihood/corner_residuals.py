@@ -67,7 +67,8 @@ def corner_residuals(problem: Problem, state: State, columns: Columns) -> Corner
         lens = lens + moved[:, : len(state.lens)]
         t = t + np.einsum("pij,pj->pi", R, moved[:, -3:])
         R = R @ exp_so3(moved[:, -6:-3])
-    p_cam = np.einsum("lji,lj->li", R[stop], p_box - t[stop])
+    R_t = np.swapaxes(R, 1, 2)
+    p_cam = backend().moved_points(R_t, -(R_t @ t[:, :, None])[:, :, 0], stop, p_box)
     valid = bool(np.all(p_cam[:, 2] > 1e-6))
     if not valid:
         p_cam = p_cam.copy()

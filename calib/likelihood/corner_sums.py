@@ -27,13 +27,8 @@ def corner_sums(  # noqa: PLR0917 - arrays in, arrays out
     shared, own : (G, m, n), (G, m, k)
         What the shared unknowns, and those of the stop alone, do in the m columns of each group.
     """
-    jacobian, residual, weight = rows
-    m, n = jacobian.shape[2], shared.shape[2]
-    scaled = np.concatenate([jacobian, residual[:, :, None]], axis=2)
-    if not np.all(weight == 1):
-        scaled *= np.sqrt(weight)[:, None, None]
-    parts = [scaled[at].reshape(-1, m + 1) for at in groups_of(group, len(group_stop))]
-    N = np.array([part.T @ part for part in parts])
+    m, n = rows[0].shape[2], shared.shape[2]
+    N = group_sums(rows, group, len(group_stop))
     H, g = N[:, :m, :m], N[:, :m, m]
     by_shared, by_own = H @ shared, H @ own
     return (
@@ -44,6 +39,25 @@ def corner_sums(  # noqa: PLR0917 - arrays in, arrays out
         by_stop((g[:, None] @ own)[:, 0], group_stop, stops),
         by_stop(N[:, m, m], group_stop, stops),
     )
+
+
+def group_sums(rows: tuple[Array, Array, Array], group: Ids, groups: int) -> Array:
+    """Return the sums of products of derivatives and residuals over the corners of each group, (G, m + 1, m + 1).
+
+    Parameters
+    ----------
+    rows, group
+        As of :func:`corner_sums`.
+    groups
+        How many there are, G.
+    """
+    jacobian, residual, weight = rows
+    m = jacobian.shape[2]
+    scaled = np.concatenate([jacobian, residual[:, :, None]], axis=2)
+    if not np.all(weight == 1):
+        scaled *= np.sqrt(weight)[:, None, None]
+    parts = [scaled[at].reshape(-1, m + 1) for at in groups_of(group, groups)]
+    return np.array([part.T @ part for part in parts])
 
 
 def groups_of(group: Ids, count: int) -> list[slice | Ids]:

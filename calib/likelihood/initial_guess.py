@@ -16,7 +16,7 @@ from boxcal.calib.four_steps.procedure import FourSteps
 from boxcal.calib.four_steps.step1_camera import MIN_LANDMARKS, calibrate_camera, located
 from boxcal.calib.four_steps.step2_heading import MAX_CONDITION, solve_heading
 from boxcal.calib.four_steps.step4_mounting import solve_mounting, upright_translations
-from boxcal.calib.geometry.diff_drive import Legs, legs_between, pair_displacements, unit_path
+from boxcal.calib.geometry.diff_drive import dead_reckoned, legs_between, pair_displacements, unit_path
 from boxcal.calib.geometry.so3_se3 import inverse, rigid, rot_y, rot_z, wrap
 from boxcal.calib.likelihood.explanation import Columns
 from boxcal.calib.likelihood.leg_residuals import leg_covariance, leg_residuals
@@ -115,7 +115,6 @@ def first_states(problem: Problem, drives: Sequence[Correspondences], camera: Ca
     M = T_box_cam[:, :3, :3] @ upright.T
     psi = np.arctan2(M[:, 1, 0] - M[:, 0, 1], M[:, 0, 0] + M[:, 1, 1])
     i = problem.leg_stop
-    legs = [legs_between(d, k) for d, k in zip(drives, camera.kept, strict=True)]
     turn = wrap(psi[i + 1] - psi[i])
     c, s = np.cos(psi[i]), np.sin(psi[i])
     d = T_box_cam[i + 1, :2, 3] - T_box_cam[i, :2, 3]
@@ -124,10 +123,10 @@ def first_states(problem: Problem, drives: Sequence[Correspondences], camera: Ca
     radial = np.array([k.fu, k.fv, k.cu, k.cv, k.kr])
     found: list[tuple[float, State]] = []
     for aR, aL in _headings(turn, problem):
-        if len(i) == 2 and len(legs) == 1:  # nothing to be robust with
+        if len(i) == 2 and len(drives) == 1:  # nothing to be robust with
             x, y = np.triu_indices(3, 1)
             step = solve_mounting(
-                beta=pair_displacements(*unit_path(legs[0], aR, aL)),
+                beta=pair_displacements(*unit_path(legs_between(drives[0], camera.kept[0]), aR, aL)),
                 theta=wrap(psi[x] - psi[y]),
                 u=upright_translations(camera.T_cam_box, a2, a3),
                 aR=aR,
@@ -135,7 +134,7 @@ def first_states(problem: Problem, drives: Sequence[Correspondences], camera: Ca
             )
             rL, tx, ty, a1 = step.rL, step.tx, step.ty, step.a1
         else:
-            rL, tx, ty, a1 = _planar(_displacements(legs, aR, aL), turn, u, aR=aR, aL=aL, size=_rolled(problem))
+            rL, tx, ty, a1 = _planar(_displacements(problem, aR, aL), turn, u, aR=aR, aL=aL, size=_rolled(problem))
         rR = -aR / aL * rL
         theta = psi - a1
         ct, st = np.cos(theta), np.sin(theta)
@@ -167,7 +166,8 @@ def _misfit(problem: Problem, state: State) -> float:
 
 def _rolled(problem: Problem) -> Array:
     """Return how far the wheels turned on each leg, (N,), rad, both together."""
-    return np.asarray(np.add.reduceat(np.abs(problem.path.dphi).sum(axis=1), problem.path.starts) + 1e-9)
+    right, left = np.abs(problem.path.dphi).T
+    return np.asarray(np.add.reduceat(right + left, problem.path.starts) + 1e-9)
 
 
 def _couples(count: int, size: Array) -> tuple[Ids, Ids]:
@@ -196,7 +196,7 @@ def _headings(turn: Array, problem: Problem) -> list[tuple[float, float]]:
     if not np.any(good):
         good = det > 0
     turns = turn[np.stack([i, j], axis=1)][good][:, None, :] + 2 * np.pi * _WINDINGS
-    found = np.linalg.solve(pairs[good][:, None], turns[..., None])[..., 0].reshape(-1, 2)
+    found = (turns @ np.swapaxes(np.linalg.inv(pairs[good]), 1, 2)).reshape(-1, 2)
     found = found[(found[:, 0] > 0) & (found[:, 1] < 0)]
     if not len(found):
         solve_heading(turn, phi, moves=len(phi))  # says which wheel is reversed
@@ -214,27 +214,30 @@ def _headings(turn: Array, problem: Problem) -> list[tuple[float, float]]:
 
 def _settled(a: Array, turn: Array, phi: Array, scale: Array) -> Array:
     """Return (aR, aL) with the least absolute residuals of all legs near each of some first values, (C, 2)."""
+    squares = (phi[:, :, None] * phi[:, None, :]).reshape(-1, 4)
     for _ in range(_ROUNDS):
-        expected = a @ phi.T
-        r = wrap(turn - expected)
+        r = wrap(turn - a @ phi.T)
         size = np.abs(r) / scale
-        least = 0.3 * np.median(size, axis=1, keepdims=True) + 1e-12
+        least = 0.3 * _median(size)[:, None] + 1e-12
         w2 = 1 / (np.maximum(size, least) * scale**2)
-        information = np.einsum("cn,ni,nj->cij", w2, phi, phi)
+        information = (w2 @ squares).reshape(-1, 2, 2)
         information += 1e-14 * np.trace(information, axis1=1, axis2=2)[:, None, None] * np.eye(2)  # one leg may decide
         a = a + np.linalg.solve(information, ((w2 * r) @ phi)[..., None])[..., 0]
     return a
 
 
-def _displacements(legs: list[Legs], aR: float, aL: float) -> Array:
+def _median(values: Array) -> Array:
+    """Return the middle value of each row (the upper one of two): a tenth of the time of numpy's on few values."""
+    middle = values.shape[1] // 2
+    return np.asarray(np.partition(values, middle, axis=1)[:, middle])
+
+
+def _displacements(problem: Problem, aR: float, aL: float) -> Array:
     """Return where each leg ends in the body frame of its start, (N, 2), in units of rL (eq. 28)."""
-    out = [np.zeros((0, 2))]
-    for leg in legs:
-        xy, heading = unit_path(leg, aR, aL)
-        d = np.diff(xy, axis=0)
-        c, s = np.cos(heading[:-1]), np.sin(heading[:-1])
-        out.append(np.stack([c * d[:, 0] + s * d[:, 1], -s * d[:, 0] + c * d[:, 1]], axis=1))
-    return np.concatenate(out)
+    xy, heading = dead_reckoned(*problem.path.dphi.T, aR, aL)  # as if each leg began where the one before ended
+    d = np.diff(xy[np.append(problem.path.starts, len(problem.path.dphi))], axis=0)
+    c, s = np.cos(heading[problem.path.starts]), np.sin(heading[problem.path.starts])
+    return np.stack([c * d[:, 0] + s * d[:, 1], -s * d[:, 0] + c * d[:, 1]], axis=1)
 
 
 def _planar(
@@ -257,14 +260,16 @@ def _planar(
         solve_mounting(beta=beta, theta=-turn, u=-u, aR=aR, aL=aL)  # says what is missing
         raise CalibError("the moves do not determine the mounting; add legs that both turn and drive on")
     i, j = _couples(len(turn), -size)
-    found = np.linalg.svd(np.concatenate([rows[i], rows[j]], axis=1))[2][:, -1]
+    four = np.concatenate([rows[i], rows[j]], axis=1)
+    found = np.linalg.qr(np.swapaxes(four, 1, 2), mode="complete")[0][:, :, -1]  # what the four leave
     found = found[np.hypot(found[:, 3], found[:, 4]) > 1e-6]
     found /= np.hypot(found[:, 3], found[:, 4])[:, None]
-    score = np.sum(np.sqrt(np.linalg.norm(np.einsum("nrk,hk->hnr", rows, found), axis=2)), axis=1)
+    left = rows @ found.T  # (N, 2, H)
+    score = np.sum((left[:, 0] ** 2 + left[:, 1] ** 2) ** 0.25, axis=0)
     v = found[int(np.argmin(score))]
     for _ in range(_ROUNDS):
         r = np.linalg.norm(rows @ v, axis=1)
-        w = np.sqrt(1 / np.maximum(r, 0.3 * np.median(r) + 1e-12))
+        w = np.sqrt(1 / np.maximum(r, 0.3 * _median(r[None]) + 1e-12))
         v = np.linalg.svd((rows * w[:, None, None]).reshape(-1, 5), full_matrices=False)[2][-1]
         v = v / np.hypot(v[3], v[4])
     v = v if v[0] > 0 else -v

@@ -69,8 +69,9 @@ def _without_pictures(fit: Fit, solution: Solution) -> Array:
 def _changes(C: Array, information: Array, score: Array) -> Array:
     """Return ``-(I - C N)^-1 C g`` for blocks of data of information N and score g, (B, k); zero where singular."""
     k = len(C)
-    values = np.linalg.eigvals(C @ information).real
-    alone = np.max(values, axis=1) > 1 - _SINGULAR
+    own, axes = np.linalg.eigh(C)
+    root = axes * np.sqrt(np.maximum(own, 0.0))
+    alone = np.linalg.eigvalsh(root.T @ information @ root)[:, -1] > 1 - _SINGULAR  # those of C N
     M = np.eye(k) - np.where(alone[:, None, None], 0.0, C @ information)
     out = -np.linalg.solve(M, (score @ C)[:, :, None])[:, :, 0]
     return np.where(alone[:, None], 0.0, out)

@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from boxcal.calib.likelihood.backend import backend
 from boxcal.calib.likelihood.corner_residuals import Corners
-from boxcal.calib.likelihood.corner_sums import groups_of
 from boxcal.target.arrays import Array
 
 
@@ -33,11 +33,6 @@ def picture_blocks(corners: Corners, weight: Array, local_sigma: Array) -> tuple
 
 def group_blocks(corners: Corners, weight: Array) -> tuple[Array, Array]:
     """Return each group's normal equations in the base columns: (G, m, m) and (G, m)."""
-    G, m = len(corners.group_stop), corners.jacobian.shape[2]
-    H, g = np.zeros((G, m, m)), np.zeros((G, m))
-    for k, rows in enumerate(groups_of(corners.group, G)):
-        J = corners.jacobian[rows].reshape(-1, m)
-        w = np.repeat(weight[rows], 2)
-        H[k] = (J * w[:, None]).T @ J
-        g[k] = (J * w[:, None]).T @ corners.residual[rows].ravel()
-    return H, g
+    rows = corners.jacobian, corners.residual, weight
+    sums = backend().group_sums(rows, corners.group, len(corners.group_stop))
+    return sums[:, :-1, :-1], sums[:, -1, :-1]

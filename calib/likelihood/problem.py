@@ -14,7 +14,7 @@ import numpy as np
 
 from boxcal.calib.geometry.diff_drive import legs_between
 from boxcal.calib.geometry.parameters import COUNT, ORDER
-from boxcal.calib.geometry.two_by_two import determinants, inverse_roots, inverses, products
+from boxcal.calib.geometry.two_by_two import determinants, inverse_roots
 from boxcal.calib.likelihood.explanation import Explanation
 from boxcal.calib.likelihood.options import EstimateOptions
 from boxcal.calib.likelihood.target_deformation import TargetDeformation, target_deformation
@@ -268,13 +268,13 @@ def _outward_px(views: Sequence[StopObservation]) -> Array:
     first = first[(ids[last] == ids[first] + CORNERS - 1) & (view[last] == view[first])]
     if not len(first):
         return out
-    corner = uv[first[:, None] + np.arange(CORNERS)]  # (T, 4, 2)
-    edge = np.roll(corner, -1, axis=1) - corner
-    normal = np.stack([edge[..., 1], -edge[..., 0]], axis=-1)
-    normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
-    centre = corner.mean(axis=1, keepdims=True)
-    normal *= np.sign(np.sum(normal * (corner - centre), axis=-1, keepdims=True))
-    before = np.roll(normal, 1, axis=1)
-    d = products(inverses(np.stack([normal, before], axis=-2)), np.ones(normal.shape))
-    out[first[:, None] + np.arange(CORNERS)] = d
+    u, v = np.moveaxis(uv[first[:, None] + np.arange(CORNERS)], 2, 0)  # (T, 4) each
+    before, after = np.array([3, 0, 1, 2]), np.array([1, 2, 3, 0])
+    nu, nv = v[:, after] - v, u - u[:, after]  # normal to the edge from each corner to the next
+    outwards = nu * (u - u.mean(axis=1, keepdims=True)) + nv * (v - v.mean(axis=1, keepdims=True))
+    length = np.copysign(np.hypot(nu, nv), outwards)
+    nu, nv = nu / length, nv / length
+    mu, mv = nu[:, before], nv[:, before]
+    determinant = nu * mv - nv * mu
+    out[first[:, None] + np.arange(CORNERS)] = np.stack([(mv - nv) / determinant, (nu - mu) / determinant], axis=2)
     return out

@@ -14,11 +14,6 @@ from boxcal.calib.likelihood.normal_equations import Solution
 from boxcal.calib.likelihood.problem import Problem
 from boxcal.target.arrays import Array
 
-_ALONG_U = ((1, 0), (3, 0), (1, 2))
-_ALONG_V = ((0, 1), (0, 3), (2, 1))
-"""Powers of the two image coordinates in the fields along u and v: larger or smaller on both sides of the middle, as
-blur and growth make them. Shifts to one side are not of that kind, and single pictures tell them."""
-
 
 def systematic_covariance(
     problem: Problem,
@@ -42,12 +37,13 @@ def systematic_covariance(
     share
         Root mean square of each field over the corners, in standard deviations of a corner's noise.
     """
-    along_u, along_v = _fields(problem, _ALONG_U), _fields(problem, _ALONG_V)
+    along_u, along_v = _fields(problem)
     corners = at.corners
     w = weights.corners / components.noise_scale**2
-    pulls = np.swapaxes(corners.jacobian, 1, 2) @ (problem.whiten * w[:, None, None])  # (L, m, 2)
-    groups = groups_of(corners.group, len(corners.group_stop))
-    g = np.array([_pull(pulls[rows], along_u[rows], along_v[rows]) for rows in groups])
+    whiten = problem.whiten * w[:, None, None]
+    errors = np.concatenate([whiten[:, :, :1] * along_u[:, None], whiten[:, :, 1:] * along_v[:, None]], axis=2)
+    groups, m, F = groups_of(corners.group, len(corners.group_stop)), corners.jacobian.shape[2], errors.shape[2]
+    g = np.array([corners.jacobian[rows].reshape(-1, m).T @ errors[rows].reshape(-1, F) for rows in groups])
     P = len(problem.drive)
     a = np.tensordot(corners.J_shared, g, axes=([0, 1], [0, 1]))
     c = by_stop(np.swapaxes(corners.J_pose, 1, 2) @ g, corners.group_stop, P)
@@ -61,14 +57,15 @@ def systematic_covariance(
     return np.asarray(d @ d.T)
 
 
-def _fields(problem: Problem, powers: tuple[tuple[int, int], ...]) -> Array:
-    """Return smooth fields over the image at the corners, (L, F), each of root mean square 1."""
-    centre = problem.uv_px.mean(axis=0)
-    x, y = ((problem.uv_px - centre) / np.abs(problem.uv_px - centre).max()).T
-    f = np.stack([x**a * y**b for a, b in powers], axis=1)
-    return np.asarray(f / np.sqrt(np.mean(f**2, axis=0)))
+def _fields(problem: Problem) -> tuple[Array, Array]:
+    """Return smooth fields over the image at the corners, along u and along v, (L, F), each of root mean square 1.
 
-
-def _pull(pulls: Array, along_u: Array, along_v: Array) -> Array:
-    """Return the right-hand sides (m, F) of one group, fields along u first."""
-    return np.concatenate([pulls[:, :, 0].T @ along_u, pulls[:, :, 1].T @ along_v], axis=1)
+    They are larger or smaller on both sides of the middle, as blur and growth make them: ``x, x^3, x y^2`` along u, and
+    likewise along v. Shifts to one side are not of that kind, and single pictures tell them.
+    """
+    off = problem.uv_px - problem.uv_px.mean(axis=0)
+    x, y = (off / np.abs(off).max()).T
+    xx, yy = x * x, y * y
+    fields = np.array([x, xx * x, x * yy, y, yy * y, y * xx])
+    fields /= np.sqrt(np.einsum("fl,fl->f", fields, fields) / len(x))[:, None]
+    return fields[:3].T, fields[3:].T

@@ -12,6 +12,7 @@ import numpy as np
 
 from boxcal.calib.errors import CalibError
 from boxcal.calib.geometry.so3_se3 import exp_so3, hat, right_jacobian
+from boxcal.calib.likelihood.backend import backend
 from boxcal.calib.likelihood.options import EstimateOptions
 from boxcal.target.arrays import Array, Ids
 from boxcal.target.box import CORNERS, FACES
@@ -128,7 +129,7 @@ class TargetDeformation:
         p = self.p_face.copy()
         T = self.T_box_face
         if not (self.names or self.refined):
-            return _moved(T[:, :3, :3], T[:, :3, 3], self.face, p), T[:, :3, :3]
+            return backend().moved_points(T[:, :3, :3], T[:, :3, 3], self.face, p), T[:, :3, :3]
         p[:, 0] *= 1 + self.shape(values, "scale_x")
         p[:, 1] *= 1 + self.shape(values, "scale_y")
         p[:, :2] += self.value(values, "ink") * self.outward
@@ -137,11 +138,7 @@ class TargetDeformation:
         R_m, t_m, _ = self.motions(values)
         R = T[:, :3, :3] @ R_m
         t = np.einsum("fij,fj->fi", T[:, :3, :3], t_m) + T[:, :3, 3]
-        return _moved(R, t, self.face, p), R
-
-
-def _moved(R: Array, t: Array, face: Ids, p: Array) -> Array:
-    return np.asarray(np.einsum("lij,lj->li", R[face], p) + t[face])
+        return backend().moved_points(R, t, self.face, p), R
 
 
 def target_deformation(

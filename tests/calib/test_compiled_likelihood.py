@@ -5,7 +5,7 @@ from boxcal.calib.diagnosis.explained_estimate import estimate_explained
 from boxcal.calib.geometry.diff_drive import Legs
 from boxcal.calib.likelihood import EstimateOptions
 from boxcal.calib.likelihood.backend import backend, numba_backend, numpy_backend
-from boxcal.calib.likelihood.compiled import chain, corner_sums, corners, legs
+from boxcal.calib.likelihood.compiled import chain, corner_sums, corners, legs, moved_points
 from boxcal.calib.likelihood.compiled.compilation import compile_all
 from boxcal.calib.likelihood.problem import build_problem
 from boxcal.calib.likelihood.wheel_path import wheel_path
@@ -76,6 +76,15 @@ def test_compiled_equations_of_corners_are_the_reference(left_out):
         assert ours.shape == reference.shape
         np.testing.assert_allclose(ours, reference, rtol=1e-11, atol=1e-11)
 
+    sums = [compute.group_sums(rows, group, G) for compute in (COMPILED, REFERENCE)]
+    np.testing.assert_allclose(*sums, rtol=1e-11, atol=1e-11)
+
+
+def test_compiled_motion_of_points_is_the_reference():
+    rng = np.random.default_rng(4)
+    given = rng.normal(size=(3, 3, 3)), rng.normal(size=(3, 3)), rng.integers(0, 3, 40), rng.normal(size=(40, 3))
+    np.testing.assert_allclose(COMPILED.moved_points(*given), REFERENCE.moved_points(*given), rtol=1e-13, atol=1e-14)
+
 
 @pytest.mark.parametrize("still", [False, True], ids=["both wheels roll", "a wheel stands on two legs"])
 @pytest.mark.parametrize("added", [False, True], ids=["radii only", "explained travel"])
@@ -107,6 +116,7 @@ def test_nothing_is_compiled_in_use_beyond_what_is_prepared():
         corners.fill_rows,
         corner_sums.fill_sums,
         corner_sums.fill_equations,
+        moved_points.move,
     )
     drive = simulate_drive(khepera(), make_target(), DriveOptions(stops=8, slip=3e-4), np.random.default_rng(1))
     seen = exact_correspondences(khepera(), make_target(), drive, 0.2, np.random.default_rng(2))

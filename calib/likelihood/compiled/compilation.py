@@ -76,6 +76,7 @@ def compile_all() -> None:
     corners.fill_rows(
         np.zeros(1, dtype=np.int64), (pair, one, one), derivatives, poses, one.copy(), np.empty((1, 2, 9))
     )
+    compute.moved_points(np.ones((1, 3, 3)), np.ones((1, 3)), np.zeros(1, dtype=np.int64), np.ones((1, 3)))
     rows, first = (np.ones((1, 2, 3)), one, np.ones(1)), np.zeros(1, dtype=np.int64)
     compute.corner_sums(rows, first, first, 1, np.ones((1, 3, 4)), np.ones((1, 3, 2)))
 

@@ -15,15 +15,22 @@ def corner_sums(  # noqa: PLR0917 - as the reference
     rows: tuple[Array, Array, Array], group: Ids, group_stop: Ids, stops: int, shared: Array, own: Array
 ) -> tuple[Array, Array, Array, Array, Array, Array]:
     """Return what :func:`boxcal.calib.likelihood.corner_sums.corner_sums` does."""
-    (G, m, n), k = shared.shape, own.shape[2]
-    corners = tuple(np.ascontiguousarray(part, dtype=np.float64) for part in rows)
+    (G, _, n), k = shared.shape, own.shape[2]
     maps = np.concatenate([shared, own], axis=2)
-    sums = np.zeros((G, m + 1, m + 1))
+    sums = group_sums(rows, group, G)
     A, right, squares = np.zeros((n, n)), np.zeros(n), np.zeros(stops)
     B, D, c = np.zeros((stops, n, k)), np.zeros((stops, k, k)), np.zeros((stops, k))
-    fill_sums(corners, group, sums)
     fill_equations(sums, group_stop, maps, (A, right, B, D, c, squares))
     return A, right, B, D, c, squares
+
+
+def group_sums(rows: tuple[Array, Array, Array], group: Ids, groups: int) -> Array:
+    """Return what :func:`boxcal.calib.likelihood.corner_sums.group_sums` does."""
+    corners = tuple(np.ascontiguousarray(part, dtype=np.float64) for part in rows)
+    m = corners[0].shape[2]
+    sums = np.zeros((groups, m + 1, m + 1))
+    fill_sums(corners, group, sums)
+    return sums
 
 
 @kernel(fastmath=True)
@@ -43,7 +50,7 @@ def fill_sums(rows: Any, group: Any, sums: Any) -> None:
             out[m, i] += a * e + b * f
         out[m, m] += w * (e * e + f * f)
     for k in range(len(sums)):
-        for i in range(m):
+        for i in range(m + 1):
             for j in range(i):
                 sums[k, j, i] = sums[k, i, j]
 
