@@ -12,16 +12,16 @@ from functools import partial
 
 import numpy as np
 
-from boxcal.calib.geometry.diff_drive import legs_between
+from boxcal.calib.geometry.diff_drive import Legs, legs_between
 from boxcal.calib.geometry.parameters import COUNT, ORDER
 from boxcal.calib.geometry.two_by_two import determinants, inverse_roots
 from boxcal.calib.likelihood.explanation import Explanation
 from boxcal.calib.likelihood.options import EstimateOptions
+from boxcal.calib.likelihood.seen_views import Views, outward_px
 from boxcal.calib.likelihood.target_deformation import TargetDeformation, target_deformation
 from boxcal.calib.likelihood.wheel_path import WheelPath, wheel_path
-from boxcal.detect.correspondences import Correspondences, StopObservation
+from boxcal.detect.correspondences import Correspondences
 from boxcal.target.arrays import Array, Ids, Mask
-from boxcal.target.box import CORNERS
 from boxcal.target.camera.camera_model import CameraKind, further_names
 
 PER_STOP = 5
@@ -161,20 +161,38 @@ def build_problem(
     step : rad
         Encoder step.
     """
-    kind = options.lens or CameraKind.BROWN
-    views = [drive.stops[j] for drive, stops in zip(drives, kept, strict=True) for j in stops]
-    cov = np.concatenate([v.cov_px2 for v in views])
-    tilts = _tilt_names(len(drives)) if options.tilt_sigma > 0 else []
+    views = Views.of([drive.stops[j] for drive, stops in zip(drives, kept, strict=True) for j in stops])
+    drive = np.repeat(np.arange(len(drives)), [len(stops) for stops in kept])
+    stop = np.concatenate([np.asarray(stops, dtype=np.int64) for stops in kept])
+    legs = [legs_between(d, k) for d, k in zip(drives, kept, strict=True) if k]
+    return problem_of(views, (drive, stop), legs, options, step)
+
+
+def problem_of(
+    views: Views, places: tuple[Ids, Ids], legs: list[Legs], options: EstimateOptions, step: float
+) -> Problem:
+    """Return the data of some views at stops, and of the legs between them.
+
+    Parameters
+    ----------
+    views
+        What was seen.
+    places : (P,), (P,)
+        Drive and number of each view's stop.
+    legs
+        Wheel travel of each drive that has stops.
+    options, step
+        As of :func:`build_problem`.
+    """
+    kind, cov = options.lens or CameraKind.BROWN, views.cov_px2
+    drive, stop = places
+    drives = int(drive.max(initial=0)) + 1
+    tilts = _tilt_names(drives) if options.tilt_sigma > 0 else []
     names = [*ORDER, *tilts]
     prior, component = [np.inf] * COUNT + [options.tilt_sigma] * len(tilts), [""] * COUNT
     names += further_names(kind)
     prior += [np.inf] * len(further_names(kind))
-    target = target_deformation(
-        options,
-        np.concatenate([v.landmark_ids for v in views]),
-        np.concatenate([v.p_box for v in views]),
-        np.concatenate([v.faces for v in views]),
-    )
+    target = target_deformation(options, views.landmark_ids, views.p_box, views.faces)
     component += [""] * (len(names) - COUNT) + list(target.component)
     first = len(names)
     names += target.names
@@ -190,8 +208,6 @@ def build_problem(
     information = np.zeros((len(names), len(names)))
     information[first : first + len(target.names), first : first + len(target.names)] = target.information
     whiten, sigma_px = whitening(cov)
-    drive = np.repeat(np.arange(len(drives)), [len(stops) for stops in kept])
-    legs = [legs_between(d, k) for d, k in zip(drives, kept, strict=True) if k]
     return Problem(
         lens=kind,
         names=tuple(names),
@@ -200,17 +216,17 @@ def build_problem(
         unit=np.concatenate([np.ones(first), target.unit, np.ones(len(names) - first - len(target.names))]),
         information=information,
         target=target,
-        uv_px=np.concatenate([v.uv_px for v in views]),
+        uv_px=views.uv_px,
         whiten=whiten,
         told_px2=cov,
         sigma_px=sigma_px,
-        corner_starts=np.cumsum([0, *(len(v.landmark_ids) for v in views)]),
-        outward_px=_outward_px(views),
+        corner_starts=views.starts,
+        outward_px=outward_px(views),
         path=wheel_path(legs),
         step=step,
-        drives=len(drives),
+        drives=drives,
         drive=drive,
-        stop=np.concatenate([np.asarray(stops, dtype=np.int64) for stops in kept]),
+        stop=stop,
         leg_stop=np.flatnonzero(drive[:-1] == drive[1:]),
         leg_known=np.concatenate([np.zeros(0, dtype=np.bool_), *(leg.known for leg in legs)]),
         tilt_count=len(tilts),
@@ -251,30 +267,3 @@ def with_kind(problem: Problem, kind: CameraKind) -> Problem:
         unit=swapped(problem.unit, 1.0, 0),
         information=swapped(swapped(problem.information, 0.0, 0), 0.0, 1),
     )
-
-
-def _outward_px(views: Sequence[StopObservation]) -> Array:
-    """Return how corners move if each edge of the tags' black moves by 1 px along its outward normal, (L, 2).
-
-    A corner between edges of outward normals n and m moves by d with ``n d = m d = 1``. Of tags that are not seen
-    whole nothing is said (zero).
-    """
-    ids, uv = np.concatenate([v.landmark_ids for v in views]), np.concatenate([v.uv_px for v in views])
-    view = np.repeat(np.arange(len(views)), [len(v.landmark_ids) for v in views])
-    out = np.zeros((len(ids), 2))
-    first = np.flatnonzero(ids % CORNERS == 0)
-    first = first[first + CORNERS <= len(ids)]
-    last = first + CORNERS - 1
-    first = first[(ids[last] == ids[first] + CORNERS - 1) & (view[last] == view[first])]
-    if not len(first):
-        return out
-    u, v = np.moveaxis(uv[first[:, None] + np.arange(CORNERS)], 2, 0)  # (T, 4) each
-    before, after = np.array([3, 0, 1, 2]), np.array([1, 2, 3, 0])
-    nu, nv = v[:, after] - v, u - u[:, after]  # normal to the edge from each corner to the next
-    outwards = nu * (u - u.mean(axis=1, keepdims=True)) + nv * (v - v.mean(axis=1, keepdims=True))
-    length = np.copysign(np.hypot(nu, nv), outwards)
-    nu, nv = nu / length, nv / length
-    mu, mv = nu[:, before], nv[:, before]
-    determinant = nu * mv - nv * mu
-    out[first[:, None] + np.arange(CORNERS)] = np.stack([(mv - nv) / determinant, (nu - mu) / determinant], axis=2)
-    return out

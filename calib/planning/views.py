@@ -40,25 +40,32 @@ def tags_seen(robot: Robot, target: Target, poses: Array, min_side_px: float, ma
     margin
         How far they stay off the border, as a share of the image's width.
     """
-    T_cam_box = inverse(camera_poses(robot, poses))
-    p_box = target.tag_corners.reshape(-1, 3)
-    p_cam = p_box @ T_cam_box[:, :3, :3].swapaxes(1, 2) + T_cam_box[:, None, :3, 3]
-    p_cam = p_cam.reshape(len(poses), *target.tag_corners.shape)  # (N, T, 4, 3)
-    centre = p_cam.mean(axis=2)
-    inward = np.cross(p_cam[:, :, 2] - p_cam[:, :, 1], p_cam[:, :, 0] - p_cam[:, :, 1])
-    slant = np.sum(inward * centre, axis=2)
-    slant /= np.linalg.norm(inward, axis=2) * np.linalg.norm(centre, axis=2)
-    seen = np.all(p_cam[..., 2] > 0, axis=2) & (slant > _STEEPEST)
-    p_cam = p_cam[seen]  # (M, 4, 3): the others need not be projected
+    T_box_cam = camera_poses(robot, poses)
+    seen = _slants(target, T_box_cam[:, :3, 3]) > _STEEPEST
+    view, tag = np.nonzero(seen)
+    T = inverse(T_box_cam)[view]
+    p_cam = target.tag_corners[tag] @ T[:, :3, :3].swapaxes(1, 2) + T[:, None, :3, 3]  # (M, 4, 3): no others
     uv = project(robot.camera, p_cam)
-    rho = np.hypot(p_cam[..., 0], p_cam[..., 1]) / p_cam[..., 2]
-    reached = np.all(rho < radius_limit(robot.camera.kind, np.array(robot.camera.distortion)), axis=1)
+    with np.errstate(divide="ignore"):
+        rho = np.hypot(p_cam[..., 0], p_cam[..., 1]) / p_cam[..., 2]
+    limit = radius_limit(robot.camera.kind, np.array(robot.camera.distortion))
+    reached = np.all((p_cam[..., 2] > 0) & (rho < limit), axis=1)
     width, height = robot.image_size
     low = margin * width - 0.5
     inside = np.all((uv >= low) & (uv <= (width - 1 - low, height - 1 - low)), axis=(1, 2))
     edge = uv - np.roll(uv, -1, axis=1)
     seen[seen] = reached & inside & (np.hypot(edge[..., 0], edge[..., 1]).min(axis=1) >= min_side_px)
     return np.asarray(seen)
+
+
+def _slants(target: Target, cameras: Array) -> Array:
+    """Return the cosines of the angles off each tag's normal, (N, T), at which it is seen from places (N, 3), m."""
+    corners = target.tag_corners
+    centre = corners.mean(axis=1)
+    inward = np.cross(corners[:, 2] - corners[:, 1], corners[:, 0] - corners[:, 1])
+    inward /= np.linalg.norm(inward, axis=1)[:, None]
+    square = np.sum(centre**2, axis=1) - 2 * cameras @ centre.T + np.sum(cameras**2, axis=1)[:, None]
+    return np.asarray((np.sum(inward * centre, axis=1) - cameras @ inward.T) / np.sqrt(square))
 
 
 def tags_by_face(target: Target, seen: Mask) -> Array:
