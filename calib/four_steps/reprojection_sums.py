@@ -1,8 +1,5 @@
-"""Normal equations of the reprojection of landmarks: the reference in numpy, and the switch to compiled code."""
+"""Normal equations of the reprojection of landmarks by the paper's camera model."""
 
-from collections.abc import Callable
-from functools import cache
-from importlib.util import find_spec
 from itertools import pairwise
 
 import numpy as np
@@ -10,9 +7,6 @@ import numpy as np
 from boxcal.calib.four_steps.reprojection import left_pose_jacobian
 from boxcal.target.arrays import Array, Ids
 from boxcal.target.camera.camera_model import CameraKind, project_with_jacobians
-
-Sums = Callable[[Array, Array, Array, Array, Ids], Array]
-_NO_NUMBA = find_spec("numba") is None
 
 
 def reprojection_sums(values: Array, T_cam_box: Array, p_box: Array, uv_px: Array, starts: Ids) -> Array:
@@ -42,18 +36,3 @@ def reprojection_sums(values: Array, T_cam_box: Array, p_box: Array, uv_px: Arra
     behind = np.add.reduceat(p_cam[:, 2] <= 0, starts[:-1]) > 0
     sums[behind, 11, 11] = np.inf
     return sums
-
-
-@cache
-def compiled_sums() -> Sums:
-    """Return the compiled twin of :func:`reprojection_sums`, made before if it was not."""
-    from boxcal.calib.four_steps.compiled import reprojection_sums as compiled  # noqa: PLC0415 - slow to import
-    from boxcal.detect.alignment.compilation import finish  # noqa: PLC0415 - slow to import
-
-    finish("boxcal.calib.four_steps.compiled.compilation")
-    return compiled.reprojection_sums
-
-
-def fastest_sums() -> Sums:
-    """Return compiled code where numba is installed, else numpy."""
-    return reprojection_sums if _NO_NUMBA else compiled_sums()

@@ -15,12 +15,12 @@ import cv2
 import numpy as np
 
 from boxcal.calib.errors import CalibError
-from boxcal.calib.four_steps.reprojection import move_left
-from boxcal.calib.four_steps.reprojection_sums import fastest_sums
+from boxcal.calib.four_steps.backend import backend
+from boxcal.calib.four_steps.damped_step import ERROR
 from boxcal.calib.four_steps.zhang_init import camera_matrix_guesses, face_homographies
 from boxcal.calib.geometry.so3_se3 import exp_se3
 from boxcal.detect.correspondences import StopObservation
-from boxcal.target.arrays import Array, Ids
+from boxcal.target.arrays import Array, Ids, Mask
 from boxcal.target.camera.camera_model import CameraModel
 
 MIN_LANDMARKS = 6
@@ -135,7 +135,7 @@ def _step(
     camera: CameraModel, kept: tuple[int, ...], poses: Array, stops: tuple[StopObservation, ...], notes: tuple[str, ...]
 ) -> CameraStep:
     views = _Views.of([stops[j] for j in kept])
-    squares = _linearise(camera, poses, views).squares
+    squares = views.sums(camera, poses)[:, ERROR, ERROR]
     return CameraStep(
         camera=camera,
         kept=kept,
@@ -162,7 +162,7 @@ def _solve(stops: list[StopObservation], image_size: tuple[int, int]) -> tuple[C
     tried: list[tuple[float, CameraModel, Array]] = []
     for guess in guesses:
         found = located(guess, [stops[j] for j in judges])
-        tried.append((_linearise(guess, found, views).cost, guess, found))
+        tried.append((_cost(views.sums(guess, found)), guess, found))
         if tried[-1][0] < len(views.uv_px) * (_FITS * max(image_size)) ** 2:
             break
     _, guess, found = min(tried, key=itemgetter(0))
@@ -180,13 +180,9 @@ def located(camera: CameraModel, stops: Sequence[StopObservation]) -> Array:
     A first guess: of many landmarks of a stop, some.
     """
     K, dist, views = camera.K, np.array([camera.kr, 0.0, 0.0, 0.0]), _Views.of(stops)
-    counts = np.diff(views.starts)
-    centre = np.add.reduceat(views.p_box, views.starts[:-1]) / counts[:, None]
-    off = views.p_box - np.repeat(centre, counts, axis=0)
-    scatter = np.add.reduceat(off[:, :, None] * off[:, None, :], views.starts[:-1])
-    flat = np.linalg.eigvalsh(scatter)[:, 0] < _FLAT_M2
-    found = np.empty((len(stops), 2, 3))
-    for at, (i, j), plane in zip(found, pairwise(views.starts.tolist()), flat.tolist(), strict=True):
+    flat = _flat(views)
+    found = []
+    for (i, j), plane in zip(pairwise(views.starts.tolist()), flat.tolist(), strict=True):
         method = cv2.SOLVEPNP_IPPE if plane else cv2.SOLVEPNP_SQPNP
         some = slice(i, j, 1 + (j - i) // _LANDMARKS_FOR_POSE)
         try:
@@ -196,9 +192,18 @@ def located(camera: CameraModel, stops: Sequence[StopObservation]) -> Array:
             raise _unexplained() from error
         if not count:
             raise _unexplained()
-        best = int(np.argmin(errors))
-        at[0], at[1] = rvecs[best][:, 0], tvecs[best][:, 0]
-    return exp_se3(found.reshape(-1, 6))
+        best = int(np.argmin(errors)) if count > 1 else 0
+        found += [rvecs[best], tvecs[best]]
+    return exp_se3(np.concatenate(found).reshape(-1, 6))
+
+
+def _flat(views: "_Views") -> Mask:
+    """Tell which views (P,) show landmarks of one plane."""
+    counts, first = np.diff(views.starts), views.starts[:-1]
+    x, y, z = (views.p_box - np.repeat(np.add.reduceat(views.p_box, first) / counts[:, None], counts, axis=0)).T
+    xx, xy, xz, yy, yz, zz = np.add.reduceat([x * x, x * y, x * z, y * y, y * z, z * z], first, axis=1)
+    scatter = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    return np.asarray(np.linalg.eigvalsh(np.moveaxis(scatter, 2, 0))[:, 0] < _FLAT_M2)
 
 
 def _unexplained() -> CalibError:
@@ -212,37 +217,29 @@ def minimise_reprojection(
 
     Levenberg-Marquardt with the poses eliminated (Schur complement), so that the cost is linear in the stops.
     """
-    lam = _FIRST_DAMPING
+    lam, compute = _FIRST_DAMPING, backend()
     views = _Views.of(stops)
-    system = _linearise(camera, poses, views)
+    sums = views.sums(camera, poses)
+    cost = _cost(sums)
     for _ in range(_ITERATIONS):
-        d_camera, d_poses = _damped_step(system, lam)
-        promised = float(d_camera @ system.a + np.sum(d_poses * system.c))
+        d_camera, trial_poses, promised = compute.damped_step(sums, lam, poses)
         trial_camera = CameraModel.from_values(camera.kind, camera.values + d_camera)
-        trial_poses = move_left(poses, d_poses)
-        if promised < _LAST * system.cost:
-            return trial_camera, trial_poses, system.cost - promised
-        trial = _linearise(trial_camera, trial_poses, views)
-        if trial.cost < system.cost:
-            camera, poses, system, lam = trial_camera, trial_poses, trial, max(lam / 10, 1e-12)
+        if promised < _LAST * cost:
+            return trial_camera, trial_poses, cost - promised
+        trial = views.sums(trial_camera, trial_poses)
+        if _cost(trial) < cost:
+            camera, poses, sums, cost = trial_camera, trial_poses, trial, _cost(trial)
+            lam = max(lam / 10, 1e-12)
         else:
             lam *= 10
             if lam > 1e6:
                 break
-    return camera, poses, system.cost
+    return camera, poses, cost
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _System:
-    """Normal equations of the reprojection: intrinsics A, poses C, both B; right-hand sides a and c."""
-
-    A: Array  # (5, 5)
-    B: Array  # (P, 5, 6)
-    C: Array  # (P, 6, 6)
-    a: Array  # (5,)
-    c: Array  # (P, 6)
-    squares: Array  # (P,)
-    cost: float
+def _cost(sums: Array) -> float:
+    """Return the sum of squared errors, px^2, of views' sums (P, 12, 12)."""
+    return float(sums[:, ERROR, ERROR].sum())
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -261,27 +258,6 @@ class _Views:
             starts=np.cumsum([0, *(len(stop.landmark_ids) for stop in stops)]),
         )
 
-
-def _linearise(camera: CameraModel, poses: Array, views: _Views) -> _System:
-    N = fastest_sums()(camera.values, poses, views.p_box, views.uv_px, views.starts)
-    H, g, squares = N[:, :11, :11], N[:, :11, 11], N[:, 11, 11]
-    return _System(
-        A=H[:, :5, :5].sum(axis=0),
-        B=H[:, :5, 5:],
-        C=H[:, 5:, 5:],
-        a=g[:, :5].sum(axis=0),
-        c=g[:, 5:],
-        squares=squares,
-        cost=float(squares.sum()),
-    )
-
-
-def _damped_step(system: _System, lam: float) -> tuple[Array, Array]:
-    """Return the changes of the intrinsics, (5,), and of the poses, (P, 6), at damping lam (Marquardt's scaling)."""
-    A = system.A + lam * np.diag(np.diag(system.A))
-    C = system.C + lam * np.einsum("pii,ij->pij", system.C, np.eye(6))
-    right = np.concatenate([np.swapaxes(system.B, 1, 2), system.c[:, :, None]], axis=2)
-    by_camera = np.linalg.solve(C, right)  # (P, 6, 5 + 1)
-    reduced = np.sum(system.B @ by_camera, axis=0)
-    d_camera = np.linalg.solve(A - reduced[:, :5], system.a - reduced[:, 5])
-    return d_camera, by_camera[:, :, 5] - by_camera[:, :, :5] @ d_camera
+    def sums(self, camera: CameraModel, poses: Array) -> Array:
+        """Return the sums of derivatives and errors of each view, (P, 12, 12); see :func:`reprojection_sums`."""
+        return backend().reprojection_sums(camera.values, poses, self.p_box, self.uv_px, self.starts)

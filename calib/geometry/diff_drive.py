@@ -103,9 +103,11 @@ def _driven(drive: Correspondences, first: int, last: int) -> tuple[Array, Ids, 
     np.add.at(on_the_way, leaves - way.start, 1)
     np.add.at(on_the_way, arrives - way.start, -1)
     at = np.concatenate([[0], np.cumsum(arrives - leaves + 1)])
-    row = np.full(at[-1] + 1, -1)
+    at_stop = np.zeros(at[-1] + 1, dtype=np.bool_)
+    at_stop[at] = True
+    row = np.empty(at[-1] + 1, dtype=np.int64)
     row[at] = count + np.arange(len(stops))
-    row[row < 0] = np.flatnonzero(np.cumsum(on_the_way))
+    row[~at_stop] = np.flatnonzero(np.cumsum(on_the_way))
     lost = np.concatenate([[0], np.cumsum(~wheels.covered[way])])
     unknown = np.concatenate([[0], np.cumsum(lost[arrives + 1 - way.start] - lost[leaves - way.start])])
     angles = [
