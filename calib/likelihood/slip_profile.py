@@ -178,9 +178,11 @@ def slip_profile(
         u = np.log(near.slip[len(little) :] ** 2 + quiet**2)
         ranges.insert(0, (2 * u[0] - u[1], 2 * u[-1] - u[-2]))
     for first, last in ranges:
-        found = _closed_in(over, over(np.linspace(max(first, low), min(last, high), _POINTS)), low, high)
-        if found.holds_all(low, high):
-            return _of_probable(system, found)
+        first, last = max(first, low), min(last, high)
+        if first < last:
+            found = _closed_in(over, over(np.linspace(first, last, _POINTS)), low, high)
+            if found.holds_all(low, high):
+                return _of_probable(system, found)
     return _of_probable(system, _closed_in(over, over(np.linspace(low, high, _POINTS + 4)), low, high))
 
 

@@ -66,7 +66,8 @@ def test_a_leg_left_out_changes_the_answer_as_solving_without_it_does(wheels: bo
     change = part.d_shared[0] - whole.d_shared[0]
     change[11:14] = joint.state.T_body_cam[:3, :3] @ change[11:14]
     sigma = np.sqrt(np.diag(whole.cov[0]))
-    np.testing.assert_allclose(among.changes[row] / sigma, change / sigma, rtol=0, atol=1e-5)
+    off = (among.changes[row] - change) / sigma
+    np.testing.assert_allclose(off, 0, atol=1e-4)  # what is taken off again cancels, and hangs on rounding
 
 
 def test_frames_as_the_model_has_them_enlarge_no_sigma() -> None:
