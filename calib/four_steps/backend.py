@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from importlib.util import find_spec
+from types import ModuleType
 
 from boxcal.target.arrays import Array
 
@@ -27,39 +28,30 @@ class Backend:
     damped_step: Callable[..., tuple[Array, Array, float]]
 
 
+@cache
 def backend() -> Backend:
-    """Return compiled code where numba is installed, else numpy."""
-    return numpy_backend() if _NO_NUMBA else numba_backend()
-
-
-_NO_NUMBA = find_spec("numba") is None
-
-
-@cache
-def numpy_backend() -> Backend:
-    """Return the reference in numpy."""
-    from boxcal.calib.four_steps import damped_step, reprojection_sums  # noqa: PLC0415 - as the other one
-
-    return Backend(
-        reprojection_sums=reprojection_sums.reprojection_sums,
-        damped_step=damped_step.damped_step,
-    )
-
-
-@cache
-def numba_backend() -> Backend:
-    """Return compiled code, made before if it was not, once for all processes of a computer."""
+    """Return compiled code where numba is installed, made before if it was not, else numpy."""
+    if find_spec("numba") is None:
+        return reference()
     from boxcal.detect.alignment.compilation import finish  # noqa: PLC0415 - slow to import
 
     finish("boxcal.calib.four_steps.compiled.compilation")
     return loops()
 
 
+def reference() -> Backend:
+    """Return the loops in numpy."""
+    from boxcal.calib.four_steps import damped_step, reprojection_sums  # noqa: PLC0415 - as the other one
+
+    return _of(damped_step, reprojection_sums)
+
+
 def loops() -> Backend:
     """Return compiled code; each function is compiled, or read from the cache, when it is first called."""
     from boxcal.calib.four_steps.compiled import damped_step, reprojection_sums  # noqa: PLC0415 - slow to import
 
-    return Backend(
-        reprojection_sums=reprojection_sums.reprojection_sums,
-        damped_step=damped_step.damped_step,
-    )
+    return _of(damped_step, reprojection_sums)
+
+
+def _of(step: ModuleType, sums: ModuleType) -> Backend:
+    return Backend(reprojection_sums=sums.reprojection_sums, damped_step=step.damped_step)

@@ -194,7 +194,7 @@ def located(camera: CameraModel, stops: Sequence[StopObservation]) -> Array:
             raise _unexplained()
         best = int(np.argmin(errors)) if count > 1 else 0
         found += [rvecs[best], tvecs[best]]
-    return exp_se3(np.concatenate(found).reshape(-1, 6))
+    return exp_se3(np.asarray(np.concatenate(found), dtype=np.float64).reshape(-1, 6))
 
 
 def _flat(views: "_Views") -> Mask:

@@ -234,7 +234,8 @@ def _median(values: Array) -> Array:
 
 def _displacements(problem: Problem, aR: float, aL: float) -> Array:
     """Return where each leg ends in the body frame of its start, (N, 2), in units of rL (eq. 28)."""
-    xy, heading = dead_reckoned(*problem.path.dphi.T, aR, aL)  # as if each leg began where the one before ended
+    dphi_R, dphi_L = problem.path.dphi.T
+    xy, heading = dead_reckoned(dphi_R, dphi_L, aR, aL)  # as if each leg began where the one before ended
     d = np.diff(xy[np.append(problem.path.starts, len(problem.path.dphi))], axis=0)
     c, s = np.cos(heading[problem.path.starts]), np.sin(heading[problem.path.starts])
     return np.stack([c * d[:, 0] + s * d[:, 1], -s * d[:, 0] + c * d[:, 1]], axis=1)

@@ -177,8 +177,8 @@ def slip_profile(
     if near is not None and len(near.slip) > len(little) + 1:
         u = np.log(near.slip[len(little) :] ** 2 + quiet**2)
         ranges.insert(0, (2 * u[0] - u[1], 2 * u[-1] - u[-2]))
-    for first, last in ranges:
-        first, last = max(first, low), min(last, high)
+    for ends in ranges:
+        first, last = np.clip(ends, low, high).tolist()
         if first < last:
             found = _closed_in(over, over(np.linspace(first, last, _POINTS)), low, high)
             if found.holds_all(low, high):
