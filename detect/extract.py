@@ -264,15 +264,16 @@ def _bits_and_size(
 
     A number of bits too small is refused.
     """
-    images = [image for _, image in recording.read_raw_frames(_some_frames(recording, stops, settings))]
-    told, given = max((bits_of(image) for image in images), default=8), settings.bits
+    some = recording.read_raw_frames(_some_frames(recording, stops, settings))
+    looked_at = [(bits_of(image), (image.shape[1], image.shape[0])) for _, image in some]
+    told, given = max((bits for bits, _ in looked_at), default=8), settings.bits
     if given is not None and told > given:
         raise DetectError(
             f"images in {printable(recording.camera_topic)} have values of {told} bits, {given} or fewer are expected",
             source=recording.path.name,
             remedy=f"give bits {told} or none",
         )
-    sizes = [(image.shape[1], image.shape[0]) for image in images]
+    sizes = [size for _, size in looked_at]
     return given or told, max(sizes, key=sizes.count, default=(0, 0))
 
 

@@ -1,6 +1,8 @@
 """Clocks that are off, drift or jump, and long exposures, from log to result: right, or said in one line."""
 
 import re
+import weakref
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +12,7 @@ import boxcal
 from boxcal.calib.results.calibration import Calibration
 from boxcal.calib.settings import Settings
 from boxcal.detect.log.clocks import without_jumps, without_own_jumps
-from boxcal.detect.log.recording import Recording
+from boxcal.detect.log.frames import FrameSource
 from boxcal.detect.tags.on_the_move import TRIED, budget
 from tests.calib.clocks.logs import TARGET, driven, worst, write
 
@@ -94,27 +96,32 @@ def test_frames_on_the_move_know_their_motion_blur(tmp_path: Path) -> None:
     assert max(high / low for low, high in spread) > 1.5
 
 
-def test_how_many_frames_are_decoded_does_not_grow_with_the_rate_of_the_camera(
+def test_how_many_frames_are_decoded_and_kept_does_not_grow_with_the_rate_of_the_camera(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    read, decoded = Recording.read_frames, list[int]()
+    read, decoded, kept = FrameSource.decoded, list[weakref.ref[object]](), list[int]()
 
-    def counted(recording: Recording, *args: object, **more: object) -> object:
-        for frame in read(recording, *args, **more):  # type: ignore[arg-type]
-            decoded.append(1)
-            yield frame
+    def counted(source: FrameSource, numbers: Iterable[int]) -> Iterator[tuple[int, object]]:
+        for number, image in read(source, numbers):
+            decoded.append(weakref.ref(image))
+            kept.append(sum(frame() is not None for frame in decoded))
+            yield number, image
 
-    monkeypatch.setattr(Recording, "read_frames", counted)
+    monkeypatch.setattr(FrameSource, "decoded", counted)
     stops = len(driven().drive.stop_t_ns)
     most = TRIED * budget(stops - 1)
-    counts = []
+    counts, at_once = [], []
     for moving_frames in (8, 24):
         decoded.clear()
+        kept.clear()
         path = write(tmp_path / "r.mcap", moving_frames=moving_frames)
         assert worst(boxcal.calibrate(path, TARGET, settings=Settings(report=False))) < 3.5
         counts.append(len(decoded))
+        at_once.append(max(kept))
+    assert min(counts) >= 2 * stops
     assert max(counts) <= 2 * stops + most
     assert counts[1] - counts[0] <= most
+    assert max(at_once) <= 3
 
 
 def test_jumps_are_taken_out_unless_the_recorder_s_own_clock_jumps() -> None:
