@@ -10,8 +10,12 @@ With --moving each camera also takes frames on the move, both at the same moment
 late and 20 ms early, jitter .5 ms); printed are errors of wheels and cameras' places over their sigmas and over the
 bound (known noise levels), what frames do to the sigmas of the stops, and the clocks' errors over their sigmas.
 
+With --pictures a few robots are driven with rendered pictures, by two cameras of unlike sizes, clocks and rates of
+pictures, and calibrated from their logs by the whole line.
+
     python benchmarks/cameras.py              40 robots of each kind, some 4 minutes on one core
     python benchmarks/cameras.py --moving     the same with frames on the move, some 8 minutes
+    python benchmarks/cameras.py --pictures --robots 4    rear, stereo and wide, some 5 minutes
     python benchmarks/cameras.py --quick      4 robots of each kind
     python benchmarks/cameras.py --kind "stereo, 60 mm" --robots 120 --seed 3
 """
@@ -35,6 +39,7 @@ from camera_robots import (
     whitened,
 )
 from cameras_moving import moved, report_moved
+from cameras_pictures import pictured, report_pictured
 
 from boxcal.calib.geometry.camera_pair import between, pair_jacobian
 from boxcal.calib.geometry.so3_se3 import log_so3
@@ -43,7 +48,7 @@ from boxcal.calib.likelihood.cameras.estimates import solve_cameras
 from boxcal.calib.likelihood.estimate import Estimate
 from boxcal.calib.likelihood.estimator import fit, reported
 from boxcal.calib.simulate.drive import DriveOptions, exact_correspondences
-from boxcal.calib.simulate.more_cameras import seen_by
+from boxcal.calib.simulate.more_cameras import RIGS, seen_by
 from boxcal.calib.uncertainty.cramer_rao import Truth
 from boxcal.calib.uncertainty.cramer_rao_cameras import cramer_rao_cameras
 from boxcal.target.arrays import Array
@@ -184,12 +189,15 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--quick", action="store_true")
     parser.add_argument("--moving", action="store_true")
+    parser.add_argument("--pictures", action="store_true")
     parser.add_argument("--robots", type=int, default=40)
     parser.add_argument("--seed", type=int, default=2026)
     parser.add_argument("--kind", nargs="+", choices=tuple(KINDS), default=tuple(KINDS))
     args = parser.parse_args()
     numbers = range(1, 1 + (4 if args.quick else args.robots))
-    for title in args.kind:
+    for rig in RIGS if args.pictures else ():
+        report_pictured(rig, [pictured(rig, k, args.seed) for k in numbers])
+    for title in () if args.pictures else args.kind:
         kind = KINDS[title]
         if args.moving:
             report_moved(title, [moved(kind, k, args.seed) for k in numbers])

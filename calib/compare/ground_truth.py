@@ -13,6 +13,7 @@ from boxcal.calib.geometry.so3_se3 import log_so3
 from boxcal.calib.results.calibration import Calibration
 from boxcal.calib.results.each_camera import each_camera
 from boxcal.detect.log.opener import robot_name_of
+from boxcal.detect.log.safe_text import printable
 from boxcal.detect.log.topics import same_topic, without_transport
 from boxcal.target.arrays import Array
 from boxcal.target.camera.camera_model import CameraKind, CameraModel
@@ -97,8 +98,19 @@ def load_truth(path: Path) -> Truth:
                 for other in document.get("cameras", ())
             ),
         )
-    except (ValueError, KeyError, TypeError) as error:
-        raise CalibError(f"not a truth file ({error!r})", source=path.name, remedy="leave out --truth") from error
+    except KeyError as error:
+        raise _no_truth(path, f"it has no {printable(str(error.args[0]))}") from error
+    except (ValueError, TypeError, AttributeError) as error:
+        raise _no_truth(path, f"a part of it is of another kind: {error}") from error
+
+
+def _no_truth(path: Path, why: str) -> CalibError:
+    return CalibError(
+        f"not a truth file of a robot ({why})",
+        source=path.name,
+        needed="camera, rR, rL, b and T_vehicle_camera are needed, as simulate-fleet writes them",
+        remedy="leave out --truth",
+    )
 
 
 def with_truth(result: Calibration, truth: Truth) -> list[tuple[Calibration, Truth]]:

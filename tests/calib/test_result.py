@@ -194,11 +194,24 @@ def test_errors_against_truth_are_relative_for_lengths(exact: Any, tmp_path: Pat
     assert (e.tx, e.ty, e.tz) == pytest.approx((-0.001, 0, 0))
 
 
-@pytest.mark.parametrize("content", ["{}", "no json", '{"camera": 1}'])
-def test_a_file_that_is_no_truth_is_refused(tmp_path: Path, content: str) -> None:
+@pytest.mark.parametrize(
+    ("content", "why"),
+    [
+        ("{}", r"it has no rR"),
+        ("no json", "not a whole JSON file"),
+        ("[1, 2]", "a part of it is of another kind|not"),
+        ('{"rR": 1, "rL": 1, "b": 1}', "it has no camera"),
+        ('{"rR": 1, "rL": 1, "b": 1, "camera": 1, "T_vehicle_camera": 1}', "a part of it is of another kind"),
+        ('{"rR": 1, "rL": 1, "b": 1, "camera": {"fu": 1}, "T_vehicle_camera": 1}', "it has no fv"),
+        ('{"rR": 1, "rL": 1, "b": "x", "camera": {}}', "a part of it is of another kind"),
+    ],
+)
+def test_a_file_that_is_no_truth_is_refused(tmp_path: Path, content: str, why: str) -> None:
     (tmp_path / "t.json").write_text(content)
-    with pytest.raises(CalibError, match=r"not a (truth file|whole JSON file)"):
+    with pytest.raises(CalibError, match=why) as refused:
         load_truth(tmp_path / "t.json")
+    assert "Error(" not in str(refused.value)
+    assert "leave out --truth" in str(refused.value)
 
 
 @pytest.mark.parametrize(
