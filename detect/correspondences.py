@@ -258,7 +258,8 @@ def load_correspondences(path: str | Path) -> Correspondences:
     except MemoryError as error:
         raise DetectError(f"{path.name}: an array in it claims more than the memory holds; extract it again") from error
     except (ValueError, KeyError, TypeError, IndexError, EOFError, zipfile.BadZipFile) as error:
-        raise DetectError(f"{path.name}: not a correspondence file ({error}); extract it again") from error
+        why = error.args[0] if isinstance(error, KeyError) and error.args else error
+        raise DetectError(f"{path.name}: not a correspondence file ({why}); extract it again") from error
 
 
 def _figures(stop: dict[str, object]) -> dict[str, Any]:

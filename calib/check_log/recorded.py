@@ -7,7 +7,7 @@ import numpy as np
 from boxcal.calib.check_log.findings import LogFinding, fine, look, sentence
 from boxcal.detect.log.clocks import LEAST_OFFSET_S
 from boxcal.detect.log.recording import Recording
-from boxcal.detect.log.safe_text import listed, printable
+from boxcal.detect.log.safe_text import counted, listed, printable
 from boxcal.detect.log.wheel_samples import WheelSamples
 from boxcal.target.arrays import Ids
 
@@ -85,12 +85,12 @@ def wheels_findings(wheels: WheelSamples, topics: Sequence[str], quantity: str) 
 def _camera(recording: Recording) -> list[LogFinding]:
     t_ns, where = recording.frame_t_ns, printable(recording.camera_topic)
     rate = rate_hz(t_ns)
-    text = f"{where}: {len(t_ns)} images at {rate:.1f} Hz."
+    text = f"{where}: {counted(len(t_ns), 'image')} at {rate:.1f} Hz."
     found = [fine("camera", text)]
     holes = gaps(t_ns)
     if holes:
         longest = max(b - a for a, b in holes) / 1e9
-        found.append(fine("camera", f"{len(holes)} times without images, up to {longest:.1f} s."))
+        found.append(fine("camera", f"{counted(len(holes), 'time')} without images, up to {longest:.1f} s."))
     return found
 
 

@@ -118,9 +118,11 @@ def _clock_offset(drive: Correspondences) -> tuple[float, Ids]:
     cost = misfits(coarse)
     best = float(coarse[int(np.argmin(cost))])
     if not np.degrees(cost.min()) < FITS_DEG or abs(best) > LONGEST_S - _COARSE_S:
+        least = float(np.degrees(cost.min()))
+        told = f" (to {least:.1f} deg at best)" if np.isfinite(least) else ""
         raise CalibError(
             f"{TOO_FEW_PLACES}, and turns seen in {len(stops)} frames on the move fit the wheels' at "
-            f"no clock offset within {LONGEST_S:g} s (to {np.degrees(cost.min()):.1f} deg at best)",
+            f"no clock offset within {LONGEST_S:g} s{told}",
             needed=f"{MIN_STOPS} stops, or turns that agree to {FITS_DEG:g} deg, are needed",
             remedy=_REMEDY,
         )

@@ -83,7 +83,7 @@ def read_manifest(path: Path, parser: argparse.ArgumentParser) -> list[ManifestR
     table = list(_cells(path))
     if not table:
         raise CalibError(
-            "an empty manifest", source=path.name, needed=f"a first row of columns ({', '.join(_COLUMNS)})"
+            "an empty manifest", source=path.name, needed=f"a first row of columns is needed ({listed(_COLUMNS)})"
         )
     (_, columns), *rows = table
     columns = [c.strip().lstrip("-").replace("_", "-").lower() for c in columns]

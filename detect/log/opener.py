@@ -1,5 +1,6 @@
 """Opens a recording, whatever kind it is: told by its first bytes, not by its name."""
 
+import re
 import shutil
 import tempfile
 from pathlib import Path
@@ -24,6 +25,7 @@ _SQLITE_MAGIC = b"SQLite format 3\0"
 _PACKED = (b"\x28\xb5\x2f\xfd", b"\x1f\x8b")
 """Zstandard's and gzip's first bytes."""
 _NEEDED = "a recording of a robot is needed (MCAP, a ROS 2 bag or its folder, a ROS 1 bag)"
+_PATTERN = re.compile(r"[*?\[]")
 KINDS = (".mcap", ".db3", ".bag", ".active", ".zst", ".zstd", ".gz")
 """Suffixes of recordings."""
 
@@ -52,7 +54,8 @@ def open_container(path: Path, *, hashed: bool = True) -> Container:
             raise DetectError("neither a file nor a folder", source=path.name, needed=_NEEDED)
         return _open_file(path, None if hashed else "", packed=False)
     except FileNotFoundError as error:
-        raise DetectError("no such file", source=str(path), needed=_NEEDED, remedy="check the path") from error
+        what = "no file matches this pattern" if _PATTERN.search(path.name) else "no such file"
+        raise DetectError(what, source=str(path), needed=_NEEDED, remedy="check the path") from error
     except OSError as error:
         raise DetectError(
             f"cannot be read ({error.strerror or error})", source=path.name, remedy="check the file"

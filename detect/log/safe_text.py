@@ -20,6 +20,11 @@ def listed(names: Iterable[str]) -> str:
     return (", ".join(printable(n) for n in ordered[:MAX_LISTED]) or "none") + more
 
 
+def counted(count: int, what: str) -> str:
+    """Return a number with what it counts: ``1 stop``, ``2 stops``."""
+    return f"{count} {what}{'' if count == 1 else 's'}"
+
+
 def suggestion(name: str, names: Iterable[str]) -> str:
     """Return ``; did you mean ...?`` with the closest of the names, or nothing if none is close."""
     close = get_close_matches(name, sorted(set(names))[:1000], n=1)

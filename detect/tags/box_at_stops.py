@@ -8,7 +8,7 @@ import numpy as np
 from boxcal.detect.alignment.detection import KnownCamera
 from boxcal.detect.image.bit_depth import DeepGrey, eight_bits
 from boxcal.detect.log.recording import Recording
-from boxcal.detect.log.safe_text import listed, printable
+from boxcal.detect.log.safe_text import counted, listed, printable
 from boxcal.detect.log.topics import distances
 from boxcal.detect.stops import MIN_STOPS, Stop, StopSettings
 from boxcal.detect.tags.averaging import AveragedCorners
@@ -202,14 +202,14 @@ class BoxAtStops:
             return f"none of the {missing} images looked at in {where} decodes: {why}"
         if stops >= MIN_STOPS and self.frames == 0:
             return (
-                f"{stops} stops but no image was taken during any of them, images while the robot stands are needed; "
-                f"record the camera all the time, stamped with the wheels' clock{lost}"
+                f"{counted(stops, 'stop')} but no image was taken during any of them, images while the robot stands "
+                f"are needed; record the camera all the time, stamped with the wheels' clock{lost}"
             )
         if self.frames and not self.with_tags:
-            seen = f"{self.frames} images looked at at {self.with_frames} stops"
+            seen = f"{counted(self.frames, 'image')} looked at at {counted(self.with_frames, 'stop')}"
             return f"no tag of the box in the {seen}{self._hint()}{lost}"
         return (
-            f"{stops} stops of {settings.min_stand:g} s or longer, {self.with_frames} of them with "
+            f"{counted(stops, 'stop')} of {settings.min_stand:g} s or longer, {self.with_frames} of them with "
             f"images, {self.with_tags} with the box, {usable} with {min_tags} tags or more; "
             f"{MIN_STOPS} such stops are needed; let the robot stand still for two seconds in more places "
             f"where it sees the box{lost}"

@@ -54,6 +54,14 @@ def test_a_good_drive_has_nothing_wrong_and_says_what_is_known(tmp_path: Path) -
     assert "14 stops" in texts(check, "stops", fine=True)
 
 
+def test_what_there_is_one_of_is_not_said_as_of_many(log: Path) -> None:
+    recording = open_recording(log)
+    first = replace(recording, frame_t_ns=recording.frame_t_ns[:1], frame_numbers=recording.frame_numbers[:1])
+    said = " ".join(f.text for f in recording_findings(first))
+    assert ": 1 image at" in said
+    assert "1 images" not in said
+
+
 def test_a_short_drive_says_what_is_missing_and_where_to_stop_next(tmp_path: Path) -> None:
     check = checked(drive(4), tmp_path)
     missing = texts(check, "missing")

@@ -43,7 +43,7 @@ def test_rows_name_robots_logs_and_options(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("", r"^fleet.csv: an empty manifest, a first row of columns"),
+        ("", r"^fleet.csv: an empty manifest, a first row of columns is needed \(all-cameras, .* and \d+ more\)"),
         ("log\n", r"^fleet.csv: a manifest without robots"),
         ("robot\nr01\n", r"^fleet.csv: line 1: no column 'log'"),
         ("log,joint-unti\n", r"^fleet.csv: line 1, column 2: 'joint-unti' is no column.*did you mean joint-unit\?"),

@@ -80,6 +80,9 @@ def test_what_is_no_whole_mcap_is_named(tmp_path: Path, content: bytes, message:
 def test_a_missing_file_and_a_folder_are_named(tmp_path: Path) -> None:
     with pytest.raises(DetectError, match=r"/none.mcap: no such file, a recording .* is needed .*; check the path"):
         open_recording(tmp_path / "none.mcap")
+    for pattern in ("*.mcap", "r0?.mcap", "r[0-9].mcap"):  # a shell leaves a pattern that matches nothing as it is
+        with pytest.raises(DetectError, match=r": no file matches this pattern, a recording .* is needed"):
+            open_recording(tmp_path / pattern)
     (tmp_path / "bag").mkdir()
     with pytest.raises(
         DetectError, match=r"bag: a folder without a recording, a bag .* or images with wheels.csv; name the recording"
@@ -111,8 +114,8 @@ def test_a_log_of_another_middleware_is_named_with_what_it_holds(tmp_path: Path)
         (_chunk(zstandard.compress(bytes(1 << 26)), 100, b"zstd"), r"claims to unpack to 100 bytes and unpacks to m"),
         (_chunk(lz4.frame.compress(bytes(1 << 26)), 100, b"lz4"), r"claims to unpack to 100 bytes and unpacks to more"),
         (_chunk(zstandard.compress(bytes(10)), 100, b"zstd"), r"unpacks to 10\).*; recover"),
-        (_chunk(b"no zstd at all", 100, b"zstd"), r"is damaged \(ZstdError"),
-        (_chunk(b"no lz4 at all", 100, b"lz4"), r"is damaged \(RuntimeError"),
+        (_chunk(b"no zstd at all", 100, b"zstd"), r"is damaged \([a-z ]*: Unknown frame descriptor\) and was left out"),
+        (_chunk(b"no lz4 at all", 100, b"lz4"), r"is damaged \([A-Z a-z_:]*LZ4F[^)]*\) and was left out"),
         (_chunk(b"x", 1, b"br"), r"compressed with 'br', zstd and lz4 are read"),
         (_chunk(b"x" * 9, 9, b"", crc=1), r"checksum does not match"),
         (_chunk(struct.pack("<BQ", 5, 99), 9, b""), r"a record in its chunk claims 99 bytes, the chunk has 0 more"),

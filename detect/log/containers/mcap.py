@@ -189,8 +189,7 @@ class McapFile(HashedFile):
                 raise DetectError("its checksum does not match")
         except (struct.error, DetectError, *ERRORS) as error:
             span = None if fields is None else (fields.start_ns, fields.end_ns)
-            kind = "" if isinstance(error, DetectError) else f"{type(error).__name__}: "
-            why = kind + printable(str(error)[:200])
+            why = printable(str(error)[:200]) or type(error).__name__
             self.damage.add(f"the chunk at byte {at} is damaged ({why}) and was left out", span_ns=span)
             return
         self._budget.take(unpacked=len(data))
