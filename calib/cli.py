@@ -5,11 +5,12 @@ import os
 import shlex
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import ExitStack, closing, suppress
+from contextlib import ExitStack, closing
 from typing import TYPE_CHECKING
 
 from boxcal.calib.fleet.interrupts import interrupts_held, interrupts_remembered
 from boxcal.calib.fleet.options import options
+from boxcal.calib.fleet.telling import tell as say
 from boxcal.target.errors import one_line
 
 if TYPE_CHECKING:
@@ -18,14 +19,12 @@ if TYPE_CHECKING:
     from boxcal.calib.fleet.engine.calls import Engine
     from boxcal.calib.fleet.joint_box import Refined
     from boxcal.calib.fleet.results_place import ResultsPlace
-    from boxcal.calib.fleet.run_record import Run
     from boxcal.calib.one_robot.log_identity import FileState
-    from boxcal.calib.results.calibration import Calibration
     from boxcal.calib.settings import Job, Outcome
     from boxcal.target.errors import BoxcalError
 
-NOT_GOOD, INTERRUPTED = 3, 130
-"""Exit statuses: a verdict that is not good (with ``--strict``); Ctrl-C, as shells have it."""
+INTERRUPTED = 130
+"""Exit status of Ctrl-C, as shells have it."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -40,7 +39,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
     except KeyboardInterrupt:
-        _tell("fleet-calibrate: interrupted")
+        say("fleet-calibrate: interrupted")
         return INTERRUPTED
 
 
@@ -59,12 +58,12 @@ def _watch(args: argparse.Namespace, command: str, stop_if_asked: Callable[[], N
         return None if interrupted else left
 
     try:
-        watch(list(args.logs), calibrate, _tell)
+        watch(list(args.logs), calibrate, say)
     except BoxcalError as error:
-        _tell(f"fleet-calibrate: {error}")
+        say(f"fleet-calibrate: {error}")
         return 2
     except KeyboardInterrupt:
-        _tell("fleet-calibrate: no longer watching")
+        say("fleet-calibrate: no longer watching")
     return INTERRUPTED if interrupted else 0
 
 
@@ -76,9 +75,9 @@ def _run(
 ) -> "tuple[int, list[Path]]":
     """Calibrate robots; returns the exit status, and the logs that were not reached.
 
-    What is in the way of all of them is told by ``tell`` (:func:`_tell` if not given).
+    What is in the way of all of them is told by ``tell`` (:func:`say` if not given).
     """
-    tell, logs = tell or _tell, list(args.logs)
+    tell, logs = tell or say, list(args.logs)
     if not args.quiet:  # before what takes a second to load
         tell(f"fleet-calibrate: {len(logs)} log{'s' if len(logs) > 1 else ''}, starting ...")
     from boxcal.calib.fleet.engine.chosen import chosen_engine
@@ -104,7 +103,7 @@ def _run(
             tell(f"fleet-calibrate: {unreachable}")
         kept = f"{len(outcomes)} of {len(jobs)} robots are unchanged and kept (--force does them again)"
         for line in [] if args.quiet else [box, *remarks, *([f"fleet-calibrate: {kept}"] if outcomes else [])]:
-            _tell(line)
+            say(line)
         stop_if_asked()
         run = Run(command=command, engine=remarks[0] if remarks else "this machine", jobs=jobs, why=why)
         before = results_now(jobs)
@@ -113,8 +112,10 @@ def _run(
         together = _refine(args, outcomes, engine, place) if whole and args.joint_box else None
         whole = whole and (together is not None or not args.joint_box)
         with interrupts_held():  # what is finished is put down, however often Ctrl-C is pressed
+            from boxcal.calib.fleet.conclude import conclude
+
             early = "" if whole else str(ended or "interrupted")
-            status = _conclude(args, run, outcomes, place, early)
+            status = conclude(args, run, outcomes, place, early)
             if together is not None:
                 print("\n" + "\n".join(together.lines))
                 status = max(status, 1) if together.failed else status
@@ -171,7 +172,7 @@ def _refine(
     from boxcal.calib.fleet.joint_box import refine
 
     if not args.quiet:
-        _tell(f"fleet-calibrate: solving the box by {len(outcomes)} robots together ...")
+        say(f"fleet-calibrate: solving the box by {len(outcomes)} robots together ...")
     try:
         with ExitStack() as opened:
             if not engine.sees_files:  # the robots' saved files lie here
@@ -181,12 +182,6 @@ def _refine(
         return None
     outcomes[:] = together.outcomes
     return together
-
-
-def _tell(line: str) -> None:
-    """Print a line on stderr; if nobody reads it, the work goes on."""
-    with suppress(OSError):
-        print(line, file=sys.stderr, flush=True)
 
 
 def _jobs(args: argparse.Namespace, command: str, place: "ResultsPlace") -> "tuple[list[Job], str]":
@@ -229,127 +224,11 @@ def _interrupted(jobs: "list[Job]", outcomes: "list[Outcome]", before: "Mapping[
     written = [robot for robot, state in results_now(jobs).items() if before.get(robot) != state]
     done = list(dict.fromkeys([*written, *told]))
     names = f" ({', '.join(done)})" if done else ""
-    _tell(
+    say(
         f"fleet-calibrate: interrupted; {len(done)} of {len(jobs)} robots were finished and are kept{names}; "
         "give the same command again for the rest"
     )
     return INTERRUPTED
-
-
-def _conclude(
-    args: argparse.Namespace, run: "Run", outcomes: "list[Outcome]", place: "ResultsPlace", early: str
-) -> int:
-    """Write what is about the whole folder, then print results, errors against truth and failures."""
-    from boxcal.calib.fleet.copies import said_of_copies
-    from boxcal.calib.fleet.store import natural
-
-    outcomes.sort(key=lambda o: natural(o.job.robot))
-    whole = _write_fleet(place, run, outcomes, early)
-    good = [o.calibration for o in outcomes if o.calibration is not None]
-    whole = _record(args, good) and whole
-    failed = [o for o in outcomes if o.calibration is None]
-    if good:
-        _print_results(place, good, [o.job.robot for o in failed])
-    if args.truth:
-        whole = _print_errors(outcomes) and whole
-    for line in said_of_copies(good):
-        _tell(f"fleet-calibrate: {line}")
-    for o in failed:
-        _tell(f"fleet-calibrate: {o.error}")
-        if o.details:
-            _tell(o.details)
-    if failed:
-        _tell(f"fleet-calibrate: {len(failed)} of {len(outcomes)} robots failed")
-    if failed or not whole:
-        return 1
-    not_good = [c.robot for c in good if c.verdict is None or c.verdict.level != "good"]
-    if args.strict and not_good:
-        _tell(f"fleet-calibrate: not good: {', '.join(not_good)} (--strict)")
-        return NOT_GOOD
-    return 0
-
-
-def _write_fleet(place: "ResultsPlace", run: "Run", outcomes: "list[Outcome]", early: str) -> bool:
-    """Write what is about all robots of the folder; tell whether that worked."""
-    from boxcal.calib.fleet.run_record import RUN
-    from boxcal.calib.fleet.store import read_folder
-    from boxcal.calib.fleet.write import write_fleet
-    from boxcal.calib.report.fleet_tables import REPORT
-    from boxcal.target.errors import BoxcalError
-    from boxcal.target.files.atomic_write import write_atomically
-
-    job = outcomes[0].job if outcomes else run.jobs[0]
-    try:
-        members = read_folder(place.folder, job.target, outcomes)
-        report = job.settings.report
-        reported = place.with_file(REPORT) if report else ()
-        write_fleet(place.folder, members, job.target, command=run.command, report=report, reported=reported)
-        write_atomically(place.folder / RUN, run.record(outcomes, early))
-        place.put_fleet()
-    except BoxcalError as error:
-        _tell(f"fleet-calibrate: {error}")
-        return False
-    except OSError as error:
-        _tell(f"fleet-calibrate: {place.said}: {error.strerror or error}; give another folder with --out")
-        return False
-    return True
-
-
-def _record(args: argparse.Namespace, calibrations: "list[Calibration]") -> bool:
-    """Put the results into the store, if there is one; tell whether that worked."""
-    from boxcal.calib.errors import CalibError
-    from boxcal.calib.history_store.record import record
-
-    try:
-        for line in record(args.store, calibrations):
-            _tell(f"fleet-calibrate: {line}")
-    except CalibError as error:
-        _tell(f"fleet-calibrate: {error}; the results are in their folder: robot-history import {args.out}")
-        return False
-    return True
-
-
-def _print_results(place: "ResultsPlace", results: "list[Calibration]", failed: list[str]) -> None:
-    from boxcal.calib.console.summary import summary
-    from boxcal.calib.fleet.store import CAMERA_TABLES
-
-    print(summary(results, failed=failed))
-    more = "".join(
-        f",\n         {place.said}/{name}" for name in CAMERA_TABLES.values() if (place.folder / name).exists()
-    )
-    print(f"\nwritten: {place.said}/<robot>/calibration.json and files for ROS and Kalibr")
-    if (place.folder / "fleet.html").exists():
-        print(f"fleet:   {place.said}/fleet.html, {place.said}/fleet.xlsx, {place.said}/fleet.csv{more}")
-        print(f"reports: {place.said}/<robot>/report.html")
-    else:
-        print(f"fleet:   {place.said}/fleet.csv, {place.said}/fleet.json{more}")
-
-
-def _print_errors(outcomes: "list[Outcome]") -> bool:
-    """Print how far every calibration is from its truth; tell whether there was a truth for each."""
-    from boxcal.calib.compare.ground_truth import compare, load_truth, truth_path, with_truth
-    from boxcal.calib.compare.text import errors_table
-    from boxcal.calib.errors import CalibError
-
-    errors, missing, whole = [], [], True
-    for o in outcomes:
-        if o.calibration is None:
-            continue
-        path = truth_path(o.job.logs[0])
-        if not path.exists():
-            missing.append(path)
-            continue
-        try:
-            errors += [(c.robot, compare(c, truth)) for c, truth in with_truth(o.calibration, load_truth(path))]
-        except CalibError as error:
-            whole = False
-            _tell(f"fleet-calibrate: {error}")
-    if errors:
-        print("\n" + errors_table(errors))
-    if missing:
-        more = f" and {len(missing) - 1} more like it" if len(missing) > 1 else ""
-        _tell(f"fleet-calibrate: no truth: {missing[0]}{more} cannot be found; leave out --truth")
-    return whole and not missing
 
 
 if __name__ == "__main__":
