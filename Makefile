@@ -101,7 +101,7 @@ $(LIVE_INSTALLED): $(INSTALLED)
 	$(INSTALL) '.[report,live]'
 	touch $(LIVE_INSTALLED)
 
-$(TREE): Makefile
+$(TREE): Makefile $(wildcard boxcal/*.py)
 	mkdir -p $(TREE)/boxcal
 	cd $(TREE)/boxcal && ln -sfn ../../../target target && ln -sfn ../../../detect detect && ln -sfn ../../../calib calib
 	cd $(TREE)/boxcal && for file in ../../../boxcal/*.py ../../../boxcal/py.typed; do ln -sfn $$file .; done

@@ -1,4 +1,4 @@
-"""JSON Schema of a dataclass: types from its annotations, descriptions from its NumPy docstring."""
+"""JSON Schemas of dataclasses (types from annotations, descriptions from docstrings) and of files made of them."""
 
 import re
 import types
@@ -9,6 +9,8 @@ from inspect import cleandoc
 from typing import Any, Union, get_args, get_origin, get_type_hints
 
 Schema = dict[str, Any]
+
+DIALECT = "https://json-schema.org/draft/2020-12/schema"
 
 NUMBER: Schema = {"type": "number"}
 NUMBER_OR_NULL: Schema = {"type": ["number", "null"]}
@@ -123,3 +125,27 @@ def matrix(rows: int, columns: int, unit: str) -> Schema:
     """Return the schema of a matrix as rows of numbers."""
     row = {"type": "array", "items": NUMBER, "minItems": columns, "maxItems": columns}
     return {"type": "array", "items": row, "minItems": rows, "maxItems": rows, "description": f"[{unit}]"}
+
+
+def document(
+    title: str, what: str, number: int, properties: Mapping[str, Schema], optional: Sequence[str] = ()
+) -> Schema:
+    """Return the schema of a whole file, with the number of its format."""
+    schema = {"const": number, "description": "Number of this format; fields may be added, none is removed or renamed."}
+    return {"$schema": DIALECT, "title": title, **record({"schema": schema, **properties}, what, optional)}
+
+
+def text(what: str) -> Schema:
+    """Return the schema of a text."""
+    return {"type": "string", "description": what}
+
+
+def image_size() -> Schema:
+    """Return the schema of the size of a camera's images."""
+    return {
+        "type": "array",
+        "items": {"type": "integer", "minimum": 1},
+        "minItems": 2,
+        "maxItems": 2,
+        "description": "[px] Width and height of the camera's images.",
+    }

@@ -5,13 +5,23 @@
 
 import json
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
+from boxcal.calibration_schema import calibration_schema
 from boxcal.command_line import CommandParser
-from boxcal.json_schema import NUMBER, NUMBER_OR_NULL, Schema, attributes, matrix, of_dataclass, record
-
-DIALECT = "https://json-schema.org/draft/2020-12/schema"
+from boxcal.json_schema import (
+    NUMBER,
+    NUMBER_OR_NULL,
+    Schema,
+    attributes,
+    document,
+    image_size,
+    matrix,
+    of_dataclass,
+    record,
+    text,
+)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -65,14 +75,14 @@ def target_schema() -> Schema:
     refined = of_dataclass(RefinedShape, {"values": numbers, "cov": matrix(len(SHAPE), len(SHAPE), "as the values")})
     refined["properties"]["order"] = {"const": list(SHAPE), "description": "Of values, and rows and columns of cov."}
     refined["required"] = sorted(refined["properties"])
-    return _document(
+    return document(
         "target.json",
         "A landmark box: its design, its tags' corners and, where known, its true size and shape.",
         SCHEMA,
         {
             "units": {"const": "m"},
-            "frame": _text("Of all coordinates."),
-            "corner_order": _text("Of a tag's corners."),
+            "frame": text("Of all coordinates."),
+            "corner_order": text("Of a tag's corners."),
             "box": of_dataclass(Box),
             "measured": measured,
             "refined": refined,
@@ -98,13 +108,13 @@ def correspondences_schema() -> Schema:
     from boxcal.detect.tags.moving_frames import MovingFrame
 
     stop, frame = (of_dataclass(kind, skip_arrays=True) for kind in (StopObservation, MovingFrame))
-    schema = _document(
+    schema = document(
         "correspondences.npz: header",
         "What a robot saw at each stop of one drive, and what its wheels did between: the numbers beside the arrays.",
         SCHEMA,
         {
-            "robot": _text("Name of the robot."),
-            "image_size": _image_size(),
+            "robot": text("Name of the robot."),
+            "image_size": image_size(),
             "source": of_dataclass(Source),
             "encoder_steps": of_dataclass(WheelSamples, skip_arrays=True)["properties"]["encoder_steps"],
             "units": of_dataclass(WheelUnits),
@@ -122,53 +132,6 @@ def correspondences_schema() -> Schema:
     arrays |= {f"stop<number>_{name}": text for name, text in attributes(StopObservation).items() if name not in own}
     arrays |= {f"moving<number>_{name}": text for name, text in attributes(MovingFrame).items() if name != "t_ns"}
     return {**schema, "arrays": {"header": "This document, UTF-8 bytes.", **arrays}}
-
-
-def calibration_schema() -> Schema:
-    """Return the schema of ``calibration.json``."""
-    from boxcal.calib.geometry.diff_drive import Wheels
-    from boxcal.calib.likelihood.finding import Finding
-    from boxcal.calib.results.calibration import Calibration, Provenance, Quality, StopResult
-    from boxcal.calib.results.diagnostics import CAMERA
-    from boxcal.calib.results.json_format import SCHEMA
-    from boxcal.calib.results.verdict import Verdict
-    from boxcal.target.camera.camera_model import CameraModel
-
-    said = attributes(Calibration)
-    stop = of_dataclass(StopResult, {"T_box_cam": matrix(4, 4, "m")})
-    always: dict[str, Schema] = {
-        "robot": _text(said["robot"]),
-        "camera": of_dataclass(CameraModel, only=CAMERA),
-        "image_size": _image_size(),
-        "wheels": of_dataclass(Wheels),
-        "T_body_cam": {**matrix(4, 4, "m"), "description": said["T_body_cam"]},
-        "quality": of_dataclass(Quality),
-        "stops": {"type": "array", "items": stop, "description": said["stops"]},
-        "notes": {"type": "array", "items": {"type": "string"}, "description": said["notes"]},
-        "provenance": of_dataclass(Provenance),
-        "units": _text("Of the numbers in this file."),
-        "method": {"enum": ["likelihood", "four-steps"], "description": said["method"]},
-        "lens": _lens(),
-    }
-    findings = {
-        "type": "array",
-        "items": of_dataclass(Finding, nullable=True),
-        "description": said["findings"],
-    }
-    sometimes: dict[str, Schema] = {
-        "verdict": of_dataclass(Verdict),
-        "findings": findings,
-        **_of_likelihood(),
-        **_of_several_cameras(),
-    }
-    return _document(
-        "calibration.json",
-        "The calibration of one robot; fields from sigma on are there unless method is four-steps. Null stands for "
-        "what is infinite or undefined.",
-        SCHEMA,
-        always | sometimes,
-        optional=tuple(sometimes),
-    )
 
 
 def plan_schema() -> Schema:
@@ -203,13 +166,13 @@ def plan_schema() -> Schema:
         "value": {**NUMBER_OR_NULL, "description": said["value"]},
         "goal": {**NUMBER, "description": said["goal"]},
     }
-    return _document(
+    return document(
         "plan.json",
         "A planned drive around the box.",
         SCHEMA,
         {
-            "robot": _text(plan["robot"]),
-            "image_size": _image_size(),
+            "robot": text(plan["robot"]),
+            "image_size": image_size(),
             "units": {"const": UNITS},
             "box": {**matrix_row(3), "description": "Width, depth and height, m."},
             "seed": {**whole, "description": attributes(PlanOptions)["seed"]},
@@ -233,135 +196,3 @@ def plan_schema() -> Schema:
 def matrix_row(count: int) -> Schema:
     """Return the schema of a list of so many numbers."""
     return {"type": "array", "items": NUMBER, "minItems": count, "maxItems": count}
-
-
-def _of_likelihood() -> dict[str, Schema]:
-    """Return the schemas of the fields that the likelihood adds to a calibration."""
-    from boxcal.calib.geometry.parameters import ORDER
-    from boxcal.calib.likelihood.estimate import FlaggedCorner, FlaggedLeg, NoiseLevels
-    from boxcal.calib.results.diagnostics import Detail, Ground, HeldOut, LeaveOneOut, Leg
-    from boxcal.calib.uncertainty.convergence import ConvergencePoint
-
-    said = attributes(Detail)
-
-    def many(kind: type, what: str) -> Schema:
-        return {"type": "array", "items": of_dataclass(kind, nullable=True), "description": what}
-
-    words = {"type": "string"}
-    both = _covariance("", {"type": "array", "items": words})
-    direction = {
-        "parameters": {"type": "array", "items": {"type": "array", "prefixItems": [words, NUMBER]}},
-        "sigma": NUMBER_OR_NULL,
-        **dict.fromkeys(("what", "advice", "text"), words),
-    }
-    return {
-        "sigma": _named("Standard deviation of each parameter, in its own unit; null where it is not determined."),
-        "covariance": _covariance(said["covariance"], {"const": list(ORDER)}),
-        "noise": of_dataclass(NoiseLevels, nullable=True),
-        "camera_covariance": {"anyOf": [both, {"type": "null"}], "description": said["camera_covariance"]},
-        "leave_one_out": {
-            "anyOf": [of_dataclass(LeaveOneOut, nullable=True), {"type": "null"}],
-            "description": said["leave_one_out"],
-        },
-        "effects": _named(said["effects"]),
-        "scale_sigma": {**NUMBER_OR_NULL, "description": said["scale_sigma"]},
-        "extra": _named(said["extra"]),
-        "extra_sigma": _named(said["extra_sigma"]),
-        "ground": of_dataclass(Ground, nullable=True),
-        "legs": many(Leg, said["legs"]),
-        "flagged_legs": many(FlaggedLeg, said["flagged_legs"]),
-        "flagged_corners": many(FlaggedCorner, said["flagged_corners"]),
-        "directions": {
-            "type": "array",
-            "items": record(direction, "", optional=("what", "advice")),
-            "description": said["directions"],
-        },
-        "held_out": many(HeldOut, said["held_out"]),
-        "growth": many(ConvergencePoint, said["growth"]),
-    }
-
-
-def _of_several_cameras() -> dict[str, Schema]:
-    """Return the schemas of the fields that a robot with several cameras adds to a calibration."""
-    from boxcal.calib.geometry.parameters import MOUNTING, ORDER
-    from boxcal.calib.results.diagnostics import CAMERA, SIDE
-    from boxcal.calib.results.rig import CameraPair, Rig, RigCamera
-    from boxcal.calib.results.rig_json import PAIR_SIDE
-    from boxcal.target.camera.camera_model import CameraModel
-
-    rig, pair, texts = attributes(Rig), attributes(CameraPair), {"type": "array", "items": {"type": "string"}}
-    rows = {"type": "array", "items": {"type": "array", "items": NUMBER_OR_NULL}}
-    parts = {"camera": of_dataclass(CameraModel, only=CAMERA), "T_body_cam": matrix(4, 4, "m")}
-    own = record({"order": {"const": list(ORDER)}, "side": {"const": SIDE}, "matrix": rows}, "")
-    parts |= {"image_size": _image_size(), "covariance": own}
-    camera = of_dataclass(RigCamera, parts)
-    camera["properties"]["lens"] = _lens()
-    camera["required"] = sorted(set(camera["properties"]) - {"landmarks", "verdict", "why", "covariance"})
-    of_pair = {
-        "a": _text(pair["a"]),
-        "b": _text(pair["b"]),
-        "T_a_b": {**matrix(4, 4, "m"), "description": pair["T_a_b"]},
-        "sigma": _named("Standard deviations of rx, ry, rz (rad), tx, ty, tz (m)."),
-        "covariance": record(
-            {"order": {"const": list(ORDER[MOUNTING])}, "side": {"const": PAIR_SIDE}, "matrix": rows},
-            pair["covariance"],
-        ),
-    }
-    return {
-        "cameras": {"type": "array", "items": camera, "description": rig["cameras"]},
-        "camera_pairs": {
-            "type": "array",
-            "items": record(of_pair, "Transform between two cameras."),
-            "description": "All pairs of cameras, each once.",
-        },
-        "cameras_covariance": record({"order": texts, "matrix": rows}, rig["covariance"]),
-        "cameras_left_out": {
-            "type": "array",
-            "items": record({"topic": _text("Image topic."), "why": _text("Reason.")}, "An image topic left out."),
-            "description": rig["left_out"],
-        },
-        "cameras_apart": _text(rig["apart"]),
-        "cameras_stops": {"type": "integer", "minimum": 0, "description": rig["stops"]},
-    }
-
-
-def _lens() -> Schema:
-    from boxcal.target.camera.distortion import CameraKind
-
-    parts = {
-        "model": {"enum": [str(kind) for kind in CameraKind]},
-        "coefficients": _named("Distortion coefficients beyond kr by name, which their order may not replace."),
-    }
-    return record(parts, "Camera model.")
-
-
-def _covariance(what: str, order: Schema) -> Schema:
-    from boxcal.calib.results.diagnostics import SIDE
-
-    rows = {"type": "array", "items": {"type": "array", "items": NUMBER_OR_NULL}}
-    return record({"order": order, "side": {"const": SIDE}, "matrix": rows}, what)
-
-
-def _named(what: str) -> Schema:
-    return {"type": "object", "additionalProperties": NUMBER_OR_NULL, "description": what}
-
-
-def _document(
-    title: str, what: str, number: int, properties: Mapping[str, Schema], optional: Sequence[str] = ()
-) -> Schema:
-    schema = {"const": number, "description": "Number of this format; fields may be added, none is removed or renamed."}
-    return {"$schema": DIALECT, "title": title, **record({"schema": schema, **properties}, what, optional)}
-
-
-def _text(what: str) -> Schema:
-    return {"type": "string", "description": what}
-
-
-def _image_size() -> Schema:
-    return {
-        "type": "array",
-        "items": {"type": "integer", "minimum": 1},
-        "minItems": 2,
-        "maxItems": 2,
-        "description": "[px] Width and height of the camera's images.",
-    }
