@@ -29,7 +29,8 @@ LATE_S, SIZES, FRAMES = (0.03, -0.02), ((640, 480), (1280, 720)), (2, 4)
 class Pictured:
     """One robot: errors (6,) of the pair's transform and (3,) of the wheels, over sigmas and whitened.
 
-    ``late`` are the errors of the clocks' offsets, s; ``verdicts`` those of the cameras.
+    ``late`` are the errors of the clocks' offsets, s, NaN where too few frames on the move show the box to tell one;
+    ``verdicts`` those of the cameras.
     """
 
     pair: Array
@@ -80,7 +81,7 @@ def _compared(found: dict[str, Calibration], truth: dict, rig: str, seconds: flo
         pair=error / np.sqrt(np.diag(pair.covariance)),
         pair_whitened=whitened(error, pair.covariance),
         wheels=wheels / sigma,
-        late=np.array([c.clock_offset for c in first.rig.cameras]) - LATE_S,
+        late=np.array([c.clock_offset or np.nan for c in first.rig.cameras]) - LATE_S,
         verdicts=tuple(str(c.verdict.level) if c.verdict is not None else "" for c in found.values()),
         seconds=seconds,
     )
@@ -97,9 +98,10 @@ def report_pictured(rig: str, outcomes: list[Pictured | None]) -> None:
         f"covariance {of_one([o.pair_whitened for o in done])}"
     )
     late = 1e3 * np.abs([o.late for o in done])
+    late = late[np.isfinite(late)]
     print(
-        f"  wheels: largest error {np.abs(wheels).max():.2f} sigma, rms {rms(wheels):.2f}; clocks: error "
-        f"{np.median(late):.2f} ms (median), {late.max():.2f} ms at most"
+        f"  wheels: largest error {np.abs(wheels).max():.2f} sigma, rms {rms(wheels):.2f}; {len(late)} clocks "
+        f"told, to {np.median(late):.2f} ms (median), {late.max():.2f} ms at most"
     )
     said = [" and ".join(o.verdicts) for o in done]
     print(f"  verdicts: {', '.join(f'{v} {said.count(v)}' for v in sorted(set(said)))}", flush=True)
