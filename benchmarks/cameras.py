@@ -15,7 +15,7 @@ pictures, and calibrated from their logs by the whole line.
 
     python benchmarks/cameras.py              40 robots of each kind, some 4 minutes on one core
     python benchmarks/cameras.py --moving     the same with frames on the move, some 8 minutes
-    python benchmarks/cameras.py --pictures --robots 4    rear, stereo and wide, some 5 minutes
+    python benchmarks/cameras.py --pictures --rig rear --robots 4    some 5 minutes; stereo and wide likewise
     python benchmarks/cameras.py --quick      4 robots of each kind
     python benchmarks/cameras.py --kind "stereo, 60 mm" --robots 120 --seed 3
 """
@@ -190,12 +190,13 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true")
     parser.add_argument("--moving", action="store_true")
     parser.add_argument("--pictures", action="store_true")
+    parser.add_argument("--rig", nargs="+", choices=RIGS, default=RIGS)
     parser.add_argument("--robots", type=int, default=40)
     parser.add_argument("--seed", type=int, default=2026)
     parser.add_argument("--kind", nargs="+", choices=tuple(KINDS), default=tuple(KINDS))
     args = parser.parse_args()
     numbers = range(1, 1 + (4 if args.quick else args.robots))
-    for rig in RIGS if args.pictures else ():
+    for rig in args.rig if args.pictures else ():
         report_pictured(rig, [pictured(rig, k, args.seed) for k in numbers])
     for title in () if args.pictures else args.kind:
         kind = KINDS[title]

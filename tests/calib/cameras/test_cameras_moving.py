@@ -8,6 +8,7 @@ import pytest
 
 from boxcal.calib.likelihood.cameras.equations import About, about
 from boxcal.calib.likelihood.cameras.estimates import Cameras, solve_cameras
+from boxcal.calib.likelihood.cameras.moving import merge
 from boxcal.calib.likelihood.cameras.moving.joint import AllMoving, SettledAll, settled_together
 from boxcal.calib.likelihood.cameras.moving.merge import with_frames_of_all
 from boxcal.calib.likelihood.cameras.moving.row import Seen
@@ -150,3 +151,18 @@ def _moved(joint: AllMoving, k: int, h: float) -> About:
     nothing = np.zeros((P, joint.sigma.shape[1]))
     state = stepped(joint.row.robot, joint.state, d, np.zeros((P, 5)), nothing)
     return about(joint.row.robot, state, joint.levels.scales)
+
+
+def test_equations_without_a_solution_leave_a_cameras_frames_out(
+    front_and_rear: Rigged, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def singular(*_: object) -> None:
+        raise np.linalg.LinAlgError("Singular matrix")
+
+    monkeypatch.setattr(merge, "leave_out", singular)
+    drives = with_frames(front_and_rear)
+    alone = [(e, f, [d]) for e, f, d in zip(front_and_rear.found, front_and_rear.fits, drives, strict=True)]
+    before = of_stops(front_and_rear)
+    after = with_frames_of_all(before, alone)
+    assert [e.b for e in after.estimates] == [e.b for e in before.estimates]
+    assert "wheels and pictures do not fit there" in " ".join(after.notes)

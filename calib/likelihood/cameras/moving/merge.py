@@ -20,6 +20,7 @@ from boxcal.calib.likelihood.moving.clock import LATE, RATE
 from boxcal.calib.likelihood.moving.covariance import joint_covariance
 from boxcal.calib.likelihood.moving.faults import FEWEST, Sound, sound
 from boxcal.calib.likelihood.moving.leave_out import leave_out
+from boxcal.calib.likelihood.moving.levels import Settled
 from boxcal.calib.likelihood.moving.merge import Moving, of_another_kind, unsuitable
 from boxcal.calib.likelihood.moving.noise import FrameNoise
 from boxcal.calib.likelihood.moving.rolling import ROLLING
@@ -75,18 +76,25 @@ def _by_itself(found: Estimate, fit: Fit, drives: Sequence[Correspondences]) -> 
     why = "" if len(drive.moving) < FEWEST else unsuitable(found, fit, drives)
     if why or len(drive.moving) < FEWEST:
         return Seen(fit=fit, drive=drive, settled=None), nothing, why
-    noise = FrameNoise(slip=fit.components.slip, jitter_s=FIRST_JITTER_S, sway=1.0, scale=1.0)
     try:
-        among_all = sound(fit, drives, np.arange(len(drive.moving)), noise)
+        settled, factors, why = _sound_frames(fit, drives)
     except np.linalg.LinAlgError:
-        among_all = Sound(settled=None)
+        settled, factors, why = None, nothing, Sound(settled=None).said("", 1)
+    return Seen(fit=fit, drive=drive, settled=settled), factors, why
+
+
+def _sound_frames(fit: Fit, drives: Sequence[Correspondences]) -> tuple[Settled | None, Array, str]:
+    """Return a camera's frames that fit its own stops, factors on its standard deviations, and what is odd."""
+    nothing = np.ones(len(fit.problem.names))
+    noise = FrameNoise(slip=fit.components.slip, jitter_s=FIRST_JITTER_S, sway=1.0, scale=1.0)
+    among_all = sound(fit, drives, np.arange(len(drives[0].moving)), noise)
     settled = among_all.settled
     if settled is None:
-        return Seen(fit=fit, drive=drive, settled=None), nothing, among_all.said("", 1)
+        return None, nothing, among_all.said("", 1)
     if why := of_another_kind(settled, joint_covariance(fit, settled), Moving.AUTO):
-        return Seen(fit=fit, drive=drive, settled=None), nothing, among_all.said(why, 1)
+        return None, nothing, among_all.said(why, 1)
     factors = leave_out(fit, settled).inflation[: len(nothing)]
-    return Seen(fit=fit, drive=drive, settled=settled), factors, "; ".join(among_all.jumps_said(1))
+    return settled, factors, "; ".join(among_all.jumps_said(1))
 
 
 def _enlarged(settled: SettledAll, factors: Sequence[Array]) -> Array:
