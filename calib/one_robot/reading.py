@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
@@ -10,12 +11,14 @@ from boxcal.calib.errors import CalibError
 from boxcal.calib.likelihood.moving.merge import Moving
 from boxcal.calib.one_robot.views_by_wheels import views_by_wheels
 from boxcal.calib.settings import CORRESPONDENCES, Job, Nominal, Settings
-from boxcal.detect.correspondences import Correspondences, load_correspondences, taken_as
+from boxcal.detect.correspondences import Correspondences, StopObservation, load_correspondences, taken_as
 from boxcal.detect.extract import ExtractSettings, Pictures, extract
 from boxcal.detect.log.wheel_samples import WheelUnits
+from boxcal.detect.tags.moving_frames import MovingFrame
 from boxcal.target.box import Target
 from boxcal.target.files.target_json import target_sha256
 
+Seen = TypeVar("Seen", StopObservation, MovingFrame)
 _SAME_PLACE = 1e-6
 """How far a landmark may lie from where a box has it, m: rounding only."""
 
@@ -70,14 +73,20 @@ def placed(drive: Correspondences, target: Target) -> Correspondences:
         If the drive saw tags that the target does not carry.
     """
     try:
-        stops = tuple(replace(stop, p_box=target.p_box(stop.landmark_ids)) for stop in drive.stops)
-        moving = tuple(replace(frame, p_box=target.p_box(frame.landmark_ids)) for frame in drive.moving)
+        stops = tuple(_on(target, stop) for stop in drive.stops)
+        moving = tuple(_on(target, frame) for frame in drive.moving)
     except KeyError as error:
         raise CalibError(
             f"tag {error} was seen, the target does not carry it",
             remedy="give the target.json that the log was read with",
         ) from error
     return replace(drive, stops=stops, moving=moving, source=replace(drive.source, target_sha256=target_sha256(target)))
+
+
+def _on(target: Target, seen: Seen) -> Seen:
+    """Return what was seen with its landmarks where the target has them; itself where they are there already."""
+    p_box = target.p_box(seen.landmark_ids)
+    return seen if np.array_equal(p_box, seen.p_box) else replace(seen, p_box=p_box)
 
 
 def at_box(drive: Correspondences, target: Target, *, given: bool) -> Correspondences:

@@ -9,8 +9,13 @@ from boxcal.calib.likelihood.leg_propagation import DRAGGED, SIDEWAYS
 
 
 @kernel()
-def _corrected(dphi: Any, starts: Any, at_start: Any, at_end: Any, ends: Any, out: Any) -> None:  # noqa: PLR0917
-    """Fill out (S, 2) with the corrected travel, and ends (N, 2, 2) with the first and last moving samples, or -1."""
+def _corrected(  # noqa: PLR0917
+    dphi: Any, starts: Any, at_start: Any, at_end: Any, radius: Any, ends: Any, out: Any, u: Any
+) -> None:
+    """Fill out (S, 2) with the corrected travel, rad, and u (S, 2) with it in m.
+
+    And ends (N, 2, 2) with the first and last moving samples, or -1.
+    """
     for n in range(starts.shape[0] - 1):
         for w in range(2):
             first, last = -1, -1
@@ -28,6 +33,8 @@ def _corrected(dphi: Any, starts: Any, at_start: Any, at_end: Any, ends: Any, ou
                 spread = (at_end[n, w] - at_start[n, w]) / (starts[n + 1] - starts[n])
                 for s in range(starts[n], starts[n + 1]):
                     out[s, w] += spread
+            for s in range(starts[n], starts[n + 1]):
+                u[s, w] = radius[w] * out[s, w]
 
 
 DISPLACEMENT, D_WHEELS, SLIP, ROLLED = 0, 3, 12, 21
@@ -136,9 +143,9 @@ def propagate(path: Any, wheels: Any, at_start: Any, at_end: Any, added: Any) ->
     """Return what the wheels say of each leg: see :func:`boxcal.calib.likelihood.leg_propagation.propagate`."""
     N, S = len(path.starts), len(path.dphi)
     starts, radius = np.append(path.starts, S), np.ascontiguousarray(wheels[:2])
-    raw, dphi, ends = np.ascontiguousarray(path.dphi), np.empty((S, 2)), np.empty((N, 2, 2), dtype=np.int64)
-    _corrected(raw, starts, np.ascontiguousarray(at_start), np.ascontiguousarray(at_end), ends, dphi)
-    u = dphi * radius
+    raw, dphi, u = np.ascontiguousarray(path.dphi), np.empty((S, 2)), np.empty((S, 2))
+    ends = np.empty((N, 2, 2), dtype=np.int64)
+    _corrected(raw, starts, np.ascontiguousarray(at_start), np.ascontiguousarray(at_end), radius, ends, dphi, u)
     if added is not None:
         u += added
     sums, by_travel, by_sideways = np.zeros((N, SUMS)), np.zeros((2, 3, S)), np.zeros((3, S))
