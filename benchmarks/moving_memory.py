@@ -1,6 +1,6 @@
 """Memory of a robot whose camera sends 4K frames: how much a calibration takes, and how many frames it keeps decoded.
 
-    python benchmarks/moving_memory.py                 some 2 and some 30 frames a second between the stops
+    python benchmarks/moving_memory.py                 12 and 180 frames between two stops
     python benchmarks/moving_memory.py --a-leg 4 40
 
 A simulated robot drives around the box with 6 stops. Its pictures are rendered small and enlarged to 3840 x 2160: what
