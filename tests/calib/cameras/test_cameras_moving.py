@@ -11,7 +11,7 @@ from boxcal.calib.likelihood.cameras.estimates import Cameras, solve_cameras
 from boxcal.calib.likelihood.cameras.moving import merge
 from boxcal.calib.likelihood.cameras.moving.joint import AllMoving, SettledAll, settled_together
 from boxcal.calib.likelihood.cameras.moving.merge import with_frames_of_all
-from boxcal.calib.likelihood.cameras.moving.row import Seen
+from boxcal.calib.likelihood.cameras.moving.row import MovingRow, Seen, clocks_of, moving_row
 from boxcal.calib.likelihood.cameras.state import stepped
 from boxcal.calib.likelihood.moving.clock import LATE
 from boxcal.calib.likelihood.moving.faults import sound
@@ -46,17 +46,37 @@ def of_stops(rigged: Rigged) -> Cameras:
     return solve_cameras(rigged.found, rigged.fits, [[view] for view in rigged.views])
 
 
-def joined(rigged: Rigged, drives: Sequence[Correspondences]) -> SettledAll:
-    stops, seen = of_stops(rigged), []
+def seen_of(rigged: Rigged, drives: Sequence[Correspondences]) -> list[Seen]:
+    seen = []
     for fit, drive in zip(rigged.fits, drives, strict=True):
         noise = FrameNoise(slip=fit.components.slip, jitter_s=1e-3, sway=1.0, scale=1.0)
         seen.append(
             Seen(fit=fit, drive=drive, settled=sound(fit, [drive], np.arange(len(drive.moving)), noise).settled)
         )
+    return seen
+
+
+def joined(rigged: Rigged, drives: Sequence[Correspondences]) -> SettledAll:
+    stops = of_stops(rigged)
     assert stops.fit is not None
-    found = settled_together(stops.fit, stops.drives[0], seen)
+    found = settled_together(stops.fit, stops.drives[0], seen_of(rigged, drives))
     assert found is not None
     return found
+
+
+def test_frames_stay_chosen_while_the_clocks_are_moved(stereo: Rigged) -> None:
+    """Chosen anew, frames at one moment would change places with each step, and the solver never come to rest."""
+    stops, seen = of_stops(stereo), seen_of(stereo, with_frames(stereo, late_s=(0.0, 0.0), jitter_s=1e-3))
+    assert stops.fit is not None
+    clocks = clocks_of(seen)
+    first = moving_row(stops.fit, stops.drives[0], seen, clocks)
+    later = clocks.plus(np.array([2e-3, -2e-3]), np.zeros(2))
+
+    def chosen(row: MovingRow) -> set[tuple[int, int]]:
+        return {(c, k) for c, k in zip(row.camera.tolist(), row.number.tolist(), strict=True) if c >= 0}
+
+    assert chosen(moving_row(stops.fit, stops.drives[0], seen, later)) != chosen(first)
+    assert chosen(moving_row(stops.fit, stops.drives[0], seen, later, first)) == chosen(first)
 
 
 @pytest.mark.parametrize("which", ["front_and_rear", "stereo"])

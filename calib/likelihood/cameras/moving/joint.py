@@ -238,7 +238,7 @@ def _maximised(stops: RobotFit, row: Correspondences, cameras: Sequence[Seen], j
             return None
         if change > REWOVEN_S:
             clocks = there.clocks.plus(left.late_s, left.rate)
-            joint = _begun(stops, moving_row(stops, row, cameras, clocks), cameras, joint)
+            joint = _begun(stops, moving_row(stops, row, cameras, clocks, there), cameras, joint)
     return None
 
 

@@ -81,7 +81,13 @@ def clocks_of(cameras: Sequence[Seen]) -> Clocks:
     )
 
 
-def moving_row(stops: RobotFit, row: Correspondences, cameras: Sequence[Seen], clocks: Clocks) -> MovingRow:
+def moving_row(
+    stops: RobotFit,
+    row: Correspondences,
+    cameras: Sequence[Seen],
+    clocks: Clocks,
+    among: MovingRow | None = None,
+) -> MovingRow:
     """Return all stops and frames of a robot in one row.
 
     Of frames of two cameras at one moment only one is used, that of the camera with fewer so far.
@@ -94,8 +100,11 @@ def moving_row(stops: RobotFit, row: Correspondences, cameras: Sequence[Seen], c
         What each camera saw.
     clocks
         Offsets and rates (C,) of their clocks.
+    among
+        A row of the same data: only its frames are used. Chosen anew for each step of the clocks, frames of two cameras
+        at one moment would change places for ever.
     """
-    t_ns, camera, number = _frames(cameras, clocks)
+    t_ns, camera, number = _frames(cameras, clocks, among)
     moving = [replace(cameras[c].drive.moving[k], t_ns=int(t)) for t, c, k in zip(t_ns, camera, number, strict=True)]
     every = replace(row, moving=tuple(moving))
     woven = weave(every, np.arange(len(row.stops)), np.arange(len(moving)), 0.0)
@@ -131,15 +140,20 @@ def _since_s(cameras: Sequence[Seen], camera: Ids, number: Ids, woven: Woven) ->
     return np.where(woven.frame >= 0, since[np.maximum(woven.frame, 0)], 0.0) if len(since) else woven.since_s
 
 
-def _frames(cameras: Sequence[Seen], clocks: Clocks) -> tuple[Ids, Ids, Ids]:
+def _frames(cameras: Sequence[Seen], clocks: Clocks, among: MovingRow | None) -> tuple[Ids, Ids, Ids]:
     """Return times (ns), cameras and numbers of the frames to use, in order of time."""
+    chosen = None if among is None else set(zip(among.camera.tolist(), among.number.tolist(), strict=True))
     found: list[tuple[int, int, int]] = []
     for c, seen in enumerate(cameras):
         if seen.settled is not None:
             there = seen.settled.joint.woven
             frames = there.frame[there.moving]
             late_ns = np.rint(1e9 * clocks.late(c, since_middle_s(seen.drive, frames))).astype(np.int64)
-            found += [(seen.drive.moving[k].t_ns - late_ns[i], c, k) for i, k in enumerate(frames.tolist())]
+            found += [
+                (seen.drive.moving[k].t_ns - late_ns[i], c, k)
+                for i, k in enumerate(frames.tolist())
+                if chosen is None or (c, k) in chosen
+            ]
     kept: list[tuple[int, int, int]] = []
     count = np.zeros(len(cameras), dtype=np.int64)
     for frame in sorted(found):
