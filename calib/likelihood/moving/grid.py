@@ -4,11 +4,19 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.interpolate import CubicSpline, PchipInterpolator
+from scipy.special import logsumexp
 
 from boxcal.calib.likelihood.moving.system import Levels
 from boxcal.target.arrays import Array
 
 _IMPROBABLE = 1e-4
+_BETWEEN = 400
+"""Places between two levels at which their probability is read."""
+_FAR = 40.0
+"""Levels further below the most probable one, in the logarithm, say nothing of its surroundings."""
+_FEWEST = 3
+"""With fewer levels that do, those next to them are taken, too."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -86,3 +94,34 @@ def _weighed(solved: Callable[[Array, Array], Levels], slip: Array, jitter_s: Ar
         raise np.linalg.LinAlgError("rounding hides the likelihood at all levels of noise")
     weight = np.exp(levels.log_likelihood - levels.log_likelihood.max())
     return levels, weight / weight.sum()
+
+
+def mean_and_sigma(slip: Array, log_likelihood: Array) -> tuple[float, float]:
+    """Return slip's mean and standard deviation, from the likelihood at levels of slip and jitter.
+
+    The likelihood's logarithm is read between the levels, too, by a cubic spline: a drive of many legs tells slip to a
+    tenth of what levels are apart, and then one level has all the probability.
+
+    Parameters
+    ----------
+    slip, log_likelihood : (K,)
+        All pairs of levels of slip and of jitter; slip's levels are equally spaced as :class:`Axis` has them.
+    """
+    levels, of = np.unique(slip, return_inverse=True)
+    if len(levels) == 1:
+        return float(levels[0]), 0.0
+    by_slip = np.array([logsumexp(log_likelihood[of == k]) for k in range(len(levels))])
+    told = np.flatnonzero(by_slip > by_slip.max() - _FAR)
+    if len(told) < _FEWEST:
+        told = np.arange(max(told[0] - 1, 0), min(told[-1] + 2, len(levels)))
+        told = told[np.isfinite(by_slip[told])]
+    if len(told) == 1:
+        return float(levels[told[0]]), 0.0
+    at = np.linspace(told[0], told[-1], _BETWEEN * int(told[-1] - told[0]) + 1)
+    log_density = CubicSpline(told, by_slip[told])(at)
+    value = np.exp(PchipInterpolator(told, np.log(levels[told]))(at))
+    w = np.exp(log_density - log_density.max())
+    w[[0, -1]] /= 2
+    w /= w.sum()
+    mean = float(w @ value)
+    return mean, float(np.sqrt(w @ (value - mean) ** 2))

@@ -10,6 +10,7 @@ from boxcal.calib.likelihood.estimate import DriveEstimate, Estimate
 from boxcal.calib.likelihood.fit import Fit
 from boxcal.calib.likelihood.moving.exposure import Exposure
 from boxcal.calib.likelihood.moving.faults import Sound
+from boxcal.calib.likelihood.moving.grid import mean_and_sigma
 from boxcal.calib.likelihood.moving.leave_out import LeaveOut
 from boxcal.calib.likelihood.moving.levels import Settled
 from boxcal.calib.likelihood.moving.weave import Woven
@@ -66,8 +67,7 @@ def merged(  # noqa: PLR0917 - two solutions and what is doubtful of the second
     values, count = values_of(problem, state), len(joint.woven.drives)
     values[-1 - 2 * count : -1] += np.concatenate([joint.clocks.late_s + late_s, joint.clocks.rate])
     less = gain[:COUNT, :COUNT]
-    w, slip = settled.weight, settled.levels.slip
-    mean = float(w @ slip)
+    slip, slip_sigma = mean_and_sigma(settled.levels.slip, settled.levels.log_likelihood)
     return replace(
         found,
         camera=found.camera.from_values(problem.lens, state.lens),
@@ -76,7 +76,7 @@ def merged(  # noqa: PLR0917 - two solutions and what is doubtful of the second
         b=float(state.wheels[2]),
         T_body_cam=state.T_body_cam,
         drives=tuple(_drive(own, settled, cov_all, d) for d, own in enumerate(found.drives)),
-        noise=replace(found.noise, slip=mean, slip_sigma=float(np.sqrt(w @ (slip - mean) ** 2))),
+        noise=replace(found.noise, slip=slip, slip_sigma=slip_sigma),
         cov=cov_all[:COUNT, :COUNT],
         odometry_cov=None if found.odometry_cov is None else found.odometry_cov + less,
         names=problem.names,

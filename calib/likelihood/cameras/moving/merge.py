@@ -19,6 +19,7 @@ from boxcal.calib.likelihood.moving.agreement import agreement
 from boxcal.calib.likelihood.moving.clock import LATE, RATE
 from boxcal.calib.likelihood.moving.covariance import joint_covariance
 from boxcal.calib.likelihood.moving.faults import FEWEST, Sound, sound
+from boxcal.calib.likelihood.moving.grid import mean_and_sigma
 from boxcal.calib.likelihood.moving.leave_out import leave_out
 from boxcal.calib.likelihood.moving.levels import Settled
 from boxcal.calib.likelihood.moving.merge import Moving, of_another_kind, unsuitable
@@ -182,12 +183,11 @@ def _estimate(  # noqa: PLR0917 - one camera of two solutions
     here, explained = state.of(part, number), robot.problem.explained
     causes = dict(zip(robot.problem.names[explained], state.body.explained.tolist(), strict=True))
     found = with_values(own, before.problem, here, causes, own.cov_all + change)
-    w, slip = settled.weight, settled.solutions.slip
-    mean = float(w @ slip)
+    slip, slip_sigma = mean_and_sigma(settled.solutions.slip, settled.solutions.log_likelihood)
     found = replace(
         found,
         drives=(_drive(own.drives[0], number, stops, settled, found.cov_all), *own.drives[1:]),
-        noise=replace(own.noise, slip=mean, slip_sigma=float(np.sqrt(w @ (slip - mean) ** 2))),
+        noise=replace(own.noise, slip=slip, slip_sigma=slip_sigma),
     )
     if part.course is None:
         return found
