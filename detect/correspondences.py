@@ -74,6 +74,8 @@ class StopObservation:
     def __post_init__(self) -> None:
         if self.t_end_ns < self.t_start_ns or min(self.frames, self.rejected_tags) < 0:
             raise DetectError("a stop: it ends before it begins, or its number of frames or tags is negative")
+        if not all(abs(phi) <= MAX_ANGLE for phi in (self.phi_R, self.phi_L)):
+            raise DetectError(f"a stop: a wheel's angle is not finite, or beyond {MAX_ANGLE:g} rad; drop that stop")
         refuse_odd_landmarks("a stop's", self.landmark_ids, (self.p_box, self.uv_px, self.cov_px2))
         n = self.landmark_ids.shape[0]
         if self.faces.size == 0:

@@ -13,6 +13,7 @@ from boxcal.calib.diagnosis.layout import other_layout
 from boxcal.calib.diagnosis.losses import loss_findings
 from boxcal.calib.diagnosis.sheets import Gluing, find_gluing
 from boxcal.calib.diagnosis.sheets_by_wheels import gluing_by_wheels
+from boxcal.calib.diagnosis.silent_wheels import refuse_silent_wheels
 from boxcal.calib.diagnosis.standing import Standing, how_it_stands, side_finding
 from boxcal.calib.diagnosis.wheel_signs import LEAST_STOPS, Explained, agree, explain_signs
 from boxcal.calib.diagnosis.without_stops import said_without_stops, with_frames_for_stops
@@ -148,6 +149,7 @@ def _steps(drive: Correspondences, target: Target, mode: CameraMode) -> FourStep
     if how_it_stands(camera.T_cam_box) is Standing.ON_SIDE:
         raise _error(side_finding(camera.T_cam_box, target))
     legs = legs_between(drive, camera.kept)
+    refuse_silent_wheels(legs)
     try:
         steps = solve_motion(camera, legs)
         return steps if agree(steps) else _sheets_elsewhere(drive, target, mode, steps) or steps

@@ -4,6 +4,7 @@ from enum import StrEnum
 
 import numpy as np
 
+from boxcal.calib.four_steps.step3_axis import MIN_TURN_DEG
 from boxcal.calib.geometry.so3_se3 import inverse
 from boxcal.calib.likelihood.finding import Finding
 from boxcal.target.arrays import Array
@@ -44,6 +45,12 @@ def vertical_in_box(T_cam_box: Array) -> tuple[Array, float]:
     return Vt[-1], float(singular[-1] / np.sqrt(len(relative)))
 
 
+def largest_turn(T_cam_box: Array) -> float:
+    """Return the largest angle between two of the poses (P, 4, 4), rad."""
+    flat = T_cam_box[:, :3, :3].reshape(-1, 9)
+    return float(np.arccos(np.clip((np.min(flat @ flat.T) - 1) / 2, -1, 1)))
+
+
 def how_it_stands(T_cam_box: Array) -> Standing:
     """Return whether the box lies on its side, stands upside down under upright cameras, or stands upright.
 
@@ -51,6 +58,8 @@ def how_it_stands(T_cam_box: Array) -> Standing:
     down looks the same; the wheels tell these apart (:mod:`boxcal.calib.diagnosis.wheel_signs`).
     """
     axis, moved = vertical_in_box(T_cam_box)
+    if largest_turn(T_cam_box) < np.radians(MIN_TURN_DEG):  # noise has an axis, too
+        moved = np.inf
     if abs(axis[2]) < np.cos(np.radians(45)) and moved < _ONE_AXIS and len(T_cam_box) >= _ENOUGH:
         return Standing.ON_SIDE
     up = float(np.median(-inverse(T_cam_box)[:, 2, 1]))  # z in the box of the picture's upward direction

@@ -27,6 +27,9 @@ MAX_RMS = 0.1
 MAX_UNLIKE = 0.4
 """The wheels' radii differ by no more than this, as a logarithm."""
 
+MAX_RADIUS = 100.0
+"""Wheel radius over wheel separation that no unit of the readings makes: a metre of travel a unit makes some 10."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Explained:
@@ -115,11 +118,12 @@ def fitting(camera: CameraStep, legs: Legs) -> FourSteps | None:
 
 
 def agree(steps: FourSteps) -> bool:
-    """Return whether rotations and positions by images and wheels agree, with radii that are alike."""
+    """Return whether rotations and positions by images and wheels agree, with radii that are alike and possible."""
     u = upright_translations(steps.camera.T_cam_box, steps.axis.a2, steps.axis.a3)
     moved = float(np.sqrt(np.mean(np.sum(u**2, axis=1))))
     return bool(
         steps.heading.rms < np.radians(MAX_HEADING_DEG)
         and steps.mounting.rms < MAX_RMS * moved
+        and max(abs(steps.heading.aR), abs(steps.heading.aL)) < MAX_RADIUS
         and abs(np.log(steps.mounting.rR / steps.mounting.rL)) < MAX_UNLIKE
     )

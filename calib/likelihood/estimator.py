@@ -17,6 +17,7 @@ from boxcal.calib.likelihood.rounds import solve_likelihood
 from boxcal.calib.likelihood.summary import summarise
 from boxcal.detect.correspondences import Correspondences
 from boxcal.detect.stops import MIN_STOPS
+from boxcal.target.arrays import Mask
 from boxcal.target.camera.camera_model import CameraKind
 
 ASSUMED_SLIP = 1e-3
@@ -106,10 +107,11 @@ def fit(
     return replace(found, camera_scores=scores)
 
 
-def negative_wheels(stops: int) -> CalibError:
-    """Return the error that says that wheels of negative size fit some stops best."""
+def negative_wheels(stops: int, leg_known: Mask) -> CalibError:
+    """Return the error that says that wheels of negative size fit some stops best; legs (N,) known or not."""
+    few = "" if np.all(leg_known) else f", and the wheels' travel between them is known {np.sum(leg_known)} times"
     return CalibError(
-        f"{stops} stops fit wheels of negative size best: the moves do not tell forward from backward",
+        f"{stops} stops fit wheels of negative size best: the moves do not tell forward from backward{few}",
         remedy="add stops",
     )
 
@@ -137,7 +139,7 @@ def fit_cameras(drives: Sequence[Correspondences], cameras: CameraStart, options
         raise unsolvable(count, error) from error
     forward = [found for found in fits if np.all(found.state.wheels > 0)]
     if not forward:
-        raise negative_wheels(count)
+        raise negative_wheels(count, problem.leg_known)
     return max(forward, key=_log_evidence)
 
 

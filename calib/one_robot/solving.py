@@ -68,7 +68,7 @@ def concluded(job: Job, look: FirstLook, found: Estimate, options: EstimateOptio
     """Return the calibration that an estimate amounts to, looked at once more; errors as of :func:`solve`."""
     settings, drives, steps = job.settings, look.drives, look.steps
     found = replace(found, notes=found.notes + box_notes(look.target, drives))
-    _check_told(found, steps)
+    _check_told(found, look)
     found = replace(found, findings=(*look.findings, *found.findings, *last_look(look, found)))
     held_out = validate(drives, steps, options, found) if settings.validate else None
     grown = grow(drives[0], steps[0], found, options) if settings.report and len(drives) == 1 else ()
@@ -116,12 +116,14 @@ def _why_replaced(steps: Sequence[FourSteps]) -> str:
     return next((step.replaced for step in steps if step.replaced), "")
 
 
-def _check_told(found: Estimate, steps: Sequence[FourSteps]) -> None:
+def _check_told(found: Estimate, look: FirstLook) -> None:
     """Refuse wheels of no size, and those of which nothing is told where the four steps found no answer before."""
-    why = _why_replaced(steps)
+    why = _why_replaced(look.steps)
     wheels = {"rR": found.rR, "rL": found.rL, "b": found.b}
     if min(wheels.values()) <= 0:
-        raise _said_with_start(negative_wheels(sum(len(drive.stops) for drive in found.drives)), steps)
+        known = np.concatenate([drive.legs_covered for drive in look.drives])
+        stops = sum(len(drive.stops) for drive in found.drives)
+        raise _said_with_start(negative_wheels(stops, known), look.steps)
     sigma = max(found.sigma[name] / value for name, value in wheels.items())
     if why and not sigma < _NOT_TOLD:
         raise CalibError(

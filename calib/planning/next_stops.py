@@ -166,7 +166,7 @@ def next_stops(
     )
     values = figure_values(search.figures, of_shared(known.chain[None]))[0]
     said_now = np.array([bar.value for bar in bars])
-    share = np.where(np.isfinite(said_now), said_now / values, 1.0)
+    share = np.divide(said_now, values, out=np.ones_like(values), where=np.isfinite(said_now) & (values > 0))
     chain, here, before = known.chain, known.poses[-1], bars
     out: list[NextStop] = []
     visited: list[int] = []

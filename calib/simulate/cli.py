@@ -35,7 +35,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         count = len(getattr(args, name))
         if count not in {0, args.cameras}:
             option = f"--{name.replace('_', '-')}"
-            parser.error(f"{option}: one value for each of {args.cameras} cameras is needed, and {count} are given")
+            wanted = "one value" if args.cameras == 1 else f"one value for each of {args.cameras} cameras"
+            parser.error(f"{option}: {wanted} is needed, and {count} {'is' if count == 1 else 'are'} given")
 
     # What is heavy comes after --help has answered.
     from boxcal.calib.simulate.fleet import simulate_fleet

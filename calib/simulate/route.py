@@ -59,7 +59,7 @@ def route(
     """Return the arcs that lead from a pose to another without touching the box.
 
     Each hop is a turn on the spot and an arc; a last turn gives the heading. Where the direct hop would come too
-    close, the way leads round the box, on the shorter side.
+    close, the way leads round the box, on the shorter side. To where the robot is, it is one arc of no length.
 
     Parameters
     ----------
@@ -93,7 +93,8 @@ def route(
         here = np.array([*station, turned[2] + arc.turn])
     last = float(goal[2] - here[2])
     arcs.append(Arc(distance=0.0, turn=last if exact_heading else remainder(last, 2 * pi)))
-    return [a for a in arcs if abs(a.distance) > _LEAST or abs(a.turn) > _LEAST]
+    moved = [a for a in arcs if abs(a.distance) > _LEAST or abs(a.turn) > _LEAST]
+    return moved or [Arc(distance=0.0, turn=0.0)]
 
 
 def _bends(rng: np.random.Generator | None) -> tuple[float, ...]:

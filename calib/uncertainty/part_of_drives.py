@@ -94,7 +94,7 @@ def part_with_noise_known(
     solved = [maximise(problem, state, components, weights, _NEAR)[0] for state in states]
     forward = [at for at in solved if np.all(at.state.wheels > 0)]
     if not forward:
-        raise negative_wheels(len(problem.drive))
+        raise negative_wheels(len(problem.drive), problem.leg_known)
     profiles = [fixed_profile(problem, at, components, weights) for at in forward]
     best = int(np.argmax([profile.log_evidence for profile in profiles]))
     at, cov, _ = averaged_over_slip(

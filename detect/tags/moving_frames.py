@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from boxcal.detect.errors import DetectError
+from boxcal.detect.image.gray import MAX_SIDE_PX
 from boxcal.target.arrays import Array, Ids
 from boxcal.target.box import CORNERS
 
@@ -67,6 +68,8 @@ def refuse_odd_landmarks(whose: str, landmark_ids: Ids, arrays: tuple[Array, Arr
         raise DetectError(f"{whose} landmarks: one lies more than {MAX_BOX_M:g} m from the box; they are in m")
     variances = cov_px2[:, [0, 1], [0, 1]]
     most = np.prod(np.sqrt(np.maximum(variances, 0.0)), axis=1)  # what an entry aside the diagonal stays below
+    if np.any(variances > MAX_SIDE_PX**2):
+        raise DetectError(f"{whose} landmarks: a standard deviation is beyond {MAX_SIDE_PX} px; drop such landmarks")
     if np.any(variances <= 0) or np.any(np.abs(cov_px2[:, [0, 1], [1, 0]]) >= most[:, None]):
         raise DetectError(f"{whose} landmarks: a covariance is not positive; drop such landmarks")
 

@@ -52,7 +52,7 @@ def render(  # noqa: PLR0917 - the noise source last, as a simulation's other st
         Pose of the box before the camera.
     image_size
         (width, height), px.
-    look
+    sensor
         Lens and sensor.
     rng
         Source of the noise; needed if the sensor has any.
