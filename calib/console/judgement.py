@@ -1,7 +1,7 @@
 """A verdict as lines of text: for the terminal, and for the head of every file that is made from a result."""
 
 import textwrap
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 
 from boxcal.calib.results.calibration import Calibration
 from boxcal.calib.results.verdict import Level, Verdict
@@ -14,13 +14,21 @@ _TOLD = ("leaving out single stops", "camera model chosen")
 _LABEL = {"why": "why: ", "hence": "  so: ", "do": "do: ", "note": "note: ", "not checked": "not checked: "}
 
 
-def judgement(robot: str, verdict: Verdict, *, width: int = WIDTH) -> str:
-    """Return a verdict with its reasons, causes first, and with what to do, wrapped to a width."""
+def judgement(robot: str, verdict: Verdict, *, width: int = WIDTH, told: Collection[str] = ()) -> str:
+    """Return a verdict with its reasons, causes first, and what to do, wrapped to a width; no notes that were told."""
     lines = wrapped(f"{robot}: ", f"{_MARK[verdict.level]} - {verdict.headline} ({verdict.count})", width)
     for label, text in verdict.lines():
+        if label == "note" and text in told:
+            continue
         if label != "do" or verdict.level is not Level.GOOD:
             lines += wrapped(f"  {_LABEL[label]}", text, width)
     return "\n".join(lines)
+
+
+def verdict_notes(calibration: Calibration) -> Iterator[str]:
+    """Yield the notes of a result's verdict."""
+    if calibration.verdict is not None:
+        yield from (text for label, text in calibration.verdict.lines() if label == "note")
 
 
 def own_notes(calibration: Calibration) -> Iterator[str]:

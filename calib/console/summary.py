@@ -4,7 +4,7 @@ from collections import Counter
 from collections.abc import Sequence
 
 from boxcal.calib.console.cameras import cameras_table, of_further_cameras
-from boxcal.calib.console.judgement import judgement, own_notes, wrapped
+from boxcal.calib.console.judgement import judgement, own_notes, verdict_notes, wrapped
 from boxcal.calib.console.tables import MANY, results_tables, shortened, verdict_table
 from boxcal.calib.results.calibration import Calibration
 from boxcal.calib.results.verdict import Level
@@ -47,7 +47,7 @@ def shared_notes(results: Sequence[Calibration]) -> dict[tuple[str, ...], list[s
     """Return the notes that several robots have in common, by the names of those robots, in the order given."""
     robots: dict[str, tuple[str, ...]] = {}
     for c in results:
-        for note in own_notes(c):
+        for note in (*verdict_notes(c), *own_notes(c)):
             robots[note] = (*robots.get(note, ()), c.robot)
     shared: dict[tuple[str, ...], list[str]] = {}
     for note, names in robots.items():
@@ -62,7 +62,7 @@ def _said(results: Sequence[Calibration]) -> str:
     told = {note for notes in shared.values() for note in notes}
     for c in results:
         if c.verdict is not None:
-            lines.append(judgement(c.robot, c.verdict))
+            lines.append(judgement(c.robot, c.verdict, told=told))
         lines += [line for note in own_notes(c) if note not in told for line in wrapped("  ", note)]
         lines += of_further_cameras(c)
     for robots, notes in shared.items():

@@ -38,9 +38,15 @@ def test_a_note_that_several_robots_share_is_printed_once(judged: Named) -> None
     text = summary([*_robots(good, 3), own])
     robots = ("r000", "r001", "r002", "r003")
     assert shared_notes([good]) == {}
-    assert shared_notes([*_robots(good, 3), own]) == {robots: ["the wheels squeak"]}
+    assert good.verdict is not None
+    of_verdict = [note.text for note in good.verdict.notes]
+    assert shared_notes([*_robots(good, 3), own]) == {robots: [*of_verdict, "the wheels squeak"]}
+    shared = "All lengths are as sure as the print's own size"
+    assert any(note.startswith(shared) for note in of_verdict)
+    assert text.count(shared) == 1, "what all verdicts note alike, too"
     assert text.count("the wheels squeak") == 1
-    assert "\nall 4 robots:\n  the wheels squeak\n" in text
+    assert f"\nall 4 robots:\n  {shared}" in text
+    assert f"  note: {shared}" in summary([good]), "one robot's note stands with its verdict"
     assert "\n  one bulb is dead\n" in text
     assert all(f"{robot}: GOOD" in text for robot in robots), "each robot has its verdict"
     assert max(map(len, text.splitlines())) <= 80
