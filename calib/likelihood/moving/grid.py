@@ -4,11 +4,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.interpolate import CubicSpline, PchipInterpolator
 from scipy.special import logsumexp
 
 from boxcal.calib.likelihood.moving.system import Levels
-from boxcal.target.arrays import Array
+from boxcal.target.arrays import Array, Ids
 
 _IMPROBABLE = 1e-4
 _BETWEEN = 400
@@ -99,8 +98,8 @@ def _weighed(solved: Callable[[Array, Array], Levels], slip: Array, jitter_s: Ar
 def mean_and_sigma(slip: Array, log_likelihood: Array) -> tuple[float, float]:
     """Return slip's mean and standard deviation, from the likelihood at levels of slip and jitter.
 
-    The likelihood's logarithm is read between the levels, too, by a cubic spline: a drive of many legs tells slip to a
-    tenth of what levels are apart, and then one level has all the probability.
+    The likelihood's logarithm is read between the levels, too, by parabolas: a drive of many legs tells slip to a tenth
+    of what levels are apart, and then one level has all the probability.
 
     Parameters
     ----------
@@ -118,10 +117,26 @@ def mean_and_sigma(slip: Array, log_likelihood: Array) -> tuple[float, float]:
     if len(told) == 1:
         return float(levels[told[0]]), 0.0
     at = np.linspace(told[0], told[-1], _BETWEEN * int(told[-1] - told[0]) + 1)
-    log_density = CubicSpline(told, by_slip[told])(at)
-    value = np.exp(PchipInterpolator(told, np.log(levels[told]))(at))
+    log_density = _between(told, by_slip[told], at)
+    value = np.exp(np.interp(at, told, np.log(levels[told])))
     w = np.exp(log_density - log_density.max())
     w[[0, -1]] /= 2
     w /= w.sum()
     mean = float(w @ value)
     return mean, float(np.sqrt(w @ (value - mean) ** 2))
+
+
+def _between(places: Ids, values: Array, at: Array) -> Array:
+    """Return values (N,) of ascending places (N,) read between them, by the two parabolas of three that reach there."""
+    if len(places) < _FEWEST:
+        return np.asarray(np.interp(at, places, values))
+    first = np.clip(np.searchsorted(places, at, side="right") - 1, 0, len(places) - 2)
+    share = (at - places[first]) / (places[first + 1] - places[first])
+
+    def parabola(start: Ids) -> Array:
+        x, y = (of[np.clip(start, 0, len(places) - 3)[:, None] + np.arange(3)].T for of in (places, values))
+        slope = (y[1] - y[0]) / (x[1] - x[0]), (y[2] - y[1]) / (x[2] - x[1])
+        bend = (slope[1] - slope[0]) / (x[2] - x[0])
+        return np.asarray(y[0] + (at - x[0]) * (slope[0] + (at - x[1]) * bend))
+
+    return (1 - share) * parabola(first - 1) + share * parabola(first)
