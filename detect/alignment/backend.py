@@ -19,6 +19,8 @@ class Backend:
     ----------
     name
         ``numba`` or ``numpy``.
+    four_sided
+        Outlines of tags, :func:`boxcal.detect.alignment.outlines.four_sided`.
     begin
         Start and pixels of an alignment, :func:`boxcal.detect.alignment.registration.begin.begin`.
     accumulate
@@ -34,6 +36,7 @@ class Backend:
     """
 
     name: str
+    four_sided: Callable[..., Any]
     begin: Callable[..., Any]
     accumulate: Callable[..., Any]
     iterate: Callable[..., None]
@@ -52,7 +55,7 @@ def backend() -> Backend:
 @cache
 def numpy_backend() -> Backend:
     """Return the reference in numpy."""
-    from boxcal.detect.alignment import box_refinement  # noqa: PLC0415 - these modules import this one
+    from boxcal.detect.alignment import box_refinement, outlines  # noqa: PLC0415 - these modules import this one
     from boxcal.detect.alignment.registration import (  # noqa: PLC0415
         begin,
         finish,
@@ -63,6 +66,7 @@ def numpy_backend() -> Backend:
 
     return Backend(
         name="numpy",
+        four_sided=outlines.four_sided,
         begin=begin.begin,
         accumulate=image_model.accumulate,
         iterate=gauss_newton.iterate,
@@ -82,10 +86,12 @@ def numba_backend() -> Backend:
         finish,
         gauss_newton,
         misfit_sums,
+        outlines,
     )
 
     return Backend(
         name="numba",
+        four_sided=outlines.four_sided,
         begin=begin.begin,
         accumulate=gauss_newton.accumulate,
         iterate=gauss_newton.iterate,

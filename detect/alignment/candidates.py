@@ -1,14 +1,13 @@
 """Tag candidates: dark quadrilaterals whose inside resembles a pattern, accurate to about a pixel."""
 
-from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from boxcal.detect.alignment.backend import backend
 from boxcal.detect.alignment.homography import from_square
 from boxcal.detect.alignment.tag_patterns import Index, Patterns
 from boxcal.detect.image.gray import halved
@@ -107,13 +106,12 @@ def find_candidates(
 def _quads(image: NDArray[np.uint8], window_px: int) -> Array:
     """Return the outlines of dark quadrilaterals, (N, 4, 2) px, clockwise as seen."""
     binary = cv2.adaptiveThreshold(
-        image, 255, cv2.ADAPTIVE_THRESH_MEAN_C, cv2.THRESH_BINARY_INV, window_px, _THRESHOLD_OFFSET
+        image, 1, cv2.ADAPTIVE_THRESH_MEAN_C, cv2.THRESH_BINARY_INV, window_px, _THRESHOLD_OFFSET
     )
-    contours, _ = cv2.findContours(binary, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
-    quads = list(_four_sided(contours, least=int(3 * MIN_SIDE_PX), most=2 * sum(image.shape)))
-    if not quads:
-        return np.zeros((0, 4, 2))
-    corners = np.array(quads[:MAX_QUADS], dtype=np.float64)
+    dark = np.asarray(binary, dtype=np.uint8)
+    corners: Array = backend().four_sided(dark, int(3 * MIN_SIDE_PX), 2 * sum(image.shape))[:MAX_QUADS]
+    if len(corners) == 0:
+        return corners
     side = np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2)
     diagonal = np.linalg.norm(corners[:, 2:] - corners[:, :2], axis=2).max(axis=1)
     area = _area(corners)
@@ -121,18 +119,6 @@ def _quads(image: NDArray[np.uint8], window_px: int) -> Array:
     corners = corners[good]
     # contours run through the centres of dark pixels; the edge lies half a pixel further out
     return _grown(corners, 0.5)
-
-
-def _four_sided(contours: Sequence[Any], least: int, most: int) -> Iterator[Array]:
-    for contour in [c for c in contours if least <= len(c) <= most]:
-        length = len(contour)
-        area = cv2.contourArea(contour, oriented=True)
-        # outer outlines are negative; a quadrilateral of this length is not thinner than 1 : 8
-        if -area < 0.02 * length * length:
-            continue
-        polygon = cv2.approxPolyDP(contour, max(0.035 * length, 1.2), closed=True)
-        if len(polygon) == 4 and cv2.isContourConvex(polygon):
-            yield polygon[::-1, 0].astype(np.float64)
 
 
 def _area(corners: Array) -> Array:

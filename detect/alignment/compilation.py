@@ -155,10 +155,15 @@ def compile_half(which: str) -> None:
     if which != _HALVES[1]:
         _pixels(compute)
     if which != _HALVES[0]:
+        _outlines(compute)
         _box(compute)
         _begin(compute)
         _corners(compute)
         _misfit()
+
+
+def _outlines(compute: Backend) -> None:
+    compute.four_sided(np.zeros((_SIZE, _SIZE), np.uint8), 1, _SIZE)
 
 
 def _box(compute: Backend) -> None:

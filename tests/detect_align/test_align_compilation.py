@@ -14,7 +14,7 @@ from boxcal.detect.alignment import compilation
 from boxcal.detect.alignment.backend import backend, numba_backend
 from boxcal.detect.alignment.compilation import prepare
 from boxcal.detect.alignment.detector import detect_tags
-from boxcal.detect.alignment.numba import begin, box_refinement, finish, gauss_newton, kernel, misfit_sums
+from boxcal.detect.alignment.numba import begin, box_refinement, finish, gauss_newton, kernel, misfit_sums, outlines
 
 
 def test_plain_install_runs_compiled_code():
@@ -30,6 +30,7 @@ def test_nothing_is_compiled_for_a_picture_beyond_what_is_prepared():
         finish._finish,
         box_refinement._refine,
         box_refinement._predict,
+        outlines._four_sided,
     )
     detect_tags(view(pose(20.0)), TARGET)
     detect_tags(np.asfortranarray(view(pose(20.0))), TARGET)
