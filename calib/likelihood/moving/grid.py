@@ -6,10 +6,14 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import logsumexp
 
-from boxcal.calib.likelihood.moving.system import Levels
+from boxcal.calib.likelihood.moving.system import Levels, Scan, solutions
 from boxcal.target.arrays import Array, Ids
 
 _IMPROBABLE = 1e-4
+_NEGLIGIBLE = 1e-6
+"""Levels less probable than this share of the most probable are not solved."""
+_EDGE = 0.05
+"""A level at the end of a grid that is so probable, over the most probable one, has others beyond it."""
 _BETWEEN = 400
 """Places between two levels at which their probability is read."""
 _FAR = 40.0
@@ -32,12 +36,24 @@ class Axis:
         Levels to begin with, ascending.
     fine
         How many levels there are nearer by.
+    first
+        Lowest and highest level that are probable by what is known beforehand: of those to begin with the ones between
+        them are looked at first, and one on either side.
     """
 
     quiet: float
     least: float
     coarse: Array
     fine: int
+    first: tuple[float, float] | None = None
+
+    @property
+    def nearby(self) -> Array:
+        """Levels to begin with that are looked at first, ascending."""
+        if self.first is None:
+            return self.coarse
+        low, high = np.searchsorted(self.coarse, self.first)
+        return self.coarse[max(int(low) - 1, 0) : int(high) + 1]
 
     def closer(self, levels: Array, weight: Array) -> Array:
         """Return levels over those that are probable, by weights (C,) of levels (C,), and their neighbours."""
@@ -49,50 +65,79 @@ class Axis:
         square = np.exp(np.linspace(u[0], u[1], self.fine)) - self.quiet**2
         return np.sqrt(np.maximum(square, self.least**2))
 
-    def covers(self, levels: Array, weight: Array) -> bool:
-        """Tell whether levels reach to where they are improbable, or as far as levels go."""
+    def covers(self, levels: Array, weight: Array, edge: float = _EDGE) -> bool:
+        """Tell whether levels reach to where they are improbable, by ``edge`` at most, or as far as levels go."""
         far = np.array([levels[0] > 1.01 * self.coarse[0], levels[-1] < 0.99 * self.coarse[-1]])
-        return not bool(np.any(far & (weight[[0, -1]] > _EDGE * weight.max())))
+        return not bool(np.any(far & (weight[[0, -1]] > edge * weight.max())))
 
 
-_EDGE = 0.05
-"""A level at the end of a grid that is so probable, over the most probable one, has others beyond it."""
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Probable:
+    """Noise that is probable about one state.
+
+    Attributes
+    ----------
+    levels
+        Solutions at the levels that are probable at all.
+    weight : (K,)
+        Their probabilities, which sum to 1.
+    slip, jitter_s, log_likelihood : (M,)
+        All pairs of levels of slip and of jitter, and their likelihoods.
+    """
+
+    levels: Levels
+    weight: Array
+    slip: Array
+    jitter_s: Array
+    log_likelihood: Array
+
+    def by_axis(self, slip: Array, jitter_s: Array) -> tuple[Array, Array]:
+        """Return the probabilities, not normalised, of levels (C,) of slip, and of those (J,) of jitter, all pairs."""
+        table = np.exp(self.log_likelihood - self.log_likelihood.max()).reshape(len(slip), len(jitter_s))
+        return table.sum(axis=1), table.sum(axis=0)
 
 
-def over_levels(
-    solved: Callable[[Array, Array], Levels], slip: Axis, jitter: Axis, near: Levels | None
-) -> tuple[Levels, Array]:
-    """Return solutions at probable levels of slip and jitter, (K,), and their weights (K,), which sum to 1.
+def over_levels(scanned: Callable[[Array, Array], Scan], slip: Axis, jitter: Axis, near: Probable | None) -> Probable:
+    """Return the levels of slip and jitter that are probable.
 
     Parameters
     ----------
-    solved
-        Returns the solutions at levels of slip and jitter, (K,) each.
+    scanned
+        Returns the likelihood at levels of slip and jitter, (K,) each.
     slip, jitter
         Which levels there are.
     near
-        Levels that were probable nearby; they are looked at first, and all if those do not reach far enough.
+        What was probable nearby: its levels are looked at first, and all if those do not reach far enough.
     """
     if near is not None:
-        at = (np.unique(near.slip), np.unique(near.jitter_s))
-        levels, weight = _weighed(solved, *at)
-        table = weight.reshape(len(at[0]), len(at[1]))
-        if slip.covers(at[0], table.sum(axis=1)) and jitter.covers(at[1], table.sum(axis=0)):
-            return levels, weight
-    _, weight = _weighed(solved, slip.coarse, jitter.coarse)
-    table = weight.reshape(len(slip.coarse), len(jitter.coarse))
-    return _weighed(
-        solved, slip.closer(slip.coarse, table.sum(axis=1)), jitter.closer(jitter.coarse, table.sum(axis=0))
-    )
+        at = np.unique(near.slip), np.unique(near.jitter_s)
+        found = _probable(scanned, *at)
+        by_slip, by_jitter = found.by_axis(*at)
+        if slip.covers(at[0], by_slip) and jitter.covers(at[1], by_jitter):
+            return found
+    for slips in (slip.nearby, slip.coarse):
+        by_slip, by_jitter = _probable(scanned, slips, jitter.coarse).by_axis(slips, jitter.coarse)
+        if slip.covers(slips, by_slip, _IMPROBABLE):
+            break
+    return _probable(scanned, slip.closer(slips, by_slip), jitter.closer(jitter.coarse, by_jitter))
 
 
-def _weighed(solved: Callable[[Array, Array], Levels], slip: Array, jitter_s: Array) -> tuple[Levels, Array]:
-    S, J = np.meshgrid(slip, jitter_s, indexing="ij")
-    levels = solved(S.ravel(), J.ravel())
-    if not np.any(np.isfinite(levels.log_likelihood)):
-        raise np.linalg.LinAlgError("rounding hides the likelihood at all levels of noise")
-    weight = np.exp(levels.log_likelihood - levels.log_likelihood.max())
-    return levels, weight / weight.sum()
+def _probable(scanned: Callable[[Array, Array], Scan], slip: Array, jitter_s: Array) -> Probable:
+    """Return what is probable of all pairs of levels; what rounding is seen to hide once it is solved is not."""
+    S, J = (part.ravel() for part in np.meshgrid(slip, jitter_s, indexing="ij"))
+    scan = scanned(S, J)
+    log_likelihood = scan.log_likelihood.copy()
+    while np.any(np.isfinite(log_likelihood)):
+        kept = log_likelihood > log_likelihood.max() + np.log(_NEGLIGIBLE)
+        levels = solutions(scan, kept)
+        hidden = ~np.isfinite(levels.log_likelihood)
+        if not hidden.any():
+            weight = np.exp(levels.log_likelihood - levels.log_likelihood.max())
+            return Probable(
+                levels=levels, weight=weight / weight.sum(), slip=S, jitter_s=J, log_likelihood=log_likelihood
+            )
+        log_likelihood[np.flatnonzero(kept)[hidden]] = -np.inf
+    raise np.linalg.LinAlgError("rounding hides the likelihood at all levels of noise")
 
 
 def mean_and_sigma(slip: Array, log_likelihood: Array) -> tuple[float, float]:

@@ -8,13 +8,13 @@ import numpy as np
 
 from boxcal.calib.likelihood.fit import Fit
 from boxcal.calib.likelihood.levenberg_marquardt import Linearization
-from boxcal.calib.likelihood.moving.grid import Axis, over_levels
+from boxcal.calib.likelihood.moving.grid import Axis, Probable, over_levels
 from boxcal.calib.likelihood.moving.noise import FrameNoise
-from boxcal.calib.likelihood.moving.solve import Joint, maximised, solved, stepped
+from boxcal.calib.likelihood.moving.solve import Joint, maximised, scan, solved, stepped
 from boxcal.calib.likelihood.moving.system import Levels
 from boxcal.calib.likelihood.outliers import flag_corners
 from boxcal.calib.likelihood.problem import Problem
-from boxcal.calib.likelihood.slip_profile import LARGEST_SLIP, quiet_slip
+from boxcal.calib.likelihood.slip_profile import LARGEST_SLIP, SlipProfile, quiet_slip
 from boxcal.detect.correspondences import Correspondences
 from boxcal.target.arrays import Array
 
@@ -26,6 +26,8 @@ _LEAST_OF_QUIET = 0.05
 """Slip is taken as at least this share of what equals the quantisation."""
 _LEAST_OF_STOPS = 0.05
 """And as this share of what stops show: frames are near to each other, and less would hide them in rounding."""
+_OF_STOPS = 1e-4
+"""Levels of slip less probable than this share of the most probable, by the stops, are not looked at first."""
 _AT_REST = 0.1
 """Squared change of the shared unknowns, in their standard deviations, from which on the solver did not get there."""
 _LIKELY = 0.01
@@ -48,14 +50,23 @@ class Settled:
         At the maximum for the most probable noise.
     noise
         That noise.
-    levels, weight
-        Solutions about it at the levels of slip and jitter that are probable, and their weights (K,), which sum to 1.
+    probable
+        Levels of slip and jitter that are probable, and solutions about it at those.
     """
 
     joint: Joint
     noise: FrameNoise
-    levels: Levels
-    weight: Array
+    probable: Probable
+
+    @property
+    def levels(self) -> Levels:
+        """Solutions at probable levels."""
+        return self.probable.levels
+
+    @property
+    def weight(self) -> Array:
+        """Probabilities of the levels, (K,)."""
+        return self.probable.weight
 
     @property
     def cov(self) -> Array:
@@ -84,18 +95,18 @@ def settled(fit: Fit, drives: Sequence[Correspondences], joint: Joint, noise: Fr
     if reached is None:
         return None
     joint, noise = _steadied(fit, reached, noise)
-    noise, levels, weight = _updated(fit, joint, noise, None)
+    noise, found = _updated(fit, joint, noise, None)
     for _ in range(_ROUNDS):
         before = noise
-        joint = stepped(_renoised(fit, joint, noise), levels, weight)
+        joint = stepped(_renoised(fit, joint, noise), found.levels, found.weight)
         noise = _steadier(fit, joint, replace(noise, scale=_scale(fit, joint)))[0]
-        noise, levels, weight = _updated(fit, joint, noise, levels)
+        noise, found = _updated(fit, joint, noise, found)
         if _near(before, noise):
             break
-    joint = stepped(joint, levels, weight)
-    if not (joint.at.valid and _left(fit, joint, noise, levels, weight) < _AT_REST):
+    joint = stepped(joint, found.levels, found.weight)
+    if not (joint.at.valid and _left(fit, joint, noise, found) < _AT_REST):
         return None
-    return Settled(joint=joint, noise=noise, levels=levels, weight=weight)
+    return Settled(joint=joint, noise=noise, probable=found)
 
 
 def _steadied(fit: Fit, joint: Joint, noise: FrameNoise) -> tuple[Joint, FrameNoise]:
@@ -120,27 +131,27 @@ def _near(before: FrameNoise, after: FrameNoise) -> bool:
     return all(abs(np.log(b / a)) < _ALIKE for a, b in pairs)
 
 
-def _updated(fit: Fit, joint: Joint, noise: FrameNoise, near: Levels | None) -> tuple[FrameNoise, Levels, Array]:
-    """Return the noise with slip and jitter about a state, the solutions at their probable levels, and the weights.
+def _updated(fit: Fit, joint: Joint, noise: FrameNoise, near: Probable | None) -> tuple[FrameNoise, Probable]:
+    """Return the noise with slip and jitter about a state, and the levels of these that are probable.
 
-    ``near`` are levels that were probable nearby; without them all are looked at.
+    ``near`` is what was probable nearby; without it all levels are looked at.
     """
-    slips = slip_axis(joint.problem, joint.at, fit.components.slip, fit.options.slip)
-    levels, weight = over_levels(partial(solved, fit, joint, noise), slips, jitter_axis(), near)
-    slip_2, jitter_2 = weight @ levels.slip**2, weight @ levels.jitter_s**2
-    return replace(noise, slip=float(np.sqrt(slip_2)), jitter_s=float(np.sqrt(jitter_2))), levels, weight
+    slips = slip_axis(joint.problem, joint.at, fit.profile, fit.options.slip)
+    found = over_levels(partial(scan, fit, joint, noise), slips, jitter_axis(), near)
+    slip_2, jitter_2 = found.weight @ found.levels.slip**2, found.weight @ found.levels.jitter_s**2
+    return replace(noise, slip=float(np.sqrt(slip_2)), jitter_s=float(np.sqrt(jitter_2))), found
 
 
-def slip_axis(problem: Problem, at: Linearization, of_stops: float, given: float | None) -> Axis:
+def slip_axis(problem: Problem, at: Linearization, of_stops: SlipProfile, given: float | None) -> Axis:
     """Return the levels of slip that are looked at: all, or the one that was given; ``of_stops`` is what stops show."""
     quiet = quiet_slip(problem, at)
-    least = max(_LEAST_OF_QUIET * quiet, _LEAST_OF_STOPS * of_stops)
+    least = max(_LEAST_OF_QUIET * quiet, _LEAST_OF_STOPS * of_stops.typical)
     if given is not None:
-        coarse = np.array([max(given, least)])
-    else:
-        u = np.linspace(2 * np.log(quiet), np.log(LARGEST_SLIP**2 + quiet**2), _SLIPS)
-        coarse = np.sqrt(np.maximum(np.exp(u) - quiet**2, least**2))
-    return Axis(quiet=quiet, least=least, coarse=coarse, fine=_FINE_SLIPS)
+        return Axis(quiet=quiet, least=least, coarse=np.array([max(given, least)]), fine=_FINE_SLIPS)
+    u = np.linspace(2 * np.log(quiet), np.log(LARGEST_SLIP**2 + quiet**2), _SLIPS)
+    coarse = np.sqrt(np.maximum(np.exp(u) - quiet**2, least**2))
+    probable = of_stops.slip[of_stops.weight > _OF_STOPS * of_stops.weight.max()]
+    return Axis(quiet=quiet, least=least, coarse=coarse, fine=_FINE_SLIPS, first=(probable[0], probable[-1]))
 
 
 def jitter_axis() -> Axis:
@@ -151,8 +162,9 @@ def jitter_axis() -> Axis:
     return Axis(quiet=quiet, least=_LEAST_JITTER_S, coarse=coarse, fine=_FINE_JITTERS)
 
 
-def _left(fit: Fit, joint: Joint, noise: FrameNoise, levels: Levels, weight: Array) -> float:
+def _left(fit: Fit, joint: Joint, noise: FrameNoise, found: Probable) -> float:
     """Return how far the shared unknowns would still go, a squared distance in their standard deviations."""
+    levels, weight = found.levels, found.weight
     likely = weight > _LIKELY * weight.max()
     again = solved(fit, joint, noise, levels.slip[likely], levels.jitter_s[likely])
     step = (weight[likely] / weight[likely].sum()) @ again.solution.d_shared

@@ -17,7 +17,7 @@ from boxcal.calib.likelihood.moving.clock import CameraClock, Clocks
 from boxcal.calib.likelihood.moving.noise import FrameNoise, local_sigmas
 from boxcal.calib.likelihood.moving.rolling import Readout, with_rolling
 from boxcal.calib.likelihood.moving.slip_within import SlipWithin, equations_with_slip, slip_modes
-from boxcal.calib.likelihood.moving.system import Levels, solved_at, system
+from boxcal.calib.likelihood.moving.system import Levels, Scan, System, scanned, solved_at, system
 from boxcal.calib.likelihood.moving.weave import Woven, weave_drives
 from boxcal.calib.likelihood.problem import Problem, build_problem
 from boxcal.calib.likelihood.state import State, retract
@@ -312,9 +312,17 @@ def maximised(fit: Fit, drives: Sequence[Correspondences], joint: Joint, noise: 
 
 def solved(fit: Fit, joint: Joint, noise: FrameNoise, slip: Array, jitter_s: Array) -> Levels:
     """Return the solutions about the state at levels of slip and jitter (K,); see :func:`solved_at`."""
-    at, weights = joint.at, joint.weights
+    return solved_at(_system(fit, joint, noise, slip, jitter_s))
+
+
+def scan(fit: Fit, joint: Joint, noise: FrameNoise, slip: Array, jitter_s: Array) -> Scan:
+    """Return the likelihood about the state at levels of slip and jitter (K,); see :func:`scanned`."""
+    return scanned(_system(fit, joint, noise, slip, jitter_s))
+
+
+def _system(fit: Fit, joint: Joint, noise: FrameNoise, slip: Array, jitter_s: Array) -> System:
     sigma = sigmas(fit, joint, noise)
-    return solved_at(system(joint.problem, joint.woven, at, fit.components, weights, sigma, slip, jitter_s))
+    return system(joint.problem, joint.woven, joint.at, fit.components, joint.weights, sigma, slip, jitter_s)
 
 
 def sigmas(fit: Fit, joint: Joint, noise: FrameNoise) -> Array:

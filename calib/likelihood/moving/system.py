@@ -5,14 +5,43 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from boxcal.calib.likelihood.components import VarianceComponents
+from boxcal.calib.likelihood.information_inverse import determinant
 from boxcal.calib.likelihood.leg_residuals import leg_covariance, leg_equations
 from boxcal.calib.likelihood.levenberg_marquardt import Linearization, Weights, picture_equations
 from boxcal.calib.likelihood.moving.weave import Woven
-from boxcal.calib.likelihood.normal_equations import Eliminated, Normal, Solution, eliminate, solve_chain
+from boxcal.calib.likelihood.normal_equations import (
+    Eliminated,
+    EliminatedChain,
+    Normal,
+    Solution,
+    eliminate,
+    eliminate_chain,
+    solve_shared,
+)
 from boxcal.calib.likelihood.priors import shared_values
 from boxcal.calib.likelihood.problem import Problem
 from boxcal.calib.likelihood.state import READINGS
-from boxcal.target.arrays import Array
+from boxcal.target.arrays import Array, Mask
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Scan:
+    """The likelihood about one state at K levels of slip and jitter; no solutions, which cost several times as much.
+
+    Attributes
+    ----------
+    slip, jitter_s : (K,), m/sqrt(m) and s
+    log_likelihood : (K,)
+        Logarithm of the restricted likelihood, up to a constant; -inf where rounding is seen to hide it.
+    system, chain
+        The equations, and these with the stops eliminated, too.
+    """
+
+    slip: Array
+    jitter_s: Array
+    log_likelihood: Array
+    system: "System"
+    chain: EliminatedChain
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -115,31 +144,54 @@ def system(  # noqa: PLR0917 - a state and what holds there
     )
 
 
-def solved_at(s: System) -> Levels:
-    """Return the solutions of stops and frames about a state, at the levels of slip and jitter of its equations."""
-    solution = solve_chain(s.normal, s.eliminated)
-    left = s.squares - solution.decrease
-    told = (left > 0) & (_rounding(s, solution) < _MOST_ROUNDING)
-    return Levels(
+def scanned(s: System) -> Scan:
+    """Return the likelihood of stops and frames about a state, at the levels of slip and jitter of its equations."""
+    chain = eliminate_chain(s.normal)
+    log_det, decrease = determinant(chain.information, chain.right)
+    left = s.squares - (decrease + chain.decrease + s.eliminated.decrease)
+    log_det = log_det + chain.log_det + s.eliminated.log_det
+    return Scan(
         slip=s.slip,
         jitter_s=s.jitter_s,
-        log_likelihood=np.where(told, -0.5 * (s.log_noise + solution.log_det + left), -np.inf),
+        log_likelihood=np.where(left > 0, -0.5 * (s.log_noise + log_det + left), -np.inf),
+        system=s,
+        chain=chain,
+    )
+
+
+def solutions(scan: Scan, kept: Mask) -> Levels:
+    """Return the solutions at some of the levels of a scan, (K,); their likelihoods are -inf where rounding hides them.
+
+    A scan sees no more of rounding than squares below nought.
+    """
+    s, chain = scan.system, scan.chain.some(kept)
+    solution = solve_shared(chain, s.eliminated)
+    told = _rounding(s.normal.a[kept], s.normal.c[kept], s.eliminated, solution) < _MOST_ROUNDING
+    return Levels(
+        slip=scan.slip[kept],
+        jitter_s=scan.jitter_s[kept],
+        log_likelihood=np.where(told, scan.log_likelihood[kept], -np.inf),
         solution=solution,
         local_sigma=s.local_sigma,
     )
 
 
+def solved_at(s: System) -> Levels:
+    """Return the solutions of stops and frames about a state, at the levels of slip and jitter of its equations."""
+    return solutions(scanned(s), np.ones(len(s.slip), dtype=np.bool_))
+
+
 _MOST_ROUNDING = 0.1
 
 
-def _rounding(s: System, solution: Solution) -> Array:
+def _rounding(a: Array, c: Array, eliminated: Eliminated, solution: Solution) -> Array:
     """Return by how much rounding may spoil the sums of squares, (K,): their decrease by factors, and by the step.
 
-    Frames near to each other and little slip make pivots that lose many digits.
+    Frames near to each other and little slip make pivots that lose many digits. ``a`` (K, n) and ``c`` (K, P, 5) are
+    the equations' right-hand sides.
     """
-    step = np.einsum("...i,...i->...", s.normal.a, solution.d_shared)
-    step = step + np.einsum("...pi,...pi->...", s.normal.c, solution.d_stops)
-    return np.asarray(np.abs(step + s.eliminated.decrease - solution.decrease))
+    step = np.einsum("...i,...i->...", a, solution.d_shared) + np.einsum("...pi,...pi->...", c, solution.d_stops)
+    return np.asarray(np.abs(step + eliminated.decrease - solution.decrease))
 
 
 def _readings(

@@ -67,7 +67,7 @@ def merged(  # noqa: PLR0917 - two solutions and what is doubtful of the second
     values, count = values_of(problem, state), len(joint.woven.drives)
     values[-1 - 2 * count : -1] += np.concatenate([joint.clocks.late_s + late_s, joint.clocks.rate])
     less = gain[:COUNT, :COUNT]
-    slip, slip_sigma = mean_and_sigma(settled.levels.slip, settled.levels.log_likelihood)
+    slip, slip_sigma = mean_and_sigma(settled.probable.slip, settled.probable.log_likelihood)
     return replace(
         found,
         camera=found.camera.from_values(problem.lens, state.lens),

@@ -13,12 +13,12 @@ from boxcal.calib.likelihood.cameras.solve import RobotFit
 from boxcal.calib.likelihood.cameras.state import RobotState, stepped
 from boxcal.calib.likelihood.levenberg_marquardt import Weights
 from boxcal.calib.likelihood.moving.clock import LATE, RATE, Clocks
-from boxcal.calib.likelihood.moving.grid import over_levels
+from boxcal.calib.likelihood.moving.grid import Probable, over_levels
 from boxcal.calib.likelihood.moving.levels import jitter_axis, slip_axis
 from boxcal.calib.likelihood.moving.noise import local_sigmas
 from boxcal.calib.likelihood.moving.solve import CLOSE, DIVERGED, LONGEST_S, REWOVEN_S, STEPS, led_by_wheels
 from boxcal.calib.likelihood.moving.system import Levels as Solutions
-from boxcal.calib.likelihood.moving.system import solved_at, system
+from boxcal.calib.likelihood.moving.system import Scan, System, scanned, solved_at, system
 from boxcal.calib.likelihood.systematic_errors import systematic_covariance
 from boxcal.detect.correspondences import Correspondences
 from boxcal.target.arrays import Array, Ids
@@ -93,15 +93,14 @@ class SettledAll:
     ----------
     joint
         There.
-    solutions, weight
-        At levels of slip and jitter that are probable, and their weights (K,).
+    probable
+        Levels of slip and jitter that are probable, and solutions about it at those.
     cov : (n, n)
         Of the shared unknowns, smooth errors of corners in it.
     """
 
     joint: AllMoving
-    solutions: Solutions
-    weight: Array
+    probable: Probable
     cov: Array
 
 
@@ -120,17 +119,15 @@ def settled_together(stops: RobotFit, row: Correspondences, cameras: Sequence[Se
     if reached is None:
         return None
     joint = reached
-    solutions: Solutions | None = None
+    found: Probable | None = None
     for _ in range(_ROUNDS):
-        slips = slip_axis(joint.row.robot.problem, joint.here.at, stops.levels.slip, cameras[0].fit.options.slip)
-        solutions, weight = over_levels(partial(_solved, joint), slips, jitter_axis(), solutions)
-        joint = _stepped(joint, solutions, weight)
+        slips = slip_axis(joint.row.robot.problem, joint.here.at, stops.profile, cameras[0].fit.options.slip)
+        found = over_levels(partial(_scan, joint), slips, jitter_axis(), found)
+        joint = _stepped(joint, found.levels, found.weight)
         if not joint.here.valid:
             return None
-        if _left(joint, solutions, weight) < _AT_REST:
-            return SettledAll(
-                joint=joint, solutions=solutions, weight=weight, cov=_cov(joint, solutions, weight, cameras)
-            )
+        if _left(joint, found) < _AT_REST:
+            return SettledAll(joint=joint, probable=found, cov=_cov(joint, found, cameras))
     return None
 
 
@@ -244,10 +241,19 @@ def _maximised(stops: RobotFit, row: Correspondences, cameras: Sequence[Seen], j
 
 def _solved(joint: AllMoving, slip: Array, jitter_s: Array) -> Solutions:
     """Return the solutions about the state at levels of slip and jitter, (K,) each."""
+    return solved_at(_system(joint, slip, jitter_s))
+
+
+def _scan(joint: AllMoving, slip: Array, jitter_s: Array) -> Scan:
+    """Return the likelihood about the state at levels of slip and jitter, (K,) each."""
+    return scanned(_system(joint, slip, jitter_s))
+
+
+def _system(joint: AllMoving, slip: Array, jitter_s: Array) -> System:
     woven = replace(joint.row.woven, course=joint.row.woven.course * joint.jitter[:, None, None])
     weights = Weights(corners=np.zeros(0), legs=joint.legs)
     problem = joint.row.robot.problem
-    return solved_at(system(problem, woven, joint.here.at, joint.levels, weights, joint.sigma, slip, jitter_s))
+    return system(problem, woven, joint.here.at, joint.levels, weights, joint.sigma, slip, jitter_s)
 
 
 def _stepped(joint: AllMoving, solutions: Solutions, weight: Array) -> AllMoving:
@@ -258,17 +264,18 @@ def _stepped(joint: AllMoving, solutions: Solutions, weight: Array) -> AllMoving
     return replace(joint, here=about(joint.row.robot, state, joint.levels.scales))
 
 
-def _left(joint: AllMoving, solutions: Solutions, weight: Array) -> float:
+def _left(joint: AllMoving, found: Probable) -> float:
     """Return how far the shared unknowns would still go, a squared distance in their standard deviations."""
+    solutions, weight = found.levels, found.weight
     likely = weight > _LIKELY * weight.max()
     again = _solved(joint, solutions.slip[likely], solutions.jitter_s[likely])
     step = (weight[likely] / weight[likely].sum()) @ again.solution.d_shared
     return float(step @ again.solution.information[int(np.argmax(weight[likely]))] @ step)
 
 
-def _cov(joint: AllMoving, solutions: Solutions, weight: Array, cameras: Sequence[Seen]) -> Array:
+def _cov(joint: AllMoving, found: Probable, cameras: Sequence[Seen]) -> Array:
     """Return the covariance of the shared unknowns: levels' uncertainty and smooth errors of corners in it."""
-    s = solutions.solution
+    s, weight = found.levels.solution, found.weight
     off = s.d_shared - weight @ s.d_shared
     cov = np.tensordot(weight, s.cov, 1) + np.einsum("k,ki,kj->ij", weight, off, off)
     best = s.at(int(np.argmax(weight)))

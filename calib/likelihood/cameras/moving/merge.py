@@ -183,7 +183,7 @@ def _estimate(  # noqa: PLR0917 - one camera of two solutions
     here, explained = state.of(part, number), robot.problem.explained
     causes = dict(zip(robot.problem.names[explained], state.body.explained.tolist(), strict=True))
     found = with_values(own, before.problem, here, causes, own.cov_all + change)
-    slip, slip_sigma = mean_and_sigma(settled.solutions.slip, settled.solutions.log_likelihood)
+    slip, slip_sigma = mean_and_sigma(settled.probable.slip, settled.probable.log_likelihood)
     found = replace(
         found,
         drives=(_drive(own.drives[0], number, stops, settled, found.cov_all), *own.drives[1:]),
@@ -212,8 +212,8 @@ def _drive(own: DriveEstimate, number: int, stops: RobotFit, settled: SettledAll
     here = joint.state.of(part, number)
     at_stops = np.flatnonzero(joint.row.woven.frame[part.places] < 0)
     motions, T_cam_body = camera_motions(part.problem, here), inverse(here.T_body_cam)
-    blocks, _ = settled.solutions.solution.stop_blocks()
-    pose_cov = np.tensordot(settled.weight, blocks[:, part.places[at_stops], :3, :3], 1)
+    blocks, _ = settled.probable.levels.solution.stop_blocks()
+    pose_cov = np.tensordot(settled.probable.weight, blocks[:, part.places[at_stops], :3, :3], 1)
     tilts = stops.robot.parts[number].problem.tilts
     return replace(
         own,
