@@ -69,8 +69,8 @@ def leg_columns(problem: Problem, model: LegModel, columns: Columns) -> Array:
     k = next((part.shape[2] for part in (columns.travel, columns.legs, columns.corners) if part is not None), 0)
     out = np.zeros((len(problem.leg_stop), 3, k))
     if columns.travel is not None and len(out):
-        by_sample = np.einsum("wds,swk->dsk", model.by_travel, columns.travel)
-        out += np.swapaxes(np.add.reduceat(by_sample, problem.path.starts, axis=1), 0, 1)
+        by_sample = model.by_travel.transpose(2, 1, 0) @ columns.travel
+        out += np.add.reduceat(by_sample, problem.path.starts, axis=0)
     if columns.legs is not None:
         out += columns.legs
     return out

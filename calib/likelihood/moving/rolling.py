@@ -9,7 +9,7 @@ from boxcal.calib.likelihood.corner_residuals import Corners
 from boxcal.calib.likelihood.explanation import Columns
 from boxcal.calib.likelihood.moving.course import rates_after, turned
 from boxcal.calib.likelihood.problem import Problem
-from boxcal.calib.likelihood.state import CameraMotions, State, camera_motions
+from boxcal.calib.likelihood.state import State, camera_motions
 from boxcal.target.arrays import Array, Ids
 from boxcal.target.camera.camera_model import project_with_jacobians
 
@@ -53,18 +53,20 @@ def with_rolling(problem: Problem, state: State, corners: Corners, course: Array
     height : px
         Of the images.
     """
-    motions, stop = camera_motions(problem, state), problem.corner_stop
-    by_body = motions.J_pose @ _to_floor(state)
-    n = len(state.lens)
-    row = problem.uv_px[:, 1] / height - 0.5
-    since = float(state.explained[-1]) * row
-    by_motion = corners.jacobian[:, :, n : n + 6]
-    twist = _twists(state, by_body, stop, rates_after(course[stop], since))
-    column = (by_motion @ twist[:, :, None])[:, :, 0] * row[:, None]
-    way = _twists(state, by_body, stop, turned(course[stop], since))
-    moved = (by_motion @ way[:, :, None])[:, :, 0]
-    if abs(float(state.explained[-1])) > _SHORT_S:
-        moved = (problem.whiten @ _moved(problem, state, motions, way)[:, :, None])[:, :, 0]
+    stop, n = problem.corner_stop, len(state.lens)
+    rows = np.flatnonzero(np.any(course != 0, axis=(1, 2))[stop])  # no row of a stop's picture moves
+    course, row = course[stop[rows]], problem.uv_px[rows, 1] / height - 0.5
+    readout = float(state.explained[-1])
+    since = readout * row
+    by_motion, rolling = corners.jacobian[rows, :, n : n + 6], _rolling(corners, state, rows)
+    column, moved = np.zeros(corners.residual.shape), np.zeros(corners.residual.shape)
+    twist = _twists(state, rolling, rates_after(course, since))
+    column[rows] = (by_motion @ twist[:, :, None])[:, :, 0] * row[:, None]
+    way = _twists(state, rolling, turned(course, since))
+    if abs(readout) > _SHORT_S:
+        moved[rows] = (problem.whiten[rows] @ _moved(problem, state, rows, way)[:, :, None])[:, :, 0]
+    else:
+        moved[rows] = (by_motion @ way[:, :, None])[:, :, 0]
     G, m, n_shared = corners.J_shared.shape
     J_shared = np.zeros((G, m + 1, n_shared))
     J_shared[:, :m], J_shared[:, m, -1] = corners.J_shared, 1.0
@@ -85,7 +87,7 @@ def motions_px_s(problem: Problem, corners: Corners, state: State, course: Array
     Arguments as of :func:`with_rolling`.
     """
     stop, n = problem.corner_stop, len(state.lens)
-    twist = _twists(state, camera_motions(problem, state).J_pose @ _to_floor(state), stop, course[stop, 0])
+    twist = _twists(state, _rolling(corners, state, np.arange(len(stop))), course[stop, 0])
     whitened = corners.jacobian[:, :, n : n + 6] @ twist[:, :, None]
     moving = np.linalg.solve(problem.whiten, whitened)[:, :, 0]
     P = len(state.poses)
@@ -93,32 +95,34 @@ def motions_px_s(problem: Problem, corners: Corners, state: State, course: Array
     return np.stack([np.bincount(stop, weights=moving[:, k], minlength=P) / count for k in (0, 1)], axis=1)
 
 
-def _to_floor(state: State) -> Array:
-    """Return what turns motions ahead and turns of the robot into motions of its pose on the floor, (P, 3, 2)."""
-    theta = state.poses[:, 2]
-    out = np.zeros((len(theta), 3, 2))
-    out[:, 0, 0], out[:, 1, 0], out[:, 2, 1] = np.cos(theta), np.sin(theta), 1.0
-    return out
-
-
-def twists_of_wheels(problem: Problem, state: State, wheels: Array) -> Array:
+def twists_of_wheels(corners: Corners, state: State, wheels: Array) -> Array:
     """Return the camera's motions for turns of the wheels (L, 2), rad, at each corner; see :func:`with_rolling`."""
-    by_body = camera_motions(problem, state).J_pose @ _to_floor(state)
-    return _twists(state, by_body, problem.corner_stop, wheels)
+    return _twists(state, _rolling(corners, state, np.arange(len(corners.group))), wheels)
 
 
-def _twists(state: State, by_body: Array, stop: Ids, wheels: Array) -> Array:
-    """Return the camera's motions, (L, 6), as right perturbations of ``T_box_cam``, for turns of the wheels (L, 2)."""
+def _rolling(corners: Corners, state: State, rows: Ids) -> Array:
+    """Return the camera's motions, (R, 6, 2), as right perturbations of ``T_box_cam``, as the robot rolls and turns.
+
+    Of some corners, (R,).
+    """
+    n, theta = len(state.lens), state.poses[corners.group_stop, 2]
+    to_floor = np.zeros((len(theta), 3, 2))
+    to_floor[:, 0, 0], to_floor[:, 1, 0], to_floor[:, 2, 1] = np.cos(theta), np.sin(theta), 1.0
+    return np.asarray((corners.J_pose[:, n : n + 6] @ to_floor)[corners.group[rows]])
+
+
+def _twists(state: State, rolling: Array, wheels: Array) -> Array:
+    """Return the camera's motions, (R, 6), for turns of the wheels (R, 2), rad, by those of :func:`_rolling`."""
     rR, rL, b = state.wheels
     way = np.stack([(wheels @ np.array([rR, rL])) / 2, (wheels @ np.array([rR, -rL])) / b], axis=1)
-    return np.asarray((by_body[stop] @ way[:, :, None])[:, :, 0])
+    return np.asarray((rolling @ way[:, :, None])[:, :, 0])
 
 
-def _moved(problem: Problem, state: State, motions: CameraMotions, motion: Array) -> Array:
-    """Return how far corners move, (L, 2) px, if the camera moves otherwise for each, (L, 6)."""
-    stop = problem.corner_stop
+def _moved(problem: Problem, state: State, rows: Ids, motion: Array) -> Array:
+    """Return how far some corners (R,) move, (R, 2) px, if the camera moves otherwise for each, (R, 6)."""
+    motions, stop = camera_motions(problem, state), problem.corner_stop[rows]
     R = motions.R_box_cam[stop]
-    p_box, _ = problem.target.landmarks(state.shape)
+    p_box = problem.target.landmarks(state.shape)[0][rows]
     p = (np.swapaxes(R, 1, 2) @ (p_box - motions.p_box_cam[stop])[:, :, None])[:, :, 0]
     turn, way = motion[:, :3], motion[:, 3:]
     way = way + np.cross(turn, way) / 2

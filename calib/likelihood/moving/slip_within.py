@@ -72,7 +72,7 @@ def slip_modes(problem: Problem, state: State, corners: Corners, frames: tuple[A
     for wheel in (0, 1):
         unit = np.zeros((len(stop), 2))
         unit[:, wheel] = 1 / radius[wheel]
-        moved = by_motion @ twists_of_wheels(problem, state, unit)[:, :, None]
+        moved = by_motion @ twists_of_wheels(corners, state, unit)[:, :, None]
         for side, where in enumerate((since < 0, since >= 0)):
             out[where, :, wheel, side] = moved[where] * walk[where, wheel][:, None, :]
     return out.reshape(len(stop), 2, -1)
