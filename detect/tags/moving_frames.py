@@ -81,5 +81,12 @@ def refuse_corners_of_no_tag(whose: str, uv_px: Array, image_size: tuple[int, in
         raise DetectError(
             f"{whose} landmarks: a corner lies far outside the picture of {size[0]} x {size[1]} px; drop such landmarks"
         )
-    if len(uv_px) >= CORNERS and np.linalg.eigvalsh(np.cov(uv_px.T, ddof=0))[0] < FLAT_PX**2:
+    if len(uv_px) >= CORNERS and _least_spread_px2(uv_px) < FLAT_PX**2:
         raise DetectError(f"{whose} landmarks: all lie on one line of the picture, as no tag's do; drop them")
+
+
+def _least_spread_px2(uv_px: Array) -> float:
+    """Return the mean squared distance of places (L, 2) from the line that is nearest to all."""
+    off = uv_px - uv_px.mean(axis=0)
+    (a, b), (_, d) = (off.T @ off / len(off)).tolist()
+    return float((a + d) / 2 - np.hypot((a - d) / 2, b))

@@ -10,7 +10,7 @@ from boxcal.calib.likelihood.fit import Fit
 from boxcal.calib.likelihood.levenberg_marquardt import Linearization
 from boxcal.calib.likelihood.moving.grid import Axis, Probable, over_levels
 from boxcal.calib.likelihood.moving.noise import FrameNoise
-from boxcal.calib.likelihood.moving.solve import Joint, maximised, scan, solved, stepped
+from boxcal.calib.likelihood.moving.solve import ROUGH, Joint, maximised, scan, solved, stepped
 from boxcal.calib.likelihood.moving.system import Levels
 from boxcal.calib.likelihood.outliers import flag_corners
 from boxcal.calib.likelihood.problem import Problem
@@ -91,7 +91,7 @@ def settled(fit: Fit, drives: Sequence[Correspondences], joint: Joint, noise: Fr
     joint, noise
         Where to begin.
     """
-    reached = maximised(fit, drives, joint, noise)
+    reached = maximised(fit, drives, joint, noise, ROUGH)
     if reached is None:
         return None
     joint, noise = _steadied(fit, reached, noise)

@@ -6,6 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from boxcal.calib.geometry.diff_drive import legs_between
 from boxcal.calib.likelihood.corner_floor import with_floor
 from boxcal.calib.likelihood.corner_residuals import corner_residuals
 from boxcal.calib.likelihood.explanation import Columns, Explanation, explained_columns
@@ -21,6 +22,7 @@ from boxcal.calib.likelihood.moving.system import Levels, Scan, System, scanned,
 from boxcal.calib.likelihood.moving.weave import Woven, weave_drives
 from boxcal.calib.likelihood.problem import Problem, build_problem
 from boxcal.calib.likelihood.state import State, retract
+from boxcal.calib.likelihood.wheel_path import wheel_path
 from boxcal.detect.correspondences import Correspondences
 from boxcal.target.arrays import Array, Ids
 
@@ -34,8 +36,9 @@ DIVERGED = 3.0
 """Corners' squares so many times those at the start are of a solver that runs away."""
 LONGEST_S = 1.0
 """Longer changes of the offset (s) leave the leg that a frame belongs to."""
-CLOSE = 1e-2
-"""Promised decrease of the sum of squares at which the solver ends: a tenth of a standard deviation."""
+CLOSE, ROUGH = 1e-2, 0.1
+"""Promised decreases of the sum of squares at which the solver ends: a tenth of a standard deviation, and where more
+steps follow, which square the error."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -154,10 +157,23 @@ def _about(  # noqa: PLR0917 - stops and frames, and about what
     return Joint(woven=woven, problem=problem, clocks=clocks, height=height, weights=weights, within=within, at=at)
 
 
+def _clock(woven: Woven) -> CameraClock:
+    return CameraClock(rates=woven.rates, since_s=woven.since_s, drive=woven.drive, drives=len(woven.drives))
+
+
+def _along(problem: Problem, woven: Woven) -> Problem:
+    """Return a problem with the same stops and frames elsewhere on the wheels' path."""
+    legs = [legs_between(drive, tuple(range(len(drive.stops)))) for drive in woven.drives if drive.stops]
+    return replace(
+        problem,
+        path=wheel_path(legs),
+        leg_known=np.concatenate([np.zeros(0, dtype=np.bool_), *(leg.known for leg in legs)]),
+        explanations=(*problem.explanations[:-2], _clock(woven), problem.explanations[-1]),
+    )
+
+
 def _problem(fit: Fit, woven: Woven) -> Problem:
-    drives = len(woven.drives)
-    clock = CameraClock(rates=woven.rates, since_s=woven.since_s, drive=woven.drive, drives=drives)
-    explanations: tuple[Explanation, ...] = (*fit.problem.explanations, clock, Readout())
+    explanations: tuple[Explanation, ...] = (*fit.problem.explanations, _clock(woven), Readout())
     options = replace(fit.options, lens=fit.problem.lens, explanations=explanations)
     step = max(fit.problem.step, FINEST_STEP)
     kept = [tuple(range(len(drive.stops))) for drive in woven.drives]
@@ -278,16 +294,20 @@ def _rewoven(fit: Fit, drives: Sequence[Correspondences], joint: Joint, state: S
     left = left_of(state, count)
     clocks = joint.clocks.plus(left.late_s, left.rate)
     woven = weave_drives(drives, _kept(fit), old.frame[old.moving], clocks)
+    same = np.array_equal(woven.frame, old.frame)
+    problem = _along(joint.problem, woven) if same else _problem(fit, woven)
     source = np.empty(len(woven.frame), dtype=np.int64)
     source[woven.frame < 0] = np.flatnonzero(old.frame < 0)
     source[woven.moving] = old.moving[np.searchsorted(old.frame[old.moving], woven.frame[woven.moving])]
     explained = state.explained.copy()
     explained[-1 - 2 * count : -1] = 0.0
     state = _taken(state, source, explained)
-    return _about(fit, drives, (woven, _problem(fit, woven)), state, clocks, noise)
+    return _about(fit, drives, (woven, problem), state, clocks, noise)
 
 
-def maximised(fit: Fit, drives: Sequence[Correspondences], joint: Joint, noise: FrameNoise) -> Joint | None:
+def maximised(
+    fit: Fit, drives: Sequence[Correspondences], joint: Joint, noise: FrameNoise, close: float = CLOSE
+) -> Joint | None:
     """Return the likelihood at its maximum for given noise; None if the solver does not get there."""
     slip, jitter = np.array([noise.slip]), np.array([noise.jitter_s])
     most = DIVERGED * float(joint.at.corner_squares.sum())
@@ -296,7 +316,7 @@ def maximised(fit: Fit, drives: Sequence[Correspondences], joint: Joint, noise: 
             return None
         levels = solved(fit, joint, noise, slip, jitter)
         promised = float(levels.solution.decrease[0])
-        if promised < CLOSE:
+        if promised < close:
             return joint
         state = _after(joint, levels, np.ones(1))
         woven = joint.woven
