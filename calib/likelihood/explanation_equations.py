@@ -128,7 +128,7 @@ def explanation_equations(
     n, M, P, w = len(problem.names), len(new.right), len(problem.drive), components.noise_scale**-2
     pictures, e = eliminate(picture_equations(problem, at, components)[0])
     information = leg_information(problem, at.legs, fit.weights, slip)
-    normal = pictures.plus(leg_equations(problem, at.legs, information)[0])
+    normal = pictures.plus(leg_equations(problem, at.legs, information))
     with_local = w * new.with_local * components.local_sigma
     local = e.inverse @ np.swapaxes(with_local, 1, 2)  # (P, q, M)
     with_stop = np.zeros((P, M, PER_STOP))

@@ -8,10 +8,10 @@ from boxcal.calib.geometry.parameters import WHEELS
 from boxcal.calib.geometry.so3_se3 import wrap
 from boxcal.calib.likelihood.explanation import Columns
 from boxcal.calib.likelihood.leg_model import LegModel, leg_model
-from boxcal.calib.likelihood.normal_equations import Normal
+from boxcal.calib.likelihood.normal_equations import Bordered, Normal
 from boxcal.calib.likelihood.problem import PER_STOP, Problem
 from boxcal.calib.likelihood.state import State
-from boxcal.target.arrays import Array
+from boxcal.target.arrays import Array, Ids
 
 LEG_UNKNOWNS = 3 + 2 * PER_STOP
 """A leg depends on rR, rL, b and on the unknowns of its two stops."""
@@ -90,29 +90,72 @@ _NEGLIGIBLE = 1e-20
 """m^2 and rad^2: below what any exact data resolve."""
 
 
-def leg_equations(problem: Problem, legs: LegResiduals, information: Array) -> tuple[Normal, Array]:
-    """Return the legs' normal equations and sums of squares, (...), for information matrices (..., N, 3, 3)."""
-    J, r = legs.jacobian, legs.residual
-    K = legs.J_explained.shape[2]
-    if K:
+def leg_equations(problem: Problem, legs: LegResiduals, information: Array) -> Normal:
+    """Return the legs' normal equations for information matrices (..., N, 3, 3)."""
+    H, g = _products(legs, information)
+    batch, n, P = information.shape[:-3], len(problem.names), len(problem.drive)
+    A, a, B = np.zeros((*batch, n, n)), np.zeros((*batch, n)), np.zeros((*batch, P, n, PER_STOP))
+    D, c = np.zeros((*batch, P, PER_STOP, PER_STOP)), np.zeros((*batch, P, PER_STOP))
+    E = np.zeros_like(D)
+    _add(problem, (H, g), (A, a, D, E), np.swapaxes(B, -1, -2), c)
+    return Normal(A=A, B=B, D=D, E=E, a=a, c=c)
+
+
+def with_legs(problem: Problem, others: Normal, legs: LegResiduals, information: Array) -> Bordered:
+    """Return equations with those of the legs for K information matrices, (K, N, 3, 3).
+
+    Of the others, whose local unknowns are eliminated, any part may differ among the K, too.
+    """
+    K, (P, n) = len(information), others.B.shape[-3:-1]
+
+    def many(part: Array, *shape: int) -> Array:
+        return np.array(np.broadcast_to(part, (K, *shape)))
+
+    right = np.empty((K, P, PER_STOP, n + 1))
+    right[..., :n], right[..., n] = np.swapaxes(others.B, -1, -2), others.c
+    A, a = many(others.A, n, n), many(others.a, n)
+    D, E = many(others.D, P, PER_STOP, PER_STOP), many(others.E, P, PER_STOP, PER_STOP)
+    _add(problem, _products(legs, information), (A, a, D, E), right[..., :n], right[..., n])
+    return Bordered(A=A, a=a, D=D, E=E, right=right)
+
+
+def leg_squares(legs: LegResiduals, information: Array) -> Array:
+    """Return the legs' weighted sums of squares, (...), for information matrices (..., N, 3, 3)."""
+    return np.asarray(np.einsum("...ni,...nij,...nj->...", legs.residual, information, legs.residual))
+
+
+def _products(legs: LegResiduals, information: Array) -> tuple[Array, Array]:
+    """Return each leg's normal equations, (..., N, 13 + k, 13 + k), and right-hand sides, (..., N, 13 + k)."""
+    J = legs.jacobian
+    if legs.J_explained.shape[2]:
         J = np.concatenate([J, legs.J_explained], axis=2)
     JtN = np.swapaxes(J, 1, 2) @ information
-    H, g = JtN @ J, (JtN @ r[:, :, None])[..., 0]
-    batch, n, P = information.shape[:-3], len(problem.names), len(problem.drive)
-    A, a = np.zeros((*batch, n, n)), np.zeros((*batch, n))
-    B, D = np.zeros((*batch, P, n, PER_STOP)), np.zeros((*batch, P, PER_STOP, PER_STOP))
-    E, c = np.zeros_like(D), np.zeros((*batch, P, PER_STOP))
+    return JtN @ J, (JtN @ legs.residual[:, :, None])[..., 0]
+
+
+def _add(
+    problem: Problem, products: tuple[Array, Array], to: tuple[Array, Array, Array, Array], right: Array, c: Array
+) -> None:
+    """Add legs' equations to A, a, D, E, to stops by shared unknowns (..., P, 5, n) and to their right-hand sides c."""
+    (H, g), (A, a, D, E), K = products, to, products[0].shape[-1] - LEG_UNKNOWNS
     blocks = [(WHEELS, slice(0, 3))]
     if K:
         blocks.append((problem.explained, slice(LEG_UNKNOWNS, LEG_UNKNOWNS + K)))
     for at, part in blocks:
-        a[..., at] = g[..., part].sum(axis=-2)
+        a[..., at] += g[..., part].sum(axis=-2)
         for other, part_2 in blocks:
-            A[..., at, other] = H[..., part, part_2].sum(axis=-3)
-    for stops, part in ((problem.leg_stop, FIRST_STOP), (problem.leg_stop + 1, SECOND_STOP)):
+            A[..., at, other] += H[..., part, part_2].sum(axis=-3)
+    for first, part in ((0, FIRST_STOP), (1, SECOND_STOP)):
+        stops = _run(problem.leg_stop + first)
         for at, shared in blocks:
-            B[..., stops, at, :] += H[..., shared, part]
+            right[..., stops, :, at] += H[..., part, shared]
         D[..., stops, :, :] += H[..., part, part]
         c[..., stops, :] += g[..., part]
-    E[..., problem.leg_stop, :, :] = H[..., FIRST_STOP, SECOND_STOP]
-    return Normal(A=A, B=B, D=D, E=E, a=a, c=c), np.einsum("...ni,...nij,...nj->...", r, information, r)
+    E[..., _run(problem.leg_stop), :, :] += H[..., FIRST_STOP, SECOND_STOP]
+
+
+def _run(places: Ids) -> Ids | slice:
+    """Return ascending places as a slice where they follow each other, which takes a fraction of the time."""
+    if len(places) and places[-1] - places[0] == len(places) - 1:
+        return slice(int(places[0]), int(places[-1]) + 1)
+    return places

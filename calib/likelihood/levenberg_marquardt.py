@@ -8,7 +8,13 @@ from boxcal.calib.geometry.two_by_two import inverses, products
 from boxcal.calib.likelihood.components import VarianceComponents
 from boxcal.calib.likelihood.corner_residuals import Corners, corner_equations, corner_residuals
 from boxcal.calib.likelihood.explanation import Columns, explained_columns
-from boxcal.calib.likelihood.leg_residuals import LegResiduals, leg_covariance, leg_equations, leg_residuals
+from boxcal.calib.likelihood.leg_residuals import (
+    LegResiduals,
+    leg_covariance,
+    leg_equations,
+    leg_residuals,
+    leg_squares,
+)
 from boxcal.calib.likelihood.normal_equations import Local, Normal, solve
 from boxcal.calib.likelihood.priors import add_priors
 from boxcal.calib.likelihood.problem import Problem
@@ -149,8 +155,8 @@ def equations(
 ) -> tuple[Normal, Array]:
     """Return all normal equations and the weighted sums of squares (...) for leg information (..., N, 3, 3)."""
     pictures, squares = picture_equations(problem, at, components)
-    legs, leg_squares = leg_equations(problem, at.legs, information)
-    return pictures.plus(legs), np.asarray(leg_squares + squares)
+    legs = leg_equations(problem, at.legs, information)
+    return pictures.plus(legs), np.asarray(leg_squares(at.legs, information) + squares)
 
 
 def moved(problem: Problem, state: State, components: VarianceComponents, step: tuple[Array, Array, Array]) -> State:

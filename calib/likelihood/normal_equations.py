@@ -286,7 +286,34 @@ class EliminatedChain:
         )
 
 
-def eliminate_chain(normal: Normal) -> EliminatedChain:
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Bordered:
+    """Equations as the elimination of the stops takes them: :class:`Normal` without local unknowns.
+
+    Attributes
+    ----------
+    A, a, D, E
+        As there, with or without the leading axes.
+    right : (..., P, 5, n + 1)
+        Stops by the shared unknowns, and right-hand sides of the stops; the elimination uses them up.
+    """
+
+    A: Array
+    a: Array
+    D: Array
+    E: Array
+    right: Array
+
+
+def bordered(normal: Normal) -> Bordered:
+    """Return equations as the elimination of the stops takes them."""
+    n = normal.A.shape[-1]
+    right = np.empty((*normal.c.shape, n + 1))
+    right[..., :n], right[..., n] = np.swapaxes(normal.B, -1, -2), normal.c
+    return Bordered(A=normal.A, a=normal.a, D=normal.D, E=normal.E, right=right)
+
+
+def eliminate_chain(equations: Normal | Bordered) -> EliminatedChain:
     """Return the shared unknowns' equations of a system whose local unknowns are eliminated.
 
     Raises
@@ -294,19 +321,18 @@ def eliminate_chain(normal: Normal) -> EliminatedChain:
     LinAlgError
         If nothing holds a stop.
     """
-    n, compute = normal.A.shape[-1], backend()
-    right = np.empty((*normal.c.shape, n + 1))
-    right[..., :n], right[..., n] = np.swapaxes(normal.B, -1, -2), normal.c
-    batch = right.shape[:-3]
+    e = bordered(equations) if isinstance(equations, Normal) else equations
+    right, compute = e.right, backend()
+    n, batch = right.shape[-1] - 1, right.shape[:-3]
     pivots, gains, back = (
         part.reshape(*batch, *part.shape[1:])
-        for part in compute.eliminate_stops(_as_batch(normal.D, 3), _as_batch(normal.E, 3), _as_batch(right, 3))
+        for part in compute.eliminate_stops(_as_batch(e.D, 3), _as_batch(e.E, 3), _as_batch(right, 3))
     )
     flat = right[..., :n].reshape(*batch, -1, n)
     reduced = np.swapaxes(flat, -1, -2) @ back.reshape(*batch, -1, n + 1)
     return EliminatedChain(
-        information=normal.A - reduced[..., :n],
-        right=normal.a - reduced[..., n],
+        information=e.A - reduced[..., :n],
+        right=e.a - reduced[..., n],
         back=back,
         pivots=pivots,
         gains=gains,
@@ -315,7 +341,7 @@ def eliminate_chain(normal: Normal) -> EliminatedChain:
     )
 
 
-def solve_chain(normal: Normal, eliminated: Eliminated) -> Solution:
+def solve_chain(normal: Normal | Bordered, eliminated: Eliminated) -> Solution:
     """Return the solution of equations whose local unknowns are eliminated; errors as of :func:`eliminate_chain`."""
     return solve_shared(eliminate_chain(normal), eliminated)
 

@@ -219,7 +219,7 @@ def _components(  # noqa: PLR0917 - a solution and what it is of
     """
     scale_sigma = 0.0
     steps: list[VarianceComponents] = [components]
-    legs, _ = leg_equations(problem, at.legs, leg_information(problem, at.legs, weights, np.array(components.slip)))
+    legs = leg_equations(problem, at.legs, leg_information(problem, at.legs, weights, np.array(components.slip)))
     for _ in range(_INNER):  # slip stays
         solution = solve(picture_equations(problem, at, components)[0].plus(legs))
         joint = solution.joint_covariances()

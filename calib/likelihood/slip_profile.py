@@ -15,9 +15,10 @@ import numpy as np
 
 from boxcal.calib.likelihood.components import VarianceComponents
 from boxcal.calib.likelihood.information_inverse import determinant
-from boxcal.calib.likelihood.leg_residuals import LegResiduals, leg_covariance, leg_equations
+from boxcal.calib.likelihood.leg_residuals import LegResiduals, leg_covariance, leg_squares, with_legs
 from boxcal.calib.likelihood.levenberg_marquardt import Linearization, Weights, picture_equations
 from boxcal.calib.likelihood.normal_equations import (
+    Bordered,
     Eliminated,
     EliminatedChain,
     Normal,
@@ -302,10 +303,11 @@ def _system(problem: Problem, at: Linearization, components: VarianceComponents,
     return _System(problem, at.legs, weights.legs, *eliminate(pictures), squares)
 
 
-def _with_legs(system: _System, slip: Array) -> tuple[Normal, Array]:
+def _with_legs(system: _System, slip: Array) -> tuple[Bordered, Array]:
     """Return the equations at levels of slip (K,), and the legs' log determinants of noise plus all squares (K,)."""
     cov = leg_covariance(system.problem, system.legs.model, slip)
     information = np.linalg.inv(cov) * system.weight[:, None, None]
-    legs, squares = leg_equations(system.problem, system.legs, information)
+    squares = leg_squares(system.legs, information)
     log_noise = np.sum(np.linalg.slogdet(cov)[1] * (system.weight > 0), axis=-1)
-    return system.pictures.plus(legs), log_noise + squares + system.squares
+    equations = with_legs(system.problem, system.pictures, system.legs, information)
+    return equations, log_noise + squares + system.squares

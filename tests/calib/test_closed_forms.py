@@ -129,7 +129,7 @@ def test_explanations_have_the_equations_that_linearizing_them_gives(solved):
     wider, there = extended(problem, state, causes)
     at = linearize(wider, there, solved.weights)
     pictures, _ = eliminate(picture_equations(wider, at, solved.components)[0])
-    legs, _ = leg_equations(wider, at.legs, leg_information(wider, at.legs, solved.weights, slip))
+    legs = leg_equations(wider, at.legs, leg_information(wider, at.legs, solved.weights, slip))
     whole = eliminate_chain(pictures.plus(legs))
     n = len(problem.names)
     information = whole.information - np.diag(np.append(np.zeros(n), 1 / np.square(wider.prior[n:])))

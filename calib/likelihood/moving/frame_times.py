@@ -62,7 +62,7 @@ def frame_times(fit: Fit, found: Settled) -> FrameTimes:
     s = system(
         problem, woven, joint.at, fit.components, joint.weights, sigmas(fit, joint, found.noise), level[0], level[1]
     )
-    legs, _ = leg_equations(problem, joint.at.legs, s.leg_information)
+    legs = leg_equations(problem, joint.at.legs, s.leg_information)
     rates = woven.rates[rows] / (problem.step / np.sqrt(12))
     names = np.array(problem.names)
     held = np.array([name.startswith((LATE, RATE)) for name in names])

@@ -13,7 +13,7 @@ from scipy.special import chdtri
 
 from boxcal.calib.geometry.parameters import COUNT, TRANSLATION
 from boxcal.calib.likelihood.fit import Fit
-from boxcal.calib.likelihood.leg_residuals import leg_equations
+from boxcal.calib.likelihood.leg_residuals import with_legs
 from boxcal.calib.likelihood.moving.levels import Settled
 from boxcal.calib.likelihood.moving.solve import sigmas
 from boxcal.calib.likelihood.moving.system import System, system
@@ -190,6 +190,7 @@ def _without_wheels(found: Settled, whole: System) -> list[Solution]:
     out = []
     for k in range(0, len(used), _BATCH):
         kept = part != used[k : k + _BATCH, None]
-        legs, _ = leg_equations(joint.problem, joint.at.legs, whole.leg_information * kept[:, :, None, None])
-        out.append(solve_chain(whole.without_legs.plus(legs), whole.eliminated))
+        information = whole.leg_information * kept[:, :, None, None]
+        equations = with_legs(joint.problem, whole.without_legs, joint.at.legs, information)
+        out.append(solve_chain(equations, whole.eliminated))
     return out

@@ -6,7 +6,13 @@ import numpy as np
 
 from boxcal.calib.likelihood.components import VarianceComponents
 from boxcal.calib.likelihood.information_inverse import determinant
-from boxcal.calib.likelihood.leg_residuals import leg_covariance, leg_equations
+from boxcal.calib.likelihood.leg_residuals import (
+    LegResiduals,
+    leg_covariance,
+    leg_equations,
+    leg_squares,
+    with_legs,
+)
 from boxcal.calib.likelihood.levenberg_marquardt import Linearization, Weights, picture_equations
 from boxcal.calib.likelihood.moving.weave import Woven
 from boxcal.calib.likelihood.normal_equations import (
@@ -35,6 +41,8 @@ class Scan:
         Logarithm of the restricted likelihood, up to a constant; -inf where rounding is seen to hide it.
     system, chain
         The equations, and these with the stops eliminated, too.
+    a, c : (K, n) and (K, P, 5)
+        Right-hand sides before that, of the shared unknowns and of the stops.
     """
 
     slip: Array
@@ -42,6 +50,8 @@ class Scan:
     log_likelihood: Array
     system: "System"
     chain: EliminatedChain
+    a: Array
+    c: Array
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -72,10 +82,12 @@ class System:
 
     Attributes
     ----------
-    normal, eliminated
-        The equations, and how to find the local unknowns again.
+    problem, legs
+        Stops and frames, and the legs about the state.
+    eliminated
+        How to find the local unknowns again.
     without_legs
-        What of them is not the legs'.
+        What of the equations is not the legs'.
     leg_information : (K, N, 3, 3)
         Weight of the legs in them.
     squares, log_noise : (K,)
@@ -86,7 +98,8 @@ class System:
         The levels, m/sqrt(m) and s.
     """
 
-    normal: Normal
+    problem: Problem
+    legs: LegResiduals
     eliminated: Eliminated
     without_legs: Normal
     leg_information: Array
@@ -95,6 +108,11 @@ class System:
     local_sigma: Array
     slip: Array
     jitter_s: Array
+
+    @property
+    def normal(self) -> Normal:
+        """All equations."""
+        return self.without_legs.plus(leg_equations(self.problem, self.legs, self.leg_information))
 
 
 def system(  # noqa: PLR0917 - a state and what holds there
@@ -128,15 +146,15 @@ def system(  # noqa: PLR0917 - a state and what holds there
     reduced, eliminated = eliminate(pictures)
     C = leg_covariance(problem, at.legs.model, slip)
     information = np.linalg.inv(C) * weights.legs[:, None, None]
-    legs, leg_squares = leg_equations(problem, at.legs, information)
     readings, reading_squares, log_readings = _readings(problem, woven, at, jitter_s)
     without_legs = replace(reduced, D=reduced.D + readings[0], c=reduced.c + readings[1])
     return System(
-        normal=without_legs.plus(legs),
+        problem=problem,
+        legs=at.legs,
         without_legs=without_legs,
         eliminated=eliminated,
         leg_information=information,
-        squares=squares + leg_squares + reading_squares,
+        squares=squares + leg_squares(at.legs, information) + reading_squares,
         log_noise=np.sum(np.linalg.slogdet(C)[1] * (weights.legs > 0), axis=-1) + log_readings,
         local_sigma=local_sigma,
         slip=slip,
@@ -146,7 +164,9 @@ def system(  # noqa: PLR0917 - a state and what holds there
 
 def scanned(s: System) -> Scan:
     """Return the likelihood of stops and frames about a state, at the levels of slip and jitter of its equations."""
-    chain = eliminate_chain(s.normal)
+    equations = with_legs(s.problem, s.without_legs, s.legs, s.leg_information)
+    c = equations.right[..., -1].copy()
+    chain = eliminate_chain(equations)
     log_det, decrease = determinant(chain.information, chain.right)
     left = s.squares - (decrease + chain.decrease + s.eliminated.decrease)
     log_det = log_det + chain.log_det + s.eliminated.log_det
@@ -156,6 +176,8 @@ def scanned(s: System) -> Scan:
         log_likelihood=np.where(left > 0, -0.5 * (s.log_noise + log_det + left), -np.inf),
         system=s,
         chain=chain,
+        a=equations.a,
+        c=c,
     )
 
 
@@ -166,7 +188,7 @@ def solutions(scan: Scan, kept: Mask) -> Levels:
     """
     s, chain = scan.system, scan.chain.some(kept)
     solution = solve_shared(chain, s.eliminated)
-    told = _rounding(s.normal.a[kept], s.normal.c[kept], s.eliminated, solution) < _MOST_ROUNDING
+    told = _rounding(scan.a[kept], scan.c[kept], s.eliminated, solution) < _MOST_ROUNDING
     return Levels(
         slip=scan.slip[kept],
         jitter_s=scan.jitter_s[kept],
