@@ -56,19 +56,27 @@ def estimate_blur(frame: Frame, patterns: Patterns, tags: TagAlignments) -> Arra
     order, found = np.argsort(-size), shape_of(frame.blur)
     if len(tags) == 0:
         return None
-    first, explained = _step(frame, patterns, tags.take(order[:ASKED]), found)
-    if explained < CLEAR or np.linalg.norm(first) < _SLIGHT * LEAST:
+    if _slight(*_step(frame, patterns, tags.take(order[:ASKED]), found)):
         return None
     some = tags.take(order[:TAGS])
     for left in reversed(range(ROUNDS)):
-        step, _ = _step(frame, patterns, some, found)
+        step, explained = _step(frame, patterns, some, found)
+        if left == ROUNDS - 1 and _slight(step, explained):
+            return None  # what few tags said, more do not
         found += step * min(1.0, LONGEST / max(float(np.linalg.norm(step)), 1e-12))
+        if explained < CLEAR:
+            break
         if left:
             under = replace(frame, blur=shape(*found))
             some = align(under, patterns, some.rows, some.corners_px, start=some, side_px=SIDE_PX, stop_px=STOP_PX)
     if np.linalg.norm(found) > LEAST:
         return shape(*found)
     return None if np.array_equal(frame.blur, ROUND) else ROUND
+
+
+def _slight(step: Array, explained: float) -> bool:
+    """Return whether a first step is too small to be followed, or explains too little."""
+    return explained < CLEAR or float(np.linalg.norm(step)) < _SLIGHT * LEAST
 
 
 def _step(frame: Frame, patterns: Patterns, tags: TagAlignments, found: Array) -> tuple[Array, float]:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from aligned_views import PATTERNS, PLAIN, TARGET, pose, some_tags, truth, view, width_px
 
-from boxcal.detect.alignment import detector
+from boxcal.detect.alignment import detector, motion_blur
 from boxcal.detect.alignment.detector import detect_tags
 from boxcal.detect.alignment.motion_blur import MOST, estimate_blur, shape
 from boxcal.detect.alignment.radial_camera import no_distortion
@@ -69,6 +69,22 @@ def _arguments(sensor):
 
 def test_a_still_picture_has_a_round_blur():
     assert estimate_blur(*_arguments(PLAIN)) is None
+
+
+@pytest.mark.parametrize("off", [0.05, 0.3])
+def test_a_motion_that_is_known_is_told_anew_only_where_it_is_clearly_another(off, monkeypatch):
+    frame, _, tags = _arguments(replace(PLAIN, motion_blur_px=3.0, motion_angle=0.6))
+    right = motion_blur.shape_of(estimate_blur(frame, PATTERNS, tags))
+    under = replace(frame, blur=shape(*(right - [off, 0.0])))
+    tags = align(under, PATTERNS, tags.rows, tags.corners_px, start=tags)
+    batches, sums = [], motion_blur.aligned_batch
+    monkeypatch.setattr(motion_blur, "aligned_batch", lambda *given: batches.append(given) or sums(*given))
+    found = estimate_blur(under, PATTERNS, tags)
+    if off < motion_blur.LEAST / 2:
+        assert found is None
+        assert len(batches) <= 2  # the few tags that are asked, and the more that decide
+    else:
+        np.testing.assert_allclose(motion_blur.shape_of(found), right, atol=0.05)
 
 
 @pytest.mark.parametrize("motion_px", [2.0, 3.0])
