@@ -19,7 +19,7 @@ _READABLE_PX = 9.0
 """Shortest side of a tag, px, from which on it is counted on."""
 _STEP_S = 0.005
 """Difference in time of which the speed of corners is told, s."""
-_ROUNDS, _LONGEST_S = 3, 0.5
+_ROUNDS, _LONGEST_S, _SLIGHT_S = 3, 0.5, 1e-4
 _DOUBT_S = 0.06
 """Offsets up to this must leave the box in view of frames that are looked at first, s."""
 _TRUSTED = 2
@@ -100,6 +100,13 @@ class ClockedViews:
     too_fast: float = np.inf
     in_vain: int = 0
     exposures: list[tuple[float, float]] = field(default_factory=list)
+    _some: Array = field(init=False)
+
+    def __post_init__(self) -> None:
+        """Choose a few tags of each face, their corners (T, 4, 3), m, that are asked whether they are in view."""
+        faces = self.target.tag_faces
+        rows = [np.flatnonzero(faces == face) for face in np.unique(faces)]
+        self._some = self.target.tag_corners[np.concatenate([r[:: -(-len(r) // _A_FACE)] for r in rows])]
 
     def late_s(self, t_ns: Ids) -> Array:
         """Return the offsets that are allowed for at stamps (F,), (F,) s: what the nearest frame told.
@@ -113,7 +120,7 @@ class ClockedViews:
 
     def expected(self, t_ns: int) -> ExpectedTags:
         """Return the tags that a frame stamped ``t_ns`` should show."""
-        uv, facing = self.views.tags(self.target.tag_corners, self._taken(np.array([t_ns])))
+        uv, facing = self.views.tags(self.target.tag_corners, np.array([self._taken_at(t_ns)]))
         rows = np.flatnonzero(facing[0])
         return ExpectedTags(
             ids=np.array(self.target.tag_ids)[rows],
@@ -127,7 +134,7 @@ class ClockedViews:
         """Return how a frame stamped ``t_ns`` ought to be blurred, (2,), by its motion and the usual exposure."""
         if not self.exposures:
             return np.zeros(2)
-        (exposure_s, at_rest), v = np.median(self.exposures, axis=0), self._motions(self._taken(np.array([t_ns])))[0]
+        (exposure_s, at_rest), v = np.median(self.exposures, axis=0), self._motion(self._taken_at(t_ns))
         added = (exposure_s * float(v @ v) ** 0.5) ** 2 / 24
         return np.asarray(added / (added + at_rest) * _doubled(v))
 
@@ -137,9 +144,13 @@ class ClockedViews:
         As long as no frame told the offset, whatever it is.
         """
         taken = self._taken(t_ns)
-        apart = (0.0,) if self.told_s else (-_DOUBT_S, 0.0, _DOUBT_S)
-        counts = [self._in_view(taken + round(1e9 * s)) for s in apart]
-        return np.asarray((np.min(counts, axis=0) >= _ENOUGH_TAGS) & (self._speeds(taken) <= self._fastest))
+        apart = (0.0,) if self.told_s else (0.0, -_DOUBT_S, _DOUBT_S)
+        moments = [taken + round(1e9 * s) for s in (*apart, _STEP_S)]
+        uv, facing = self.views.tags(self._some, np.concatenate(moments))
+        count, some = len(taken), len(apart) * len(taken)
+        in_view = self._in_view(uv[:some], facing[:some]).reshape(len(apart), count).min(axis=0)
+        speed = np.linalg.norm(_moved(uv[:count], uv[some:], facing[:count]), axis=1) / (_STEP_S * self.image_size[0])
+        return np.asarray((in_view >= _ENOUGH_TAGS) & (speed <= self._fastest))
 
     @property
     def _fastest(self) -> float:
@@ -149,39 +160,29 @@ class ClockedViews:
         exposure_s = float(np.median(self.exposures, axis=0)[0])
         return min(_MOST_BLUR_PX / (exposure_s * self.image_size[0]), self.too_fast)
 
-    def _in_view(self, taken_ns: Ids) -> Ids:
-        """Return how many of some tags ought to be seen whole, and large enough to be read, at times (F,), ns; (F,)."""
-        uv, facing = self.views.tags(self._some, taken_ns)
+    def _in_view(self, uv: Array, facing: Mask) -> Ids:
+        """Return how many tags at (F, T, 4, 2) px ought to be seen whole, and large enough to be read, (F,)."""
         with np.errstate(invalid="ignore"):
             inside = np.all((uv > 0) & (uv < np.array(self.image_size) - 1), axis=(2, 3))
-            side = np.linalg.norm(uv - np.roll(uv, 1, axis=2), axis=3).min(axis=2)
-            return np.asarray(np.sum(facing & inside & (side > _READABLE_PX), axis=1))
+            side = np.sum((uv - np.roll(uv, 1, axis=2)) ** 2, axis=3).min(axis=2)
+            return np.asarray(np.sum(facing & inside & (side > _READABLE_PX**2), axis=1))
 
-    @property
-    def _some(self) -> Array:
-        """Corners of a few tags of each face, (T, 4, 3), m."""
-        faces = self.target.tag_faces
-        rows = [np.flatnonzero(faces == face) for face in np.unique(faces)]
-        return np.asarray(self.target.tag_corners[np.concatenate([r[:: -(-len(r) // _A_FACE)] for r in rows])])
-
-    def _speeds(self, taken_ns: Ids) -> Array:
-        """Return how fast the box moves through the picture at times (F,), ns, widths of the picture a second; (F,)."""
-        return np.asarray(np.linalg.norm(self._motions(taken_ns), axis=1) / self.image_size[0])
-
-    def _motions(self, taken_ns: Ids) -> Array:
-        """Return how the box moves through the picture at times (F,), ns, (F, 2) px/s."""
-        (here, facing), (after, _) = (self.views.tags(self._some, taken_ns + round(1e9 * s)) for s in (0.0, _STEP_S))
-        count = np.maximum(facing.sum(axis=1), 1)[:, None]
-        moved = np.sum(np.where(facing[..., None], (after - here).mean(axis=2), 0.0), axis=1) / count
-        return np.asarray(moved / _STEP_S)
+    def _motion(self, taken_ns: int) -> Array:
+        """Return how the box moves through the picture at a time, (2,) px/s."""
+        (here, after), (facing, _) = self.views.tags(self._some, taken_ns + np.array([0, round(1e9 * _STEP_S)]))
+        return np.asarray(_moved(here[None], after[None], facing[None])[0] / _STEP_S)
 
     def missed(self, t_ns: int) -> None:
         """Take in that a frame stamped ``t_ns`` showed no tags: others at that speed will not either."""
         self.in_vain += len(self.told_s) >= _TRUSTED
-        self.too_fast = min(self.too_fast, float(self._speeds(self._taken(np.array([t_ns])))[0]))
+        speed = float(np.linalg.norm(self._motion(self._taken_at(t_ns)))) / self.image_size[0]
+        self.too_fast = min(self.too_fast, speed)
 
     def _taken(self, t_ns: Ids) -> Ids:
         return np.asarray(t_ns - np.rint(1e9 * self.late_s(t_ns)).astype(np.int64))
+
+    def _taken_at(self, t_ns: int) -> int:
+        return int(self._taken(np.array([t_ns]))[0])
 
     def learn(self, t_ns: int, p_box: Array, uv_px: Array, blur: tuple[Array, float]) -> None:
         """Take in landmarks (L, 3) that a frame stamped ``t_ns`` showed at ``uv_px`` (L, 2), and its blur.
@@ -189,25 +190,35 @@ class ClockedViews:
         The blur is its shape (2,), and its mean variance, px^2.
         """
         shape, variance = blur
-        v = self._motions(self._taken(np.array([t_ns])))[0]
+        v = self._motion(self._taken_at(t_ns))
         along = float(shape @ _doubled(v))
         if along > 0:
             self.exposures.append((float(np.sqrt(24 * along * variance / (v @ v))), (1 - along) * variance))
         late_s = float(self.late_s(np.array([t_ns]))[0])
         for _ in range(_ROUNDS):
-            here, after = (self._seen(t_ns, p_box, late_s + d) for d in (0.0, _STEP_S))
+            here, after = self._seen(t_ns, p_box, np.array([late_s, late_s + _STEP_S]))
             speed = (after - here) / _STEP_S
             square = float(np.sum(speed**2))
             if not square > len(uv_px) * _LEAST_PX_S**2:
                 return
-            late_s += float(np.sum(speed * (uv_px - here))) / square
+            step_s = float(np.sum(speed * (uv_px - here))) / square
+            late_s += step_s
             if not abs(late_s) < _LONGEST_S:
                 return
-        off = self._seen(t_ns, p_box, late_s) - uv_px
+            if abs(step_s) < _SLIGHT_S:
+                break
+        off = self._seen(t_ns, p_box, np.array([late_s]))[0] - uv_px
         if np.sqrt(np.mean(off**2)) < _AGREES * self.image_size[0]:
             self.told_ns.append(t_ns)
             self.told_s.append(late_s)
 
-    def _seen(self, t_ns: int, p_box: Array, late_s: float) -> Array:
-        T = self.views.T_cam_box_at(np.array([t_ns - round(1e9 * late_s)]))[0]
-        return np.asarray(project(self.views.camera, p_box @ T[:3, :3].T + T[:3, 3]))
+    def _seen(self, t_ns: int, p_box: Array, late_s: Array) -> Array:
+        """Return where landmarks (L, 3) are seen in a frame stamped ``t_ns`` for offsets (K,), s; (K, L, 2) px."""
+        T = self.views.T_cam_box_at(t_ns - np.rint(1e9 * late_s).astype(np.int64))
+        return np.asarray(project(self.views.camera, p_box @ np.swapaxes(T[:, :3, :3], 1, 2) + T[:, None, :3, 3]))
+
+
+def _moved(here: Array, after: Array, facing: Mask) -> Array:
+    """Return how far tags that face the camera (F, T) move on average from (F, T, 4, 2) to as many places, (F, 2)."""
+    count = np.maximum(facing.sum(axis=1), 1)[:, None]
+    return np.asarray(np.sum(np.where(facing[..., None], (after - here).mean(axis=2), 0.0), axis=1) / count)

@@ -118,7 +118,7 @@ def test_the_blur_of_a_frame_tells_the_exposure_and_that_the_blur_of_the_next(si
     first, second = _between(made.drive, 0.3)[[1, 3]].tolist()
     shapes = []
     for t_ns in (first, second):
-        v = clocked._motions(np.array([t_ns]))[0]
+        v = clocked._motion(t_ns)
         added = (EXPOSURE_S * np.linalg.norm(v)) ** 2 / 24
         shapes.append((added / (added + 0.5)) * np.array([v[0] ** 2 - v[1] ** 2, 2 * v[0] * v[1]]) / (v @ v))
         if t_ns == first:
