@@ -10,13 +10,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from boxcal.detect.alignment.box_growth import grow_from_pose
 from boxcal.detect.alignment.box_pose import CameraPrior, fit_box
-from boxcal.detect.alignment.box_search import (
-    CANDIDATE_SIGMA_PX,
-    BoxDetection,
-    PredictedRegions,
-    grow_from_pose,
-)
+from boxcal.detect.alignment.box_search import CANDIDATE_SIGMA_PX, BoxDetection, PredictedRegions
 from boxcal.detect.alignment.predicted_tags import MIN_MODULE_PX
 from boxcal.detect.alignment.pyramid import Pyramid, align_coarsely
 from boxcal.detect.alignment.pyramid_search import FEW_TAGS

@@ -9,13 +9,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from boxcal.detect.alignment.box_growth import grow_from_pose
 from boxcal.detect.alignment.box_pose import CameraPrior
-from boxcal.detect.alignment.box_search import (
-    CANDIDATE_SIGMA_PX,
-    BoxDetection,
-    grow_from_pose,
-    predict_regions,
-)
+from boxcal.detect.alignment.box_search import CANDIDATE_SIGMA_PX, BoxDetection, predict_regions
 from boxcal.detect.alignment.candidates import TagCandidates, find_candidates
 from boxcal.detect.alignment.face_agreement import consistent_candidates
 from boxcal.detect.alignment.pyramid import Pyramid

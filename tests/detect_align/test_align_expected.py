@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from aligned_views import PLAIN, TARGET, pose, truth, view
 
-from boxcal.detect.alignment import box_search, detector, expected_tags
+from boxcal.detect.alignment import box_growth, detector, expected_tags
 from boxcal.detect.alignment.detector import detect_tags
 from boxcal.detect.alignment.expected_tags import ExpectedTags
 
@@ -66,7 +66,7 @@ def test_no_more_tags_are_measured_than_are_wanted(seen, off_px, monkeypatch):
     image, found, searches = seen
     aligned = []
     coarsely = expected_tags.align_coarsely
-    for module in (expected_tags, box_search):
+    for module in (expected_tags, box_growth):
         monkeypatch.setattr(module, "align_coarsely", lambda *a, **k: aligned.append(len(a[2])) or coarsely(*a, **k))
     expected = ExpectedTags(ids=found.ids, corners_px=found.corners_px + off_px, most=8)
     few = detect_tags(image, TARGET, camera=found.camera, expected=expected)

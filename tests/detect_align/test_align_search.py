@@ -4,8 +4,9 @@ import numpy as np
 from aligned_views import TARGET, pose, width_px
 
 from boxcal.detect.alignment import pyramid_search as find
+from boxcal.detect.alignment.box_growth import ALIGNED_SIGMA_PX, fit_aligned
 from boxcal.detect.alignment.box_pose import fit_box
-from boxcal.detect.alignment.box_search import ALIGNED_SIGMA_PX, CANDIDATE_SIGMA_PX, fit_aligned, predict_regions
+from boxcal.detect.alignment.box_search import CANDIDATE_SIGMA_PX, predict_regions
 from boxcal.detect.alignment.candidates import TagCandidates
 from boxcal.detect.alignment.detector import detect_tags
 from boxcal.detect.alignment.tag_patterns import target_patterns
