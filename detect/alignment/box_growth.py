@@ -1,14 +1,17 @@
 """From a few tags to all of them: predict where the box's other tags must be, align, accept what is really there."""
 
+from dataclasses import dataclass, replace
+
 import numpy as np
 
 from boxcal.detect.alignment.box_pose import BoxFit, fit_box
 from boxcal.detect.alignment.box_search import CANDIDATE_SIGMA_PX, BoxDetection, PredictedRegions, consistent
 from boxcal.detect.alignment.predicted_tags import PredictedTags, predicted
-from boxcal.detect.alignment.pyramid import Pyramid, align_coarsely
+from boxcal.detect.alignment.pyramid import SIDE_PX, Pyramid, align_coarsely
 from boxcal.detect.alignment.radial_camera import LOG_ASPECT
 from boxcal.detect.alignment.registration.tag_alignments import TagAlignments
 from boxcal.detect.alignment.tag_patterns import Index, Patterns
+from boxcal.detect.alignment.told_places import as_told, spread_over_faces, told
 from boxcal.detect.alignment.verification import Limits, doubtful_limits, module_px, verified
 from boxcal.detect.image.order_statistics import median
 from boxcal.target.arrays import Array
@@ -26,6 +29,31 @@ SQUARE = 0.02
 """Largest log aspect of a pixel that counts as square; cameras with square pixels keep to a few thousandths."""
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Grown:
+    """Tags that were aligned and lie on the box.
+
+    Attributes
+    ----------
+    tags, fit
+        These, and the box through them.
+    told
+        Rows of tags that were not aligned, since the box tells their places.
+    doubtful
+        Predicted tags that may be there, but are not like their pattern everywhere.
+    """
+
+    tags: TagAlignments
+    fit: BoxFit
+    told: Index
+    doubtful: TagAlignments
+
+    @property
+    def rows(self) -> Index:
+        """Rows of all tags but the doubtful ones."""
+        return np.concatenate([self.tags.rows, self.told])
+
+
 def grow_from_pose(
     pyramid: Pyramid,
     target: Target,
@@ -37,41 +65,77 @@ def grow_from_pose(
 ) -> BoxDetection:
     """Return the tags of a search that are really there, aligned on few pixels, and the box through them.
 
-    With ``others``, whatever the box then predicts beside them is tried too, until nothing new turns up.
+    With ``others``, whatever the box then predicts beside them is tried too, until nothing new turns up. Some tags are
+    where the box has them, see :mod:`boxcal.detect.alignment.told_places`.
     """
-    rough = limits.relaxed()
-    fit, doubtful, missing = search.fit, None, None
-    pyramid = pyramid.under(fit.lens)
-    image_size = pyramid.size
-    tags = align_coarsely(pyramid, patterns, search.rows, search.corners_px)
-    tags = tags.take(verified(patterns, tags, rough))
+    finder = _Finder(pyramid=pyramid.under(search.fit.lens), target=target, patterns=patterns, limits=limits)
+    missing, size = None, pyramid.size
+    found = finder.more(None, search.fit, search.rows, search.corners_px)
     for _ in range(ROUNDS):
-        if len(tags) == 0:
+        if len(found.tags) == 0:
             break
-        fit, rows = fit_aligned(target, patterns, tags.rows, tags.corners_px, image_size=image_size, start=fit)
-        if len(rows) < len(tags):
-            tags = tags.take(np.isin(tags.rows, rows))
-        missing = predicted(target, patterns, fit, tags.rows, image_size)
-        more, corners = missing.rows[missing.sure], missing.corners_px[missing.sure]
-        if len(more) == 0 or not others:
+        missing = predicted(target, patterns, found.fit, found.rows, size)
+        if not others or not missing.sure.any():
             break
-        new = align_coarsely(pyramid, patterns, more, corners, side_px=PREDICTED_SIDE_PX)
-        moved = np.linalg.norm(new.corners_px - corners, axis=2).max(axis=1)
-        near = moved <= module_px(patterns, corners) + 0.5
-        believed = verified(patterns, new, rough)
-        doubtful = new.take(near & ~believed & verified(patterns, new, doubtful_limits(limits)))
-        new = new.take(near & believed)
-        if len(new) == 0:
+        before = len(found.rows)
+        found = finder.more(found, found.fit, missing.rows[missing.sure], missing.corners_px[missing.sure])
+        if len(found.rows) <= before:
             break
-        tags = tags.joined(new)
-    lost_px, region = _lost(target, patterns, tags, fit, missing, image_size)
+    tags, fit = found.tags, found.fit
+    if len(found.told):
+        tags = tags.joined(as_told(target, fit, tags, found.told))
+    lost_px, region = _lost(target, patterns, tags, fit, missing, size)
     return BoxDetection(
-        tags=tags if doubtful is None else tags.joined(doubtful.take(~np.isin(doubtful.rows, tags.rows))),
+        tags=tags.joined(found.doubtful.take(~np.isin(found.doubtful.rows, tags.rows))),
         fit=fit,
         lost_module_px=lost_px,
         lost_region_px=region,
         contradicting_faces=search.contradicting_faces,
     )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Finder:
+    """Aligner of tags of a box at rough places."""
+
+    pyramid: Pyramid
+    target: Target
+    patterns: Patterns
+    limits: Limits
+
+    def more(self, before: _Grown | None, fit: BoxFit, rows: Index, corners_px: Array) -> _Grown:
+        """Return what was found before and what is there of tags (N,) at places (N, 4, 2), px.
+
+        Those of a fit that goes before, if any, are predicted, and believed only near there; others may be anywhere.
+        """
+        first, rest = spread_over_faces(self.target, rows, corners_px)
+        now = self._with(before, fit, rows[first], corners_px[first], predicted=before is not None)
+        sure = told(self.target, self.patterns, now.fit, believed=now.tags.rows, asked=rows[first], rows=rows[rest])
+        late, doubtful = rest[~sure], now.doubtful
+        if len(late):
+            now = self._with(now, now.fit, rows[late], corners_px[late], predicted=before is not None)
+            doubtful = doubtful.joined(now.doubtful)
+        return replace(now, told=np.concatenate([now.told, rows[rest[sure]]]), doubtful=doubtful)
+
+    def _with(self, before: _Grown | None, fit: BoxFit, rows: Index, corners_px: Array, *, predicted: bool) -> _Grown:
+        """Return what was found before with tags at places that are really there, and the box through all."""
+        side_px, target, patterns = PREDICTED_SIDE_PX if predicted else SIDE_PX, self.target, self.patterns
+        new = align_coarsely(self.pyramid, patterns, rows, corners_px, side_px=side_px)
+        there, doubtful = verified(patterns, new, self.limits.relaxed()), np.zeros(len(rows), dtype=np.bool_)
+        if predicted:
+            moved = np.linalg.norm(new.corners_px - corners_px, axis=2).max(axis=1)
+            near = moved <= module_px(patterns, corners_px) + 0.5
+            doubtful = near & ~there & verified(patterns, new, doubtful_limits(self.limits))
+            there &= near
+        tags = new.take(there) if before is None else before.tags.joined(new.take(there))
+        if there.any():
+            fit, kept = fit_aligned(
+                target, patterns, tags.rows, tags.corners_px, image_size=self.pyramid.size, start=fit
+            )
+            if len(kept) < len(tags):
+                tags = tags.take(np.isin(tags.rows, kept))
+        known = np.zeros(0, dtype=np.int64) if before is None else before.told
+        return _Grown(tags=tags, fit=fit, told=known, doubtful=new.take(doubtful))
 
 
 def fit_aligned(

@@ -1,0 +1,73 @@
+"""Tags whose places the box through a few others tells are not aligned twice."""
+
+import numpy as np
+import pytest
+from aligned_views import TARGET, pose, truth, view
+
+from boxcal.detect.alignment import box_growth
+from boxcal.detect.alignment.box_pose import fit_box
+from boxcal.detect.alignment.detector import detect_tags
+from boxcal.detect.alignment.tag_patterns import target_patterns
+from boxcal.detect.alignment.told_places import ON_FACE, spread_over_faces, told
+
+POSE = pose(28.0, distance=0.55)
+PATTERNS = target_patterns(TARGET)
+
+
+@pytest.fixture
+def aligned(monkeypatch):
+    """Return how many tags were aligned roughly in each call."""
+    counts, align = [], box_growth.align_coarsely
+    monkeypatch.setattr(box_growth, "align_coarsely", lambda *a, **k: counts.append(len(a[2])) or align(*a, **k))
+    return counts
+
+
+def test_of_a_rigid_box_a_few_tags_of_each_face_are_aligned_roughly(aligned):
+    tags = detect_tags(view(POSE), TARGET)
+    faces = len(np.unique(TARGET.tag_faces[tags.ids]))
+    assert len(tags.ids) > 2 * faces * ON_FACE
+    assert sum(aligned) <= 2 * faces * ON_FACE
+    assert np.abs(tags.corners_px - truth(POSE)[0][tags.ids]).max() < 0.2
+
+
+def test_where_the_box_does_not_tell_all_tags_are_aligned_roughly(aligned, monkeypatch):
+    plain = detect_tags(view(POSE), TARGET)
+    aligned.clear()
+    monkeypatch.setattr(box_growth, "told", lambda *_, rows, **__: np.zeros(len(rows), dtype=np.bool_))
+    every = detect_tags(view(POSE), TARGET)
+    assert sum(aligned) >= len(every.ids)
+    np.testing.assert_array_equal(every.ids, plain.ids)
+    assert np.abs(every.corners_px - plain.corners_px).max() < 0.05
+
+
+def test_the_first_tags_are_those_at_the_ends_of_a_face():
+    uv, rows = truth(POSE)
+    first, rest = spread_over_faces(TARGET, rows, uv[rows])
+    assert np.array_equal(np.sort(np.concatenate([first, rest])), np.arange(len(rows)))
+    for face in np.unique(TARGET.tag_faces[rows]):
+        here = TARGET.tag_faces[rows] == face
+        assert here[first].sum() == min(ON_FACE, here.sum())
+        all_of_it, some = uv[rows[here]].mean(axis=1), uv[rows[first[here[first]]]].mean(axis=1)
+        assert (np.ptp(some, axis=0) > 0.85 * np.ptp(all_of_it, axis=0)).all()
+
+
+def _fitted(off_px):
+    uv, rows = truth(POSE)
+    asked = spread_over_faces(TARGET, rows, uv[rows])[0]
+    moved = uv[rows[asked]] + np.random.default_rng(1).normal(0, off_px, (len(asked), 1, 2))
+    fit = fit_box(TARGET, rows[asked], moved, image_size=(640, 480), sigma_px=0.05)
+    return fit, rows[asked], np.setdiff1d(rows, rows[asked])
+
+
+def test_a_box_tells_the_rest_only_of_faces_where_the_first_tags_are_there():
+    fit, asked, rest = _fitted(0.02)
+    assert told(TARGET, PATTERNS, fit, believed=asked, asked=asked, rows=rest).all()
+    face = TARGET.tag_faces[rest[0]]
+    there = asked[TARGET.tag_faces[asked] != face]
+    sure = told(TARGET, PATTERNS, fit, believed=there, asked=asked, rows=rest)
+    np.testing.assert_array_equal(sure, TARGET.tag_faces[rest] != face)
+
+
+def test_a_box_on_which_the_first_tags_do_not_lie_tells_nothing():
+    fit, asked, rest = _fitted(1.0)
+    assert not told(TARGET, PATTERNS, fit, believed=asked, asked=asked, rows=rest).any()
