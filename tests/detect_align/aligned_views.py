@@ -54,9 +54,9 @@ def view(T_cam_box, sensor=PLAIN, target=TARGET, camera=CAMERA, seed=1):
     return render(target, camera, T_cam_box, SIZE, sensor, np.random.default_rng(seed))
 
 
-def some_tags(azimuth_deg, response="linear", side=1, lens=LENS):
+def some_tags(azimuth_deg, response="linear", side=1, lens=LENS, roll_deg=5.0):
     """Return three tags of a view, all parameters off their best by some per cent."""
-    T = pose(azimuth_deg)
+    T = pose(azimuth_deg, roll_deg=roll_deg)
     uv, seen = truth(T)
     rows = seen[::12][:3]
     frame = Frame(

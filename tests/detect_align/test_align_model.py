@@ -61,6 +61,29 @@ def test_compiled_sums_are_those_of_the_reference(response, side, lens):
     np.testing.assert_allclose(fast.blocks, plain.blocks, atol=0.02)
 
 
+@pytest.mark.parametrize("stride", [(1, 1, 1), (1, 1, 1 << 40), (5, 3, 1 << 40), (5, 3, 1), (8, 5, 2), (13, 8, 3)])
+@pytest.mark.parametrize("lens", [LENS, BENT], ids=["plain", "fisheye"])
+@pytest.mark.parametrize("roll_deg", [0.0, 40.0])
+def test_compiled_pixels_are_those_of_the_reference(roll_deg, lens, stride):
+    kernels = pytest.importorskip("boxcal.detect.alignment.numba.gauss_newton", reason="numba is not installed")
+    batch = some_tags(33.0, lens=lens, roll_deg=roll_deg)
+    wide = batch.bounding_boxes + np.array([-9, 9, -9, 9])
+    batch = replace(batch, stride=np.tile(stride, (3, 1)), bounding_boxes=np.maximum(wide, 0))
+    kept = kernels.last_step(batch)
+    for k in range(len(batch)):
+        plain, n = model.differentiate(batch, k), kept.used[k]
+        blocks = kept.pixels[kept.first[k] : kept.first[k + 1]].reshape(-1, 7, 64)
+        x, y, u, v, grey, column, row = blocks.transpose(1, 0, 2).reshape(7, -1)[:, :n]
+        assert n == len(plain.columns) > 30
+        fast, expected = np.lexsort((column, row)), np.lexsort((plain.columns, plain.lines))
+        np.testing.assert_array_equal(column[fast], plain.columns[expected])
+        np.testing.assert_array_equal(row[fast], plain.lines[expected])
+        np.testing.assert_allclose(np.stack([u, v], -1)[fast], plain.uv[expected], atol=2e-5)
+        np.testing.assert_allclose(grey[fast], plain.grey[expected], atol=1e-6)
+        again = model.apply_h(batch.theta[k, None, :8], np.stack([x, y], -1).astype(float)[None])[0]
+        np.testing.assert_allclose(again, np.stack([u, v], -1), atol=2e-5)
+
+
 @pytest.mark.parametrize("lens", [LENS, BENT], ids=["plain", "fisheye"])
 def test_numpy_alone_aligns_as_well_as_compiled(lens):
     pytest.importorskip("numba", reason="numba is not installed")

@@ -16,11 +16,12 @@ def motion_of_tag(batch: Any, k: Any, pixels: Any, n: Any, jac: Any, noise2: Any
     h, scale = batch.theta[k], batch.normalisation[k, 2]
     sums = np.zeros((BLOCKS * BLOCKS, 5))
     for p in range(n):
-        u, v = np.float64(pixels[2, p]), np.float64(pixels[3, p])
+        place, at = pixels[p // BLOCK], p % BLOCK
+        u, v = np.float64(place[2 * BLOCK + at]), np.float64(place[3 * BLOCK + at])
         i = min(max(int(u * BLOCKS / modules), 0), BLOCKS - 1)
         j = min(max(int(v * BLOCKS / modules), 0), BLOCKS - 1)
         rows = jac[p // BLOCK]
-        by_u, by_v, r = rows[2, p % BLOCK] * scale, rows[5, p % BLOCK] * scale, rows[14, p % BLOCK]
+        by_u, by_v, r = rows[2, at] * scale, rows[5, at] * scale, rows[14, at]
         gx = by_u * (h[0] - u * h[6]) + by_v * (h[3] - v * h[6])
         gy = by_u * (h[1] - u * h[7]) + by_v * (h[4] - v * h[7])
         block = sums[j * BLOCKS + i]

@@ -12,7 +12,7 @@ from boxcal.detect.alignment.numba.cholesky import factor, solve_lower, solve_po
 from boxcal.detect.alignment.numba.finish import moves_of
 from boxcal.detect.alignment.numba.image_model import ROWS, add_products
 from boxcal.detect.alignment.numba.kernel import kernel
-from boxcal.detect.alignment.numba.pixels import BLOCK
+from boxcal.detect.alignment.numba.pixels import BLOCK, COLUMN, ROW
 from boxcal.detect.alignment.registration.image_model import CLUSTERS
 from boxcal.detect.alignment.registration.parameters import BLACK, KURTOSIS, PARAMETERS
 
@@ -64,8 +64,9 @@ def _fill_squares(  # noqa: PLR0917 - arrays in, arrays out
     square, order = np.empty(n, np.int64), np.empty(n, np.int64)
     begin = np.zeros(CLUSTERS * CLUSTERS + 2, np.int64)
     for p in range(n):
-        i = min(int(pixels[5, p]) // side - left, CLUSTERS - 1)
-        j = min(int(pixels[6, p]) // side - top, CLUSTERS - 1)
+        block, at = pixels[p // BLOCK], p % BLOCK
+        i = min(int(block[COLUMN + at]) // side - left, CLUSTERS - 1)
+        j = min(int(block[ROW + at]) // side - top, CLUSTERS - 1)
         square[p] = j * CLUSTERS + i
         begin[square[p] + 2] += 1
     for k in range(len(begin) - 1):

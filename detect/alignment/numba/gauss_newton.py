@@ -10,18 +10,11 @@ from numpy.typing import NDArray
 
 from boxcal.detect.alignment.numba.arrays import clear, clear_rows, finite, put, put_rows
 from boxcal.detect.alignment.numba.cholesky import solve_positive
+from boxcal.detect.alignment.numba.collect import collect, place_all
+from boxcal.detect.alignment.numba.edges import module_differences
 from boxcal.detect.alignment.numba.image_model import ROWS, add_products, differentiate
 from boxcal.detect.alignment.numba.kernel import kernel
-from boxcal.detect.alignment.numba.pixels import (
-    BLOCK,
-    OF_PIXEL,
-    add_blocks,
-    collect,
-    initial_intensity,
-    replace_pixels,
-    room,
-    thin,
-)
+from boxcal.detect.alignment.numba.pixels import BLOCK, OF_PIXEL, add_blocks, initial_intensity, room, thin
 from boxcal.detect.alignment.registration.finish import KURTOSIS_PRIOR
 from boxcal.detect.alignment.registration.gauss_newton import (
     KURTOSIS_RANGE,
@@ -48,7 +41,7 @@ _NO_STEP = StepRules(
 class LastStep(NamedTuple):
     """Pixels and Jacobians of tags at the last step, kept where they are wanted.
 
-    How many pixels of a tag were ``used``; they begin at ``64 first``, and its blocks of 64 of them at ``first``.
+    How many pixels of a tag were ``used``; its blocks of 64 of them begin at ``first``.
     """
 
     wanted: bool
@@ -64,7 +57,7 @@ def kept_nothing(tags: int) -> LastStep:
         wanted=False,
         first=np.zeros(tags + 1, np.int64),
         used=np.zeros(tags, np.int64),
-        pixels=np.empty((OF_PIXEL, 0), np.float32),
+        pixels=np.empty((0, OF_PIXEL * BLOCK), np.float32),
         jacobian=np.empty((0, ROWS, BLOCK), np.float32),
     )
 
@@ -96,7 +89,7 @@ def last_step(batch: Batch) -> LastStep:
     kept = kept_nothing(len(batch))._replace(
         wanted=True,
         first=first,
-        pixels=np.empty((OF_PIXEL, BLOCK * blocks), np.float32),
+        pixels=np.empty((blocks, OF_PIXEL * BLOCK), np.float32),
         jacobian=np.empty((blocks, ROWS, BLOCK), np.float32),
     )
     sums = no_sums(len(batch), batch.cells)
@@ -114,29 +107,29 @@ def _blocks(batch: Batch) -> Index:
 def _iterate(batch: Any, sums: Any, normalised: Any, module_px: Any, rules: Any, kept: Any) -> None:  # noqa: PLR0917
     """Take the steps of each tag, or fill its sums alone: all in one, as it compiles once."""
     normal, gradient, stats, theta = sums.normal, sums.gradient, sums.stats, batch.theta
-    step = np.zeros(PARAMETERS)
+    step, table = np.zeros(PARAMETERS), np.zeros((4, batch.cells.shape[1] ** 2), np.float32)
     for k in range(len(batch.rows)):
         if not finite(theta[k]):
             continue
         pixels, n, since = room(batch.bounding_boxes[k]), 0, np.inf
+        module_differences(batch.cells[batch.rows[k]], table)
         jac = np.empty((0, ROWS, BLOCK), np.float32)
         for number in range(rules.iterations):
             clear_rows(normal[k])
             clear(gradient[k])
             clear(stats[k])
             if since > _FAR_MODULES:
-                n = collect(batch, k, pixels)
+                n = collect(batch, k, table, pixels)
                 since = 0.0
-                if rules.guess and number == 0:
-                    initial_intensity(batch, k, pixels, n)
-            else:
-                replace_pixels(theta[k], pixels, n)
+            place_all(batch, k, pixels, n)
+            if rules.guess and number == 0:
+                initial_intensity(batch, k, pixels, n)
             thinned = number == 0 and rules.thinned and n >= LEAST_THINNED
             used, m = thin(pixels, n, THINNED) if thinned else (pixels, n)
-            jac = differentiate(batch, k, used, m, stats[k])
+            jac = differentiate(batch, k, table, used, m, stats[k])
             if kept.wanted:
                 kept.used[k] = n
-                _keep(pixels, n, jac, kept.pixels, kept.jacobian, kept.first[k])
+                _keep(pixels, jac, kept.pixels, kept.jacobian, kept.first[k])
                 break
             add_products(jac, normal[k], gradient[k])
             if rules.sums_only:
@@ -163,12 +156,10 @@ def _iterate(batch: Any, sums: Any, normalised: Any, module_px: Any, rules: Any,
 
 
 @kernel(inner=True)
-def _keep(pixels: Any, n: Any, jac: Any, all_pixels: Any, all_jac: Any, first: Any) -> None:  # noqa: PLR0917
+def _keep(pixels: Any, jac: Any, all_pixels: Any, all_jac: Any, first: Any) -> None:
     """Copy a tag's pixels and Jacobian behind those of the tags before."""
-    for row in range(OF_PIXEL):
-        for p in range(n):
-            all_pixels[row, BLOCK * first + p] = pixels[row, p]
     for part in range(len(jac)):
+        put(all_pixels[first + part], pixels[part])
         put_rows(all_jac[first + part], jac[part])
 
 

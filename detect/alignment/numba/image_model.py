@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from boxcal.detect.alignment.numba.arrays import clear
-from boxcal.detect.alignment.numba.edges import OF_EDGE, across, blur_geometry, down, edge, jacobian, module_differences
+from boxcal.detect.alignment.numba.edges import OF_EDGE, across, blur_geometry, down, edge, jacobian
 from boxcal.detect.alignment.numba.kernel import kernel
 from boxcal.detect.alignment.numba.pixels import BLOCK, widths
 from boxcal.detect.alignment.registration.parameters import PARAMETERS
@@ -93,11 +93,13 @@ def _gather(table: Any, corner: Any, beyond: Any, weight: Any) -> None:
 
 
 @kernel(inner=True, fastmath=True)
-def differentiate(batch: Any, tag: Any, pixels: Any, n: Any, stats: Any) -> Any:  # noqa: PLR0915
-    """Return the Jacobian of collected pixels, (B, 16, 64), residuals in row 14; add to the sums of residuals."""
-    cells, theta, normalisation = batch.cells[batch.rows[tag]], batch.theta[tag], batch.normalisation[tag]
-    modules = cells.shape[0] - 2
-    side = cells.shape[0]
+def differentiate(batch: Any, tag: Any, table: Any, pixels: Any, n: Any, stats: Any) -> Any:  # noqa: PLR0917
+    """Return the Jacobian of collected pixels, (B, 16, 64), residuals in row 14; add to the sums of residuals.
+
+    ``table`` holds the tag's modules and their differences.
+    """
+    theta, normalisation, side = batch.theta[tag], batch.normalisation[tag], batch.cells.shape[1]
+    modules = side - 2
     wide_u, wide_v = widths(theta, normalisation)
     # edges in reach of a normalisation, by the blur at the tag's centre
     count_u = min(int(2 * _NEAR * wide_u) + 1, modules + 1, _MOST)
@@ -107,26 +109,20 @@ def differentiate(batch: Any, tag: Any, pixels: Any, n: Any, stats: Any) -> Any:
     light = (theta[8], theta[9], theta[10], theta[11], kappa)
     parts = (n + BLOCK - 1) // BLOCK
     jac = np.empty(parts * ROWS * BLOCK, np.float32)
-    at, geometry = np.empty(5 * BLOCK, np.float32), np.empty(4 * BLOCK, np.float32)
+    geometry = np.empty(4 * BLOCK, np.float32)
     first_u, first_v = np.empty(BLOCK, np.float32), np.empty(BLOCK, np.float32)
     corner = np.empty(BLOCK, np.uint64)
     edges_u, edge_v = np.empty(count_u * OF_EDGE, np.float32), np.empty(OF_EDGE, np.float32)
     weight, response_slope = np.empty(BLOCK, np.float32), np.empty(BLOCK, np.float32)
     sums, total = np.empty(7 * BLOCK, np.float32), np.empty(5 * BLOCK, np.float32)
-    table = np.zeros((4, side * side), np.float32)
-    module_differences(cells, table)
     flat, along_u, along_v, along_both = table[0], table[1], table[2], table[3]
     half_u, half_v = _F1 - _F05 * np.float32(count_u), _F1 - _F05 * np.float32(count_v)
     last_u, last_v = np.float32(modules + 1 - count_u), np.float32(modules + 1 - count_v)
     width, farthest = np.float32(side), np.int32(last_v * np.float32(side) + last_u)
-    u, v, per_su, per_sv, rho = (
-        at[2 * BLOCK : 3 * BLOCK], at[3 * BLOCK : 4 * BLOCK],
-        geometry[BLOCK : 2 * BLOCK], geometry[2 * BLOCK : 3 * BLOCK], geometry[3 * BLOCK :],
-    )  # fmt: skip
+    per_su, per_sv, rho = geometry[BLOCK : 2 * BLOCK], geometry[2 * BLOCK : 3 * BLOCK], geometry[3 * BLOCK :]
     for part in range(parts):
-        begin = part * BLOCK
-        used = min(BLOCK, n - begin)
-        _take(pixels, begin, used, at)
+        at, used = pixels[part], min(BLOCK, n - part * BLOCK)
+        u, v = at[2 * BLOCK : 3 * BLOCK], at[3 * BLOCK : 4 * BLOCK]
         for p in range(BLOCK):
             i = min(max(np.floor(u[p] + half_u), _F0), last_u)
             j = min(max(np.floor(v[p] + half_v), _F0), last_v)
@@ -158,16 +154,6 @@ def differentiate(batch: Any, tag: Any, pixels: Any, n: Any, stats: Any) -> Any:
         jacobian(light, at, geometry, total, response_slope, into)
     stats[0] += n
     return jac.reshape(parts, ROWS, BLOCK)
-
-
-@kernel(inner=True)
-def _take(pixels: Any, begin: Any, used: Any, at: Any) -> None:
-    """Fill a block with collected pixels, and the rest with its first one."""
-    for k in range(5):
-        for p in range(used):
-            at[k * BLOCK + p] = pixels[k, begin + p]
-        for p in range(used, BLOCK):
-            at[k * BLOCK + p] = pixels[k, begin]
 
 
 @kernel(inner=True, fastmath=True)
