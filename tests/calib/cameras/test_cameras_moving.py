@@ -13,7 +13,7 @@ from boxcal.calib.likelihood.cameras.moving.joint import AllMoving, SettledAll, 
 from boxcal.calib.likelihood.cameras.moving.merge import with_frames_of_all
 from boxcal.calib.likelihood.cameras.moving.row import MovingRow, Seen, clocks_of, moving_row
 from boxcal.calib.likelihood.cameras.state import stepped
-from boxcal.calib.likelihood.moving.clock import LATE
+from boxcal.calib.likelihood.moving.clock import LATE, Clocks
 from boxcal.calib.likelihood.moving.faults import sound
 from boxcal.calib.likelihood.moving.noise import FrameNoise
 from boxcal.calib.simulate.more_cameras import seen_by
@@ -77,6 +77,25 @@ def test_frames_stay_chosen_while_the_clocks_are_moved(stereo: Rigged) -> None:
 
     assert chosen(moving_row(stops.fit, stops.drives[0], seen, later)) != chosen(first)
     assert chosen(moving_row(stops.fit, stops.drives[0], seen, later, first)) == chosen(first)
+
+
+def test_of_frames_at_one_moment_stamps_do_not_tell_which_is_used(stereo: Rigged) -> None:
+    """The earlier of two stamps that jitter is early: chosen for that, clocks came out a standard deviation early."""
+    drives = with_frames(stereo, late_s=(0.0, 0.0), jitter_s=1e-3)
+    stops, seen = of_stops(stereo), seen_of(stereo, drives)
+    assert stops.fit is not None
+    agreeing = Clocks(late_s=np.zeros(2), rate=np.zeros(2))
+    row = moving_row(stops.fit, stops.drives[0], seen, agreeing)
+    used = {(c, k) for c, k in zip(row.camera.tolist(), row.number.tolist(), strict=True) if c >= 0}
+    t_ns = [np.array([frame.t_ns for frame in drive.moving]) for drive in drives]
+    earlier = []
+    for c, k in used:
+        apart = t_ns[c][k] - t_ns[1 - c]
+        twin = int(np.argmin(np.abs(apart)))
+        if abs(apart[twin]) < 5e6 and (1 - c, twin) not in used:
+            earlier.append(apart[twin] < 0)
+    assert len(earlier) > 20
+    assert abs(np.mean(earlier) - 0.5) < 0.2
 
 
 @pytest.mark.parametrize("which", ["front_and_rear", "stereo"])

@@ -158,7 +158,9 @@ def _frames(cameras: Sequence[Seen], clocks: Clocks, among: MovingRow | None) ->
     count = np.zeros(len(cameras), dtype=np.int64)
     for frame in sorted(found):
         if kept and frame[0] - kept[-1][0] <= APART_S * 1e9:
-            if count[frame[1]] >= count[kept[-1][1]] - 1:
+            before = kept[-1][1]
+            # of equal counts not the earlier frame: of two stamps that jitter it is the one that came early
+            if (count[frame[1]], frame[1]) >= (count[before] - 1, before):
                 continue
             count[kept.pop()[1]] -= 1
         kept.append(frame)
