@@ -167,7 +167,7 @@ def _solved(fit: Fit, cause: Cause, gain: float) -> Solved:
     rows = slice(first, first + len(cause.names))
     start = first - fit.problem.explained.start
     values = fit.state.explained[start : start + len(cause.names)]
-    return Solved(values=values, cov=fit.cov[rows, rows], p_value=float(np.exp(-gain)))
+    return Solved(values=values, cov=fit.cov[rows, rows], p_value=float(np.exp(-max(gain, 0.0))))
 
 
 def _shows(fit: Fit, cause: Cause, gain: float) -> bool:
