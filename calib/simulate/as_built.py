@@ -21,7 +21,7 @@ def as_built(target: Target, box: BoxFaults) -> Target:
         sheet_at = design.T_box_face(sheet)
         printed = make_target(design).tag_corners[rows] if box.other else target.tag_corners[rows]
         p_face = (printed - sheet_at[:3, 3]) @ sheet_at[:3, :3]
-        g = p_face[..., :2] * box.scale
+        g = p_face[..., :2] * box.scale * box.face_scale[f]
         g = -g if sheet in box.turned else g
         c, s = np.cos(place[f, 2]), np.sin(place[f, 2])
         g = g @ np.array([[c, s], [-s, c]]) + place[f, :2]

@@ -102,6 +102,8 @@ class BoxFaults:
         Sheets glued upside down.
     scale : (x, y)
         Size of the prints against the description.
+    face_scale : (FACES,)
+        Size of each face's print against that of the others.
     place : (FACES, 3), m and rad
         How far each sheet lies to the right and up, and how far it is turned (anticlockwise) on its face.
     pose : (FACES, 6), rad and m
@@ -119,6 +121,7 @@ class BoxFaults:
     order: tuple[int, ...] = tuple(range(FACES))
     turned: tuple[int, ...] = ()
     scale: tuple[float, float] = (1.0, 1.0)
+    face_scale: tuple[float, ...] = (1.0,) * FACES
     place: Array | None = None
     pose: Array | None = None
     bow: tuple[float, ...] = (0.0,) * FACES
