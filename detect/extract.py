@@ -21,12 +21,12 @@ from boxcal.detect.log.topics import Topics
 from boxcal.detect.log.wheel_samples import WheelUnits
 from boxcal.detect.stops import MIN_STOPS, Stop, StopSettings, find_stops
 from boxcal.detect.tags.averaging import FLOOR_PX, AveragedCorners, covariances
-from boxcal.detect.tags.box_at_stops import BoxAtStops
+from boxcal.detect.tags.box_at_stops import BoxAtStops, KnownBox
 from boxcal.detect.tags.detections import TagSettings
 from boxcal.detect.tags.moving_frames import MovingFrame
 from boxcal.detect.tags.on_the_move import LEAST_WITHOUT_STOPS, TOO_FEW_PLACES
 from boxcal.detect.tags.predicted_views import Predictor
-from boxcal.detect.tags.print_size import scaled_prints
+from boxcal.detect.tags.seen_as_built import Seen, SeenStop, as_built
 from boxcal.one_thread import one_thread
 from boxcal.target.arrays import Array, Ids
 from boxcal.target.box import Target
@@ -166,12 +166,9 @@ def extract_recording(
             recording = recording.with_clock_offset(offset)
             found = _seen(recording, stops, target, settings, tell, pictures)
     recording.refuse_times_apart()
-    scale, looked_for = found[0].print_scale(), target
-    if scale != 1.0:
-        tell(f"tags of two faces fit prints of {scale:.0%} only: looking again", 0.0)
-        again = _seen(recording, stops, scaled_prints(target, scale), settings, tell, pictures)
-        if again[0].tags > found[0].tags:  # one picture told the size: the others must bear it out
-            found, looked_for = again, scaled_prints(target, scale)
+    found, looked_for = as_built(
+        found, target, tell, lambda box, known: _seen(recording, stops, box, settings, tell, pictures, known)
+    )
     look, seen = found
     moving: tuple[MovingFrame, ...] = ()
     if len(seen) < MIN_STOPS:
@@ -180,25 +177,22 @@ def extract_recording(
         if len(moving) < LEAST_WITHOUT_STOPS:
             raise DetectError(why, source=recording.path.name)
         tell(f"{TOO_FEW_PLACES}: {len(moving)} frames taken on the move stand for stops", 1.0)
-    covs = covariances([detections for _, detections, _ in seen], settings.floor_px)
+    covs = covariances([at.corners for at in seen], settings.floor_px)
     drive = Correspondences(
         robot=robot_name_of(recording.path),
         image_size=look.image_size,
         wheels=recording.wheels,
         stops=tuple(
-            observation(stop, detections, cov, target, rejected)
-            for (stop, detections, rejected), cov in zip(seen, covs, strict=True)
+            observation(at.stop, at.corners, cov, target, at.rejected) for at, cov in zip(seen, covs, strict=True)
         ),
-        source=source_of(recording, target_sha256(target), look.notes()),
+        source=replace(source_of(recording, target_sha256(target), look.notes()), print_sizes=look.print_sizes),
         units=recording.units,
     )
     if seen and settings.moving:
-        views = None if settings.predictor is None else settings.predictor(drive)
-        moving = look.between([stop for stop, _, _ in seen], stops, looked_for, views)
+        seen_on = drive if looked_for is target else _with_box(drive, looked_for)
+        views = None if settings.predictor is None else settings.predictor(seen_on)
+        moving = look.between([at.stop for at in seen], stops, looked_for, views)
     return replace(drive, moving=tuple(replace(frame, p_box=target.p_box(frame.landmark_ids)) for frame in moving))
-
-
-_Seen = tuple[BoxAtStops, list[tuple[Stop, AveragedCorners, int]]]
 
 
 def _seen(  # noqa: PLR0917
@@ -208,13 +202,14 @@ def _seen(  # noqa: PLR0917
     settings: ExtractSettings,
     tell: Progress,
     pictures: Pictures | None,
-) -> _Seen:
-    """Return who looked at the stops, and what was seen, and how many tags rejected, at each that is usable."""
+    known: KnownBox | None = None,
+) -> Seen:
+    """Return who looked at the stops, and what was seen at each that is usable."""
     bits, size = _bits_and_size(recording, stops, settings)
-    look = BoxAtStops(recording, target, _tag_settings(settings), bits, size)
-    seen: list[tuple[Stop, AveragedCorners, int]] = []
+    look = BoxAtStops(recording, target, _tag_settings(settings), bits, size, known)
+    seen: list[SeenStop] = []
     for number, stop in enumerate(stops, 1):
-        detections, left_out = look.at(frames_at(recording, stop, settings.settle, settings.max_frames))
+        detections, left_out = look.at(frames_at(recording, stop, settings.settle, settings.max_frames), number - 1)
         usable = detections.tags >= settings.min_tags
         tell(
             f"stop {number} of {len(stops)}: {detections.frames} frames, {detections.tags} tags"
@@ -222,13 +217,18 @@ def _seen(  # noqa: PLR0917
             number / len(stops),
         )
         if usable:
-            seen.append((stop, detections, look.rejected[-1]))
+            seen.append(SeenStop(number=number - 1, stop=stop, corners=detections, rejected=look.rejected[-1]))
             if pictures is not None and look.last_frame is not None:
                 pictures(stop.t_start_ns, look.last_frame)
     return look, seen
 
 
-def _clock_in_doubt(stops: tuple[Stop, ...], found: _Seen) -> bool:
+def _with_box(drive: Correspondences, box: Target) -> Correspondences:
+    """Return a drive with landmarks where another box has them."""
+    return replace(drive, stops=tuple(replace(stop, p_box=box.p_box(stop.landmark_ids)) for stop in drive.stops))
+
+
+def _clock_in_doubt(stops: tuple[Stop, ...], found: Seen) -> bool:
     """Tell whether stops that show too little or move give cause to compare the camera's clock with the wheels'."""
     look, seen = found
     few = len(seen) < MIN_STOPS or len(seen) <= len(stops) / 2

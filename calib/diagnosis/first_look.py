@@ -11,6 +11,7 @@ from boxcal.calib.diagnosis.counters import counter_finding
 from boxcal.calib.diagnosis.frozen import without_frozen
 from boxcal.calib.diagnosis.layout import other_layout
 from boxcal.calib.diagnosis.losses import loss_findings
+from boxcal.calib.diagnosis.odd_prints import with_odd_prints
 from boxcal.calib.diagnosis.sheets import Gluing, find_gluing
 from boxcal.calib.diagnosis.sheets_by_wheels import gluing_by_wheels
 from boxcal.calib.diagnosis.silent_wheels import refuse_silent_wheels
@@ -86,6 +87,11 @@ def _looked(drives: Sequence[Correspondences], target: Target, mode: CameraMode,
     thawed = [without_frozen(drive) for drive in drives]
     drives = [drive for drive, _ in thawed]
     findings += [finding for _, finding in thawed if finding is not None]
+    odd = with_odd_prints(drives, target)
+    if odd is not None:
+        target = odd[0]
+        drives = [_placed(drive, target) for drive in drives]
+        findings.append(odd[1])
     stops = [stop for drive in drives for stop in drive.stops]
     gluing = find_gluing(stops, drives[0].image_size, target)
     if gluing is not None and not gluing.as_described:

@@ -165,6 +165,11 @@ def fit_box(
     return min(fits, key=lambda fit: median(fit.off_px))
 
 
+def unknown_deviation(image_size: tuple[int, int]) -> Array:
+    """Return the standard deviations (10,) of a camera of which nothing is known, as :class:`CameraPrior` has them."""
+    return np.asarray(_PRIORS * _widths(max(image_size)))
+
+
 def _widths(width: int) -> Array:
     scale = np.ones(CAMERA)
     scale[1:3] = width
@@ -176,7 +181,7 @@ def _cameras(image_size: tuple[int, int], known: CameraPrior | None) -> Iterator
     if known is not None:
         yield known.focal_px, known.lens, known
     width, straight = max(image_size), no_distortion(image_size)
-    deviation = _PRIORS * _widths(width)
+    deviation = unknown_deviation(image_size)
     usual = CameraPrior(focal_px=1.1 * width, lens=straight, deviation=deviation)
     for focal in FOCAL_LENGTHS:
         yield focal * width, straight, usual

@@ -7,6 +7,7 @@ from typing import Any
 from boxcal.detect.log.losses import Loss, LossKind
 from boxcal.detect.log.recording import Recording
 from boxcal.detect.log.safe_text import printable
+from boxcal.target.box import FACES
 from boxcal.target.errors import one_line
 
 
@@ -37,6 +38,8 @@ class Source:
         The camera's pose in the base frame by the static transforms of the log; empty if they do not tell.
     clock_offset : s
         By how much the camera's clock was ahead of the wheels' before its stamps were put right.
+    print_sizes : (FACES,)
+        Sizes of the faces' prints over that of most, where the pictures show that they differ; else empty.
     lost_messages, lost_s
         What of the log could not be read, as far as that is known.
     losses
@@ -58,6 +61,7 @@ class Source:
     nominal_separation: float = 0.0
     nominal_T_base_cam: tuple[float, ...] = ()
     clock_offset: float = 0.0
+    print_sizes: tuple[float, ...] = ()
     lost_messages: int = 0
     lost_s: float = 0.0
     losses: tuple[Loss, ...] = ()
@@ -106,9 +110,9 @@ def read_source(saved: dict[str, Any]) -> Source:
     values: dict[str, Any] = {
         field.name: _as(field.default, saved[field.name], field.name)
         for field in fields(Source)
-        if field.name in saved and field.name != "losses"
+        if field.name in saved and field.name not in _NUMBERS and field.name != "losses"
     }
-    values["nominal_T_base_cam"] = _pose(saved.get("nominal_T_base_cam", []))
+    values |= {name: _numbers(name, saved.get(name, []), count) for name, count in _NUMBERS.items()}
     losses = tuple(
         Loss(kind=LossKind(loss["kind"]), text=str(_as("", loss["text"], "losses"))) for loss in saved.get("losses", ())
     )
@@ -128,11 +132,15 @@ def _as(default: object, value: object, name: str) -> object:
     raise ValueError(f"{name} of {_brief(value)}")
 
 
-def _pose(value: object) -> tuple[float, ...]:
-    if not isinstance(value, list) or len(value) not in (0, 16):
-        raise ValueError(f"nominal_T_base_cam of {_brief(value)}")
+_NUMBERS = {"nominal_T_base_cam": 16, "print_sizes": FACES}
+"""Fields that hold so many numbers, or none."""
+
+
+def _numbers(name: str, value: object, count: int) -> tuple[float, ...]:
+    if not isinstance(value, list) or len(value) not in {0, count}:
+        raise ValueError(f"{name} of {_brief(value)}")
     if not all(isinstance(part, (int, float)) and isfinite(part) for part in value):
-        raise ValueError(f"nominal_T_base_cam of {_brief(value)}")
+        raise ValueError(f"{name} of {_brief(value)}")
     return tuple(float(part) for part in value)
 
 

@@ -1,17 +1,20 @@
 """The box looked for at the stops of a recording, and what explains that it is not found."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
 
 from boxcal.detect.alignment.detection import KnownCamera
+from boxcal.detect.alignment.expected_tags import ExpectedTags
 from boxcal.detect.image.bit_depth import DeepGrey, eight_bits
 from boxcal.detect.log.recording import Recording
 from boxcal.detect.log.safe_text import counted, listed, printable
 from boxcal.detect.log.topics import distances
 from boxcal.detect.stops import MIN_STOPS, Stop, StopSettings
 from boxcal.detect.tags.averaging import AveragedCorners
+from boxcal.detect.tags.built_box import built_box
 from boxcal.detect.tags.detections import TagSettings, find_tags, other_family
 from boxcal.detect.tags.moving_frames import MovingFrame
 from boxcal.detect.tags.on_the_move import (
@@ -39,6 +42,15 @@ MOST_PIXELS = 3_000_000_000
 """Pixels that are looked at in one recording; beyond it one frame a stop must do."""
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class KnownBox:
+    """A box and a camera as stops showed them, with the tags that each stop (by number) should show."""
+
+    target: Target
+    camera: KnownCamera
+    expected: Mapping[int, ExpectedTags]
+
+
 class BoxAtStops:
     """Looks at stops, and remembers what explains a failure.
 
@@ -60,10 +72,18 @@ class BoxAtStops:
         Tags that were read at each stop but do not lie where the box has them; none at most.
     last_frame
         The last one that was looked at; None before that.
+    print_sizes : (FACES,)
+        Sizes of the faces' prints over that of most, as far as they differ; empty if they do not.
     """
 
-    def __init__(
-        self, recording: Recording, target: Target, tags: TagSettings, bits: int, size: tuple[int, int]
+    def __init__(  # noqa: PLR0917
+        self,
+        recording: Recording,
+        target: Target,
+        tags: TagSettings,
+        bits: int,
+        size: tuple[int, int],
+        known: KnownBox | None = None,
     ) -> None:
         self._recording, self._target, self._tags, self._bits = recording, target, tags, bits
         self.frames = self.with_frames = self.with_tags = self.moved = self.odd_sizes = 0
@@ -72,15 +92,17 @@ class BoxAtStops:
         self._contradicting: tuple[int, DeepGrey] | None = None
         self._foreign: set[int] = set()
         self.last_frame: DeepGrey | None = None
-        self._camera: KnownCamera | None = None
+        self.print_sizes: tuple[float, ...] = ()
+        self._known, self._camera = known, None if known is None else known.camera
         self._pixels = 0
         self.image_size = size
 
-    def at(self, frames: Ids) -> tuple[AveragedCorners, str]:
-        """Return what the frames of a stop show, and which of them were left out and why."""
+    def at(self, frames: Ids, number: int) -> tuple[AveragedCorners, str]:
+        """Return what the frames of a stop (from 0) show, and which of them were left out and why."""
         if self._pixels > MOST_PIXELS:
             frames = frames[frames.size // 2 :][:1]
-        found = measure_stop(self._images(frames), self._target, self._tags, self._camera)
+        expected = None if self._known is None else self._known.expected.get(number)
+        found = measure_stop(self._images(frames), self._target, self._tags, self._camera, expected)
         self._camera = found.camera
         self._foreign.update(found.foreign_ids.tolist())
         self.with_frames += bool(found.corners.frames)
@@ -160,6 +182,17 @@ class BoxAtStops:
         if self._contradicting is None or sum(self.rejected) < MANY_REJECTED * self.tags:
             return 1.0
         return print_scale(self._contradicting[1], self._target, self._tags)
+
+    def built_box(self, seen: Mapping[int, AveragedCorners]) -> KnownBox | None:
+        """Return the box as what stops (by number) show it, if it is not as it was looked for, else None."""
+        if self._camera is None:
+            return None
+        stops = {number: (corners.landmark_ids, corners.uv_px) for number, corners in seen.items()}
+        built = built_box(self._target, list(stops.values()), self.image_size, self._camera.prior)
+        if built is None:
+            return None
+        expected = {number: built.expected(*stop, self.image_size) for number, stop in stops.items()}
+        return KnownBox(target=built.target, camera=replace(self._camera, prior=built.camera), expected=expected)
 
     def _images(self, frames: Ids) -> Iterator[DeepGrey]:
         for _, image in self._recording.read_deep_frames(frames, self._bits):

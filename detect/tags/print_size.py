@@ -5,6 +5,7 @@ further apart than their tags say; where that is too much for the search, it see
 with prints of other sizes on the same box.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -21,13 +22,13 @@ MORE = 1.2
 """A size is believed under which so many times as many tags lie on the box."""
 
 
-def scaled_prints(target: Target, scale: float) -> Target:
-    """Return a box whose prints are larger by a factor, each about the middle of its face."""
+def scaled_prints(target: Target, scale: float | Sequence[float]) -> Target:
+    """Return a box whose prints, or those of its faces (FACES,), are larger by a factor about the middle of a face."""
     corners = target.tag_corners.copy()
-    for face in range(FACES):
+    for face, size in enumerate(np.broadcast_to(scale, FACES).tolist()):
         on = target.tag_faces == face
         middle = target.T_box_face(face)[:3, 3]
-        corners[on] = middle + scale * (corners[on] - middle)
+        corners[on] = middle + size * (corners[on] - middle)
     return replace(target, tag_corners=corners)
 
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from boxcal.detect.alignment.detection import KnownCamera
 from boxcal.detect.alignment.detector import detect_in_grey
+from boxcal.detect.alignment.expected_tags import ExpectedTags
 from boxcal.detect.image.bayer import even_mosaic, unnamed_mosaic
 from boxcal.detect.image.bit_depth import FULL_SCALE, DeepGrey
 from boxcal.detect.image.gray import LEAST_SIDE_PX, eight_bit_copy
@@ -58,7 +59,11 @@ class StopMeasurement:
 
 
 def measure_stop(
-    frames: Iterable[DeepGrey], target: Target, settings: TagSettings | None = None, camera: KnownCamera | None = None
+    frames: Iterable[DeepGrey],
+    target: Target,
+    settings: TagSettings | None = None,
+    camera: KnownCamera | None = None,
+    expected: ExpectedTags | None = None,
 ) -> StopMeasurement:
     """Measure the tags of a target in the frames that were taken while the robot stood still once.
 
@@ -72,6 +77,8 @@ def measure_stop(
         The defaults if None. If they are not ``accurate``, tags are found frame by frame and averaged.
     camera
         What the stop before told of the camera; the first stop has none.
+    expected
+        Where tags should be, if the stop was measured before; used only where tags are found in the mean.
     """
     settings = settings or TagSettings()
     held = _held(frames)
@@ -87,7 +94,7 @@ def measure_stop(
     mean, still = average_frames(held)
     full = 255.0 if held[0].dtype == np.uint8 else float(FULL_SCALE)
     grey = np.multiply(mean, np.float32(1 / full), dtype=np.float32)
-    found = detect_in_grey(grey, eight_bit_copy(mean, full), target, detector_settings(settings), camera)
+    found = detect_in_grey(grey, eight_bit_copy(mean, full), target, detector_settings(settings), camera, expected)
     if found.ids.size == 0:
         foreign = foreign_tags(held[len(held) // 2], target, settings)
         corners = combine([TagDetections.none()] * len(held))

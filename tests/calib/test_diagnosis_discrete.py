@@ -434,3 +434,20 @@ def test_a_camera_that_looks_to_the_rear_is_said_to_be_unchecked(exchanged: bool
     found = calibrate(_exchanged_and_reversed(seen) if exchanged else seen, TARGET)
     assert found.verdict is not None
     assert [r.rule for r in found.verdict.reasons if r.rule == "direction"] == ["direction"] * exchanged
+
+
+def test_a_print_of_another_size_than_the_others_is_taken_as_it_is() -> None:
+    seen = drive(khepera(), Imperfections(box=BoxFaults(face_scale=(1.0, 0.97, 1.0, 1.0))))
+    told = replace(seen, source=replace(seen.source, print_sizes=(1.0, 0.97, 1.0, 1.0)))
+    found = calibrate(told, TARGET)
+    assert found.verdict is not None
+    assert found.verdict.level is not Level.REDO
+    assert [f.size for f in found.findings if f.cause == "odd-print"] == pytest.approx([-3.0])
+    assert found.detail is not None
+    sigma = found.detail.covariance.sigma
+    robot = khepera()
+    assert abs(found.wheels.rR - robot.rR) < 4 * sigma["rR"] < 0.01 * robot.rR
+    assert abs(found.wheels.b - robot.b) < 4 * sigma["b"] < 0.01 * robot.b
+    as_described = calibrate(seen, TARGET)
+    assert as_described.verdict is not None
+    assert as_described.verdict.level is Level.REDO
