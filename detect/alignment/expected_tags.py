@@ -16,6 +16,7 @@ from boxcal.detect.alignment.box_search import CANDIDATE_SIGMA_PX, BoxDetection,
 from boxcal.detect.alignment.predicted_tags import MIN_MODULE_PX
 from boxcal.detect.alignment.pyramid import Pyramid, align_coarsely
 from boxcal.detect.alignment.pyramid_search import FEW_TAGS
+from boxcal.detect.alignment.resemblance import resemblance
 from boxcal.detect.alignment.tag_patterns import Index, Patterns
 from boxcal.detect.alignment.verification import Limits, convex, module_px, verified
 from boxcal.target.arrays import Array
@@ -26,6 +27,9 @@ ASKED = 4
 LEAST_FOUND, MOST_FOUND = 0.5, 0.8
 """Fraction of the tags, of those and of all, that must be there, or else the whole picture is searched; where fewer
 than the second are, the box through them must also tell which others ought to be seen."""
+LIKENED, ALIKE = 8, 0.3
+"""So many tags are compared with the picture at all places where they may be, and how much (a correlation) it must
+resemble them at one: by chance it is .05."""
 SPARE = 1.25
 """So many times the tags that are measured are aligned roughly, as some will not be believed."""
 
@@ -46,6 +50,8 @@ class ExpectedTags:
         Whether the rest of the picture is not searched where they are not there.
     most
         Of the tags found, so many are measured, spread evenly over the box; all if not given.
+    places_px : (S, N, 4, 2), px
+        Where they may be instead, all together: they are asked where the picture resembles them most.
     """
 
     ids: Index
@@ -53,6 +59,7 @@ class ExpectedTags:
     blur: Array = field(default_factory=lambda: np.zeros(2))
     alone: bool = False
     most: int | None = None
+    places_px: Array = field(default_factory=lambda: np.zeros((0, 0, 4, 2)))
 
     def within(self, image_size: tuple[int, int]) -> NDArray[np.bool_]:
         """Return which of them (N,) lie wholly within an image (width, height)."""
@@ -74,7 +81,7 @@ def find_expected(  # noqa: PLR0917
     A few are aligned first: they tell that it is worth while, and how far off the expectation is on the whole.
     """
     size = pyramid.size
-    rows, corners = _within_image(target, patterns, expected, size)
+    rows, corners = _within_image(target, patterns, _where_alike(pyramid, target, patterns, expected), size)
     if len(rows) < FEW_TAGS:
         return None
     cut = expected.most is not None and len(rows) > SPARE * expected.most
@@ -82,17 +89,37 @@ def find_expected(  # noqa: PLR0917
         some = _evenly(rows, round(SPARE * expected.most))
         rows, corners = rows[some], corners[some]
     fit = fit_box(target, rows, corners, image_size=size, sigma_px=CANDIDATE_SIGMA_PX, camera=camera)
-    first = np.argsort(-module_px(patterns, corners), kind="stable")[np.linspace(0, len(rows) - 1, ASKED).astype(int)]
-    asked = align_coarsely(pyramid.under(fit.lens), patterns, rows[first], corners[first])
+    first, begun = _largest(patterns, rows, corners)
+    asked = align_coarsely(pyramid.under(fit.lens), patterns, first, begun)
     there = verified(patterns, asked, limits.relaxed())
     if there.sum() < LEAST_FOUND * ASKED:
         return None
-    moved = np.median((asked.corners_px - corners[first])[there], axis=(0, 1))
+    moved = np.median((asked.corners_px - begun)[there], axis=(0, 1))
     search = PredictedRegions(rows=rows, corners_px=corners + moved, fit=fit)
     found = grow_from_pose(pyramid, target, patterns, search, limits, others=not cut)
     told = np.isfinite(found.lost_module_px) or len(found.tags) >= MOST_FOUND * len(rows)
     enough = len(found.tags) >= max(FEW_TAGS, LEAST_FOUND * len(rows)) and told
     return at_most(found, expected.most) if enough else None
+
+
+def _where_alike(pyramid: Pyramid, target: Target, patterns: Patterns, expected: ExpectedTags) -> ExpectedTags:
+    """Return the tags at the one of the places where they may be that the picture resembles most, if it does any."""
+    inside = [replace(expected, corners_px=corners).within(pyramid.size) for corners in expected.places_px]
+    everywhere = np.flatnonzero(np.all([*inside, np.isin(expected.ids, target.tag_ids)], axis=0))
+    if not inside or len(everywhere) < FEW_TAGS:
+        return expected
+    some = everywhere[np.linspace(0, len(everywhere) - 1, min(LIKENED, len(everywhere))).astype(int)]
+    rows = np.array([target.row_of(int(tag)) for tag in expected.ids[some]], dtype=np.int64)
+    alike = resemblance(pyramid.copy(0), patterns, rows, expected.places_px[:, some])
+    best = int(np.argmax(alike))
+    return replace(expected, corners_px=expected.places_px[best]) if alike[best] > ALIKE else expected
+
+
+def _largest(patterns: Patterns, rows: Index, corners: Array) -> tuple[Index, Array]:
+    """Return a few of some tags (N,) at corners (N, 4, 2), from the largest to the smallest."""
+    order = np.argsort(-module_px(patterns, corners), kind="stable")
+    some = order[np.linspace(0, len(rows) - 1, min(ASKED, len(rows))).astype(int)]
+    return rows[some], corners[some]
 
 
 def at_most(found: BoxDetection, most: int | None) -> BoxDetection:

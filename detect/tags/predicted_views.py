@@ -22,6 +22,9 @@ _STEP_S = 0.005
 _ROUNDS, _LONGEST_S, _SLIGHT_S = 3, 0.5, 1e-4
 _DOUBT_S = 0.06
 """Offsets up to this must leave the box in view of frames that are looked at first, s."""
+_APART, _MOST_PLACES = 0.06, 40
+"""As long as no frame told the offset, tags may be at places on their way, each further by this (sides of a tag: half a
+module), if so many either way reach as far as the doubt."""
 _TRUSTED = 2
 """Frames that told the offset from which on tags that are not where they are expected are not searched for, once that
 was in vain: a clock that jumps puts them elsewhere, blur hides them."""
@@ -120,7 +123,8 @@ class ClockedViews:
 
     def expected(self, t_ns: int) -> ExpectedTags:
         """Return the tags that a frame stamped ``t_ns`` should show."""
-        uv, facing = self.views.tags(self.target.tag_corners, np.array([self._taken_at(t_ns)]))
+        taken = self._taken_at(t_ns)
+        uv, facing = self.views.tags(self.target.tag_corners, np.array([taken]))
         rows = np.flatnonzero(facing[0])
         return ExpectedTags(
             ids=np.array(self.target.tag_ids)[rows],
@@ -128,7 +132,22 @@ class ClockedViews:
             blur=self._blur(t_ns),
             alone=len(self.told_s) >= _TRUSTED and self.in_vain > 0,
             most=_MOST_TAGS,
+            places_px=self._places(taken, uv[0, rows], rows),
         )
+
+    def _places(self, taken_ns: int, uv: Array, rows: Ids) -> Array:
+        """Return where some tags (N,) may be as the clocks may differ, close together along their way, (S, N, 4, 2) px.
+
+        ``uv`` is where they are if the clocks do not; nothing if the offset is known, or there are too many places.
+        """
+        speed = float(np.linalg.norm(self._motion(taken_ns)))
+        apart = _APART * float(np.median(np.linalg.norm(uv - np.roll(uv, 1, axis=1), axis=2))) if len(rows) else 0.0
+        count = np.ceil(_DOUBT_S * speed / apart) if apart > 0 and not self.told_s else np.inf
+        if not count <= _MOST_PLACES:
+            return np.zeros((0, len(rows), 4, 2))
+        late_s = _DOUBT_S / count * np.arange(-count, count + 1)
+        places, _ = self.views.tags(self.target.tag_corners[rows], taken_ns - np.rint(1e9 * late_s).astype(np.int64))
+        return places
 
     def _blur(self, t_ns: int) -> Array:
         """Return how a frame stamped ``t_ns`` ought to be blurred, (2,), by its motion and the usual exposure."""

@@ -93,6 +93,23 @@ def test_the_clock_offset_is_told_by_where_frames_show_the_box(simulated, late_s
     assert np.abs(np.array(clocked.told_s) - late_s).max() < 5e-4
 
 
+@pytest.mark.parametrize("late_s", [-0.05, 0.03])
+def test_tags_may_be_where_clocks_that_differ_put_them_until_a_frame_tells(simulated, late_s):
+    made, seen = simulated
+    views = views_by_wheels(seen)
+    clocked = ClockedViews(views=views, target=made.target, image_size=seen.image_size)
+    taken = _between(made.drive, 0.1).tolist()
+    slow = min(taken, key=lambda t_ns: float(np.linalg.norm(clocked._motion(t_ns))))
+    expected = clocked.expected(slow + round(1e9 * late_s))
+    there, _ = views.tags(made.target.tag_corners, np.array([slow]))
+    rows = np.isin(made.target.tag_ids, expected.ids)
+    side = np.median(np.linalg.norm(there[0, rows, 1] - there[0, rows, 0], axis=1))
+    off = np.abs(expected.places_px - there[0, rows]).max(axis=(1, 2, 3))
+    assert off.min() < 0.06 * side
+    told = _learned(made, views, seen.image_size, late_s)
+    assert len(told.expected(slow).places_px) == 0
+
+
 def test_offsets_are_those_of_the_nearest_frame_where_a_clock_jumps(simulated):
     made, seen = simulated
     clocked = _learned(made, views_by_wheels(seen), seen.image_size, 0.0)

@@ -4,11 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from aligned_views import PLAIN, TARGET, pose, truth, view
+from aligned_views import PATTERNS, PLAIN, TARGET, pose, truth, view
 
 from boxcal.detect.alignment import box_growth, detector, expected_tags
 from boxcal.detect.alignment.detector import detect_tags
 from boxcal.detect.alignment.expected_tags import ExpectedTags
+from boxcal.detect.alignment.resemblance import resemblance
 
 POSE = pose(28.0, distance=0.55)
 MODULE_PX = 3.2
@@ -41,6 +42,29 @@ def test_tags_about_a_module_from_where_they_are_expected_are_found_without_a_se
     apart = np.linalg.norm(again.corners_px - found.corners_px, axis=2)
     apart /= np.sqrt(np.trace(found.cov_px2, axis1=2, axis2=3) / 2)
     assert apart.max() < 0.6  # which pixels of a lattice are used depends on where a tag was taken to be
+
+
+@pytest.mark.parametrize("here", [True, False])
+def test_tags_that_may_be_at_many_places_are_found_at_the_one_that_the_picture_resembles(seen, here):
+    image, found, searches = seen
+    far = 9 * MODULE_PX * np.array([0.8, -0.6])
+    steps = np.arange(-3, 24 if here else 14)  # half a module each; the tags lie 18 of them further on
+    places = found.corners_px - far + (steps / 18)[:, None, None, None] * far
+    expected = replace(_expected(found, -far), places_px=places)
+    again = detect_tags(image, TARGET, camera=found.camera, expected=expected)
+    np.testing.assert_array_equal(again.ids, found.ids)
+    assert bool(searches) is not here
+
+
+def test_a_picture_resembles_tags_where_they_are(seen):
+    image, found, _ = seen
+    rows = np.array([TARGET.row_of(int(tag)) for tag in found.ids[::9]])
+    steps = np.array([-4.0, -1.0, 0.0, 1.0, 4.0])  # modules
+    places = found.corners_px[::9] + MODULE_PX * steps[:, None, None, None] * np.array([0.8, -0.6])
+    alike = resemblance(image, PATTERNS, rows, places)
+    assert alike[2] > 0.9
+    assert np.all(alike[[1, 3]] < 0.6)
+    assert np.all(np.abs(alike[[0, 4]]) < expected_tags.ALIKE)
 
 
 def test_corners_are_not_drawn_to_where_they_were_expected(seen):
