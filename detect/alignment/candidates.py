@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from boxcal.detect.alignment.backend import backend
 from boxcal.detect.alignment.homography import from_square
 from boxcal.detect.alignment.tag_patterns import Index, Patterns
-from boxcal.detect.image.gray import halved
+from boxcal.detect.image.gray import Levels, halved
 from boxcal.target.arrays import Array
 
 MIN_SIDE_PX = 7.0
@@ -197,7 +197,7 @@ def _turned(patterns: Patterns) -> Array:
     return np.asarray(flat / np.maximum(np.linalg.norm(flat, axis=1, keepdims=True), 1e-9))
 
 
-def sample(image: NDArray[np.uint8], x: Array, y: Array) -> Array:
+def sample(image: Levels, x: Array, y: Array) -> Array:
     """Return grey levels at places (N, P), interpolated; places outside take the border's."""
     limit = 4.0 * max(image.shape)
     x, y = np.clip(x, -limit, limit).astype(np.float32), np.clip(y, -limit, limit).astype(np.float32)
