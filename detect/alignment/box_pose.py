@@ -36,6 +36,7 @@ FOCAL_LENGTHS = (1.1, 0.6, 2.2)
 FISHEYES = (0.32, 0.45)
 """Focal lengths of the fisheyes that are tried where no ordinary camera explains the tags, image widths."""
 LEAST_SIGMA_PX = 0.05
+_ALONG = 1e-18
 _PRIORS = np.array([0.7, 0.05, 0.05, 0.15, 0.05, 0.02, 0.03, 0.003, 0.003, 0.003])
 """Deviations of log f, centre (image widths), a1 to a3, log aspect, skew and tangential terms of an unknown camera."""
 _LEAST_PRIORS = np.array([0.003, 0.003, 0.003, 0.003, 0.001, 0.0005, 0.001, 0.001, 0.001, 0.001])
@@ -97,6 +98,11 @@ class BoxFit:
         """Return where points (P, 3) are seen, (P, 2) px, and how uncertain that is, (P,) px; NaN where out of view."""
         uv, spread = backend().predict(p_box, self.focal_px, self.lens, self.T_cam_box, self.information)
         return uv, self.sigma_px * spread
+
+    def places(self, p_box: Array) -> Array:
+        """Return where points (P, 3) are seen, (P, 2) px; NaN where out of view."""
+        uv: Array = backend().predict(p_box, self.focal_px, self.lens, self.T_cam_box, None)[0]
+        return uv
 
     def camera(self, width: int) -> CameraPrior:
         """Return what this picture, ``width`` px wide, tells of the camera, for the next picture that it takes."""
@@ -202,15 +208,31 @@ def _start(target: Target, rows: Index, corners_px: Array, lens: Array, focal: f
     normalised = undistort_locally(lens, normalisation, uv[None])[0] + normalisation[0, :2] - lens[:2]
     rays = np.array([[1 / focal, 0, 0], [0, 1 / focal, 0], [*b, D]])
     H = rays @ least_squares_homography(p_face[:, :2], normalised)
-    H = H / np.linalg.norm(H[:, :2], axis=0).mean()
+    first, second, _ = H.T
+    H = H * (2 / (np.sqrt(first @ first) + np.sqrt(second @ second)))
     middle = np.array([*(normalisation[0, :2] - lens[:2]), focal * float(b @ (normalisation[0, :2] - lens[:2]) + D)])
     if H @ [*p_face[:, :2].mean(axis=0), 1] @ middle < 0:
         H = -H
-    u, _, vt = np.linalg.svd(np.column_stack([H[:, 0], H[:, 1], np.cross(H[:, 0], H[:, 1])]))
-    R = u @ np.diag([1, 1, np.linalg.det(u @ vt)]) @ vt
-    T_cam_face = np.eye(4)
-    T_cam_face[:3, :3], T_cam_face[:3, 3] = R, H[:, 2]
-    return np.asarray(T_cam_face @ np.linalg.inv(T_box_face))
+    T_cam_box = np.eye(4)
+    R = _nearest_rotation(H[:, 0], H[:, 1]) @ T_box_face[:3, :3].T
+    T_cam_box[:3, :3], T_cam_box[:3, 3] = R, H[:, 2] - R @ T_box_face[:3, 3]
+    return T_cam_box
+
+
+def _nearest_rotation(x: Array, y: Array) -> Array:
+    """Return the rotation (3, 3) whose first columns are equally near to the directions of two vectors (3,)."""
+    x, y = x / np.sqrt(x @ x), y / np.sqrt(y @ y)
+    between, apart = x + y, x - y
+    if apart @ apart < _ALONG:
+        apart = x[[1, 2, 0]] - x[[2, 0, 1]]
+    elif between @ between < _ALONG:
+        between = x[[1, 2, 0]] - x[[2, 0, 1]]
+    between, apart = between / np.sqrt(between @ between), apart / np.sqrt(apart @ apart)
+    R = np.empty((3, 3))
+    R[:, 0], R[:, 1] = np.sqrt(0.5) * (between + apart), np.sqrt(0.5) * (between - apart)
+    (a, b, c), (d, e, f) = R[:, 0], R[:, 1]
+    R[:, 2] = b * f - c * e, c * d - a * f, a * e - b * d
+    return R
 
 
 def _refine(  # noqa: PLR0917 - the state by position

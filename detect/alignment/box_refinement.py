@@ -155,12 +155,20 @@ class Tangent:
         return J
 
 
-def predict(p_box: Array, focal: float, lens: Array, T_cam_box: Array, information: Array) -> tuple[Array, Array]:
-    """Return where points (P, 3) are seen, (P, 2) px, and their deviations (P,) where the fit's is 1 px."""
+def predict(
+    p_box: Array, focal: float, lens: Array, T_cam_box: Array, information: Array | None
+) -> tuple[Array, Array]:
+    """Return where points (P, 3) are seen, (P, 2) px, and their deviations (P,) where the fit's is 1 px.
+
+    Without ``information`` there are no deviations, (0,).
+    """
     p_cam = p_box @ T_cam_box[:3, :3].T + T_cam_box[:3, 3]
     uv = to_pixels(lens, p_cam * (1, 1, 1 / focal))
     before = np.isfinite(uv[:, 0])
     uv = lens[:2] + distorted(lens, uv - lens[:2])
+    if information is None:
+        uv[~before] = np.nan
+        return uv, np.empty(0)
     p_cam[~before], uv[~before] = (0, 0, 1), lens[:2]
     J = Tangent(focal, lens, p_cam, uv).jacobian()
     half = np.linalg.solve(np.linalg.cholesky(information), J.reshape(len(J), -1))

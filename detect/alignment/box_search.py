@@ -85,7 +85,7 @@ class BoxDetection:
             Rows of the tags on it: they are where they should be, whatever was read elsewhere.
         """
         read = self.read.take(~np.isin(self.read.rows, used))
-        uv, _ = fit.predict(target.tag_corners[read.rows].reshape(-1, 3))
+        uv = fit.places(target.tag_corners[read.rows].reshape(-1, 3))
         off = np.linalg.norm(uv.reshape(-1, 4, 2) - read.corners_px, axis=2).max(axis=1)
         side = patterns.modules * module_px(patterns, read.corners_px)
         near = (off < CANDIDATE_TOLERANCE * side) & fit.faces_camera(target)[read.rows]

@@ -23,6 +23,7 @@ MIN_LEAD = 0.08
 MAX_QUADS = 4000
 _THRESHOLD_OFFSET = 7
 _REMAP_ROWS = 30_000
+_NEXT, _BEFORE = np.array([1, 2, 3, 0]), np.array([3, 0, 1, 2])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -112,8 +113,9 @@ def _quads(image: NDArray[np.uint8], window_px: int) -> Array:
     corners: Array = backend().four_sided(dark, int(3 * MIN_SIDE_PX), 2 * sum(image.shape))[:MAX_QUADS]
     if len(corners) == 0:
         return corners
-    side = np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2)
-    diagonal = np.linalg.norm(corners[:, 2:] - corners[:, :2], axis=2).max(axis=1)
+    along, across = corners[:, _NEXT] - corners, corners[:, 2:] - corners[:, :2]
+    side = np.hypot(along[..., 0], along[..., 1])
+    diagonal = np.hypot(across[..., 0], across[..., 1]).max(axis=1)
     area = _area(corners)
     good = (side.min(axis=1) >= MIN_WIDTH_PX) & (side.max(axis=1) >= MIN_SIDE_PX) & (area > MIN_WIDTH_PX * diagonal / 2)
     corners = corners[good]
@@ -129,52 +131,54 @@ def _area(corners: Array) -> Array:
 
 def _grown(corners: Array, by_px: float) -> Array:
     """Return quadrilaterals with every edge moved outward."""
-    along = np.roll(corners, -1, axis=1) - corners
-    unit = along / np.maximum(np.linalg.norm(along, axis=2, keepdims=True), 1e-9)
-    normal = np.stack([unit[..., 1], -unit[..., 0]], -1)
+    along = corners[:, _NEXT] - corners
+    per = 1 / np.maximum(np.hypot(along[..., 0], along[..., 1]), 1e-9)
+    normal = np.empty_like(corners)
+    normal[..., 0], normal[..., 1] = along[..., 1] * per, -along[..., 0] * per
     # corner k lies between edges k - 1 and k: the shift that moves both lines by the same distance
-    before = np.roll(normal, 1, axis=1)
-    denominator = 1 + np.sum(before * normal, axis=2, keepdims=True)
-    return np.asarray(corners + by_px * (before + normal) / np.maximum(denominator, 0.2))
+    before = normal[:, _BEFORE]
+    denominator = 1 + before[..., 0] * normal[..., 0] + before[..., 1] * normal[..., 1]
+    return np.asarray(corners + (before + normal) * (by_px / np.maximum(denominator, 0.2))[..., None])
 
 
 def _decoded(image: NDArray[np.uint8], corners: Array, patterns: Patterns) -> TagCandidates:
     """Return which pattern, turned how, each quadrilateral resembles, where it resembles one."""
-    m = patterns.modules
-    centres = np.arange(-1, m + 1) + 0.5
-    grid = np.stack(np.meshgrid(centres, centres), -1).reshape(1, -1, 2)
-    h = from_square(m, corners)
-    w = h[:, 6, None] * grid[..., 0] + h[:, 7, None] * grid[..., 1] + 1
-    x = (h[:, 0, None] * grid[..., 0] + h[:, 1, None] * grid[..., 1] + h[:, 2, None]) / w
-    y = (h[:, 3, None] * grid[..., 0] + h[:, 4, None] * grid[..., 1] + h[:, 5, None]) / w
-    value = sample(image, np.nan_to_num(x), np.nan_to_num(y)).reshape(-1, m + 2, m + 2)
-    ring, rim = np.ones((m + 2, m + 2), dtype=bool), np.zeros((m + 2, m + 2), dtype=bool)
-    ring[1:-1, 1:-1] = False
-    rim[1:-1, 1:-1] = True
-    rim[2:-2, 2:-2] = False
+    h = from_square(patterns.modules, corners)
+    h[~np.isfinite(h).all(axis=1)] = 0  # all in one place: no contrast
+    places, ring, rim, within = _modules(patterns.modules)
+    x, y, w = (h[:, :3] @ places, h[:, 3:6] @ places, h[:, 6:] @ places[:2] + 1)
+    value = sample(image, x / w, y / w)
     on_rim = value[:, rim]
-    white, black, rim_mean = _middle(value[:, ring]), _middle(on_rim), on_rim.mean(axis=1)
-    inner = value[:, 2:-2, 2:-2].reshape(len(corners), -1)
-    inner = inner - inner.mean(axis=1, keepdims=True)
-    norm = np.linalg.norm(inner, axis=1)
-    good = (white - black > MIN_CONTRAST) & (rim_mean < black + 0.35 * (white - black)) & (norm > 1e-6)
-    good &= np.isfinite(h).all(axis=1)
-    at = np.flatnonzero(good)
-    table = _turned(patterns)
-    score = (inner[at] / norm[at, None]) @ table.T
+    white, black, rim_mean = _middle(value[:, ring]), _middle(on_rim), on_rim.sum(axis=1) / len(rim)
+    inner = value[:, within]
+    inner -= (inner.sum(axis=1) / len(within))[:, None]
+    norm = np.sqrt((inner * inner).sum(axis=1))
+    at = np.flatnonzero((white - black > MIN_CONTRAST) & (rim_mean < black + 0.35 * (white - black)) & (norm > 1e-6))
+    score = (inner[at] / norm[at, None]).astype(np.float32) @ _turned(patterns).T
     if score.size == 0:
-        return TagCandidates(rows=np.zeros(0, np.int64), corners_px=np.zeros((0, 4, 2)), score=np.zeros(0))
+        return TagCandidates.none()
+    every = np.arange(len(at))
     best = score.argmax(axis=1)
-    top = score.max(axis=1)
-    ranked = score.copy()
-    ranked[np.arange(len(at)), best] = -1
-    keep = (top >= MIN_SCORE) & (top - ranked.max(axis=1) >= MIN_LEAD)
+    top = score[every, best]
+    score[every, best] = -1
+    keep = (top >= MIN_SCORE) & (top - score.max(axis=1) >= MIN_LEAD)
     rows, turn = np.divmod(best[keep], 4)
     order = (np.arange(4)[None, :] + turn[:, None]) % 4
     quads = corners[at[keep]]
     return TagCandidates(
-        rows=rows.astype(np.int64), corners_px=quads[np.arange(len(quads))[:, None], order], score=top[keep]
+        rows=rows.astype(np.int64),
+        corners_px=quads[np.arange(len(quads))[:, None], order],
+        score=top[keep].astype(np.float64),
     )
+
+
+@lru_cache(maxsize=4)
+def _modules(m: int) -> tuple[Array, Index, Index, Index]:
+    """Return the middles (3, P) of modules, as (u, v, 1), and which lie around the tag, on its rim, and within."""
+    u, v = (a.ravel() for a in np.meshgrid(np.arange(-1, m + 1), np.arange(-1, m + 1)))
+    depth = np.minimum(np.minimum(u, v), m - 1 - np.maximum(u, v))
+    ring, rim, within = (np.flatnonzero(some) for some in (depth < 0, depth == 0, depth > 0))
+    return np.stack([u + 0.5, v + 0.5, np.ones(len(u))]), ring, rim, within
 
 
 def _middle(values: Array) -> Array:
@@ -184,8 +188,8 @@ def _middle(values: Array) -> Array:
 
 
 @lru_cache(maxsize=16)
-def _turned(patterns: Patterns) -> Array:
-    """Return all patterns' inner modules in four orientations, (4 T, (M - 2)^2), zero mean and unit length.
+def _turned(patterns: Patterns) -> NDArray[np.float32]:
+    """Return all patterns' inner modules in four orientations, (4 T, (M - 2)^2) float32, zero mean and unit length.
 
     Row ``4 t + k`` is what one sees of tag t with the corners of the quadrilateral numbered from the tag's corner -k:
     the tag's first corner is the quadrilateral's corner k.
@@ -194,7 +198,7 @@ def _turned(patterns: Patterns) -> Array:
     turned = np.stack([np.rot90(inner, -k, axes=(1, 2)) for k in range(4)], axis=1)
     flat = turned.reshape(4 * len(inner), -1)
     flat = flat - flat.mean(axis=1, keepdims=True)
-    return np.asarray(flat / np.maximum(np.linalg.norm(flat, axis=1, keepdims=True), 1e-9))
+    return np.asarray(flat / np.maximum(np.linalg.norm(flat, axis=1, keepdims=True), 1e-9), dtype=np.float32)
 
 
 def sample(image: Levels, x: Array, y: Array) -> Array:
@@ -213,6 +217,8 @@ def sample(image: Levels, x: Array, y: Array) -> Array:
 def _once(candidates: TagCandidates) -> TagCandidates:
     """Return the candidates with copies of the same tag at the same place reduced to the best."""
     order = np.argsort(-candidates.score)
+    if np.bincount(candidates.rows, minlength=1).max() <= 1:
+        return candidates.take(order)
     rows, centre = candidates.rows[order], candidates.corners_px[order].mean(axis=1)
     size = np.linalg.norm(candidates.corners_px[order] - centre[:, None], axis=2).min(axis=1)
     same = (rows[:, None] == rows[None, :]) & (np.linalg.norm(centre[:, None] - centre[None], axis=2) < size[None, :])

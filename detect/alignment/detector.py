@@ -188,7 +188,7 @@ def _with_lens_and_box(
     """
     corners = under_lens(frame.lens, fit.lens, located.corners_px)
     rows = np.array([target.row_of(int(tag)) for tag in located.ids], dtype=np.int64)
-    uv, _ = fit.predict(target.tag_corners[rows].reshape(-1, 3))
+    uv = fit.places(target.tag_corners[rows].reshape(-1, 3))
     apart = corners - uv.reshape(-1, 4, 2)
     factor, freedom = scatter(target, rows, apart, located.cov_px2, np.isin(rows, uneven))
     if freedom < ENOUGH:
@@ -274,7 +274,7 @@ def _aligned_again(frame: Frame, target: Target, patterns: Patterns, tags: TagAl
 
 def _on_the_box(target: Target, patterns: Patterns, tags: TagAlignments, fit: BoxFit) -> TagAlignments:
     """Return the tags that lie on the rigid box."""
-    uv, _ = fit.predict(target.tag_corners[tags.rows].reshape(-1, 3))
+    uv = fit.places(target.tag_corners[tags.rows].reshape(-1, 3))
     off = np.linalg.norm(uv.reshape(-1, 4, 2) - tags.corners_px, axis=2).max(axis=1)
     return tags.take(off <= RIGID_TOLERANCE_MODULES * module_px(patterns, tags.corners_px) + RIGID_TOLERANCE_PX)
 

@@ -1,5 +1,6 @@
 """Candidates that agree on where their face is: the largest set that one homography explains."""
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -9,6 +10,7 @@ from boxcal.detect.alignment.box_pose import FISHEYES
 from boxcal.detect.alignment.candidates import TagCandidates
 from boxcal.detect.alignment.homography import least_squares_homography, map_points
 from boxcal.detect.alignment.radial_camera import fisheye_distortion, undistort_locally
+from boxcal.target.arrays import Array
 from boxcal.target.box import Target
 
 CANDIDATE_TOLERANCE = 0.35
@@ -18,6 +20,8 @@ FACE_TAGS = 6
 _ENOUGH = 0.8
 """Fraction of a face's candidates whose agreement ends the search for a larger one."""
 _PAIRS = 24
+_ALL_PAIRS = [np.triu_indices(count, 1) for count in range(13)]
+_NEXT = np.array([1, 2, 3, 0])
 
 
 def consistent_candidates(target: Target, candidates: TagCandidates, image_size: tuple[int, int]) -> TagCandidates:
@@ -51,8 +55,8 @@ def consistent_candidates(target: Target, candidates: TagCandidates, image_size:
             agree = other if other.sum() > agree.sum() else agree
         kept += [int(k) for k in at[agree]]
     chosen = np.array(kept, dtype=np.int64)
-    rows, count = np.unique(candidates.rows[chosen], return_counts=True)
-    once = candidates.take(chosen[np.isin(candidates.rows[chosen], rows[count == 1])])
+    rows = candidates.rows[chosen]
+    once = candidates.take(chosen[np.bincount(rows)[rows] == 1])
     return replace(once, seen_twice=tuple(twice), again=tuple(smaller))
 
 
@@ -69,7 +73,7 @@ def _second_sighting(
         return None
     second = np.zeros(len(candidates), dtype=np.bool_)
     second[other] = True
-    sides = np.linalg.norm(candidates.corners_px - np.roll(candidates.corners_px, -1, axis=1), axis=2).mean(axis=1)
+    sides = _mean_sides(candidates)
     return (second, agree) if np.median(sides[second]) > np.median(sides[agree]) else (agree, second)
 
 
@@ -79,7 +83,7 @@ def _largest_agreement(target: Target, face: int, candidates: TagCandidates) -> 
         return np.ones(n, dtype=np.bool_)
     T = target.T_box_face(face)
     p_face = ((target.tag_corners[candidates.rows] - T[:3, 3]) @ T[:3, :3])[..., :2]
-    side = np.linalg.norm(candidates.corners_px - np.roll(candidates.corners_px, -1, axis=1), axis=2).mean(axis=1)
+    side = _mean_sides(candidates)
     best = np.zeros(n, dtype=np.bool_)
     for i, j in _pairs(candidates):
         if candidates.rows[i] == candidates.rows[j]:
@@ -87,8 +91,9 @@ def _largest_agreement(target: Target, face: int, candidates: TagCandidates) -> 
         H = least_squares_homography(
             np.concatenate([p_face[i], p_face[j]]), np.concatenate([candidates.corners_px[i], candidates.corners_px[j]])
         )
-        off = np.linalg.norm(map_points(H, p_face) - candidates.corners_px, axis=2).max(axis=1)
-        agree = np.nan_to_num(off, nan=np.inf) < CANDIDATE_TOLERANCE * side
+        apart = map_points(H, p_face) - candidates.corners_px
+        off = np.hypot(apart[..., 0], apart[..., 1]).max(axis=1)
+        agree = off < CANDIDATE_TOLERANCE * side  # not where a point has no image: NaN
         if agree.sum() > best.sum():
             best = agree
         if best.sum() >= _ENOUGH * n:
@@ -100,12 +105,17 @@ def _largest_agreement(target: Target, face: int, candidates: TagCandidates) -> 
     return np.asarray(count[where] == 1)
 
 
-def _pairs(candidates: TagCandidates) -> list[tuple[int, int]]:
-    """Return pairs of candidates to try, spread over the face: the best with those far away first."""
+def _mean_sides(candidates: TagCandidates) -> Array:
+    """Return the mean lengths (N,), px, of candidates' sides."""
+    along = candidates.corners_px[:, _NEXT] - candidates.corners_px
+    return np.asarray(0.25 * np.hypot(along[..., 0], along[..., 1]).sum(axis=1))
+
+
+def _pairs(candidates: TagCandidates) -> Iterator[tuple[int, int]]:
+    """Yield pairs of candidates to try, spread over the face: the best with those far away first."""
     order = np.argsort(-candidates.score)[:12]
-    i, j = np.triu_indices(len(order), 1)
-    centre = candidates.corners_px[order].mean(axis=1)
-    apart = np.linalg.norm(centre[i] - centre[j], axis=1)
-    far = np.argsort(-apart, kind="stable")
-    far = far[:: max(1, len(far) // _PAIRS)][:_PAIRS]
-    return [(int(order[a]), int(order[b])) for a, b in zip(i[far], j[far], strict=True)]
+    i, j = _ALL_PAIRS[len(order)]
+    x, y = 0.25 * candidates.corners_px[order].sum(axis=1).T
+    far = np.argsort(-np.hypot(x[i] - x[j], y[i] - y[j]), kind="stable")
+    for pair in far[:: max(1, len(far) // _PAIRS)][:_PAIRS]:
+        yield int(order[i[pair]]), int(order[j[pair]])

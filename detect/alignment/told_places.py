@@ -82,7 +82,7 @@ def as_told(target: Target, fit: BoxFit, aligned: TagAlignments, rows: Index) ->
 
     The rest of what an alignment tells is that tag's, too, and says nothing of these.
     """
-    uv = fit.predict(target.tag_corners[rows].reshape(-1, 3))[0].reshape(-1, 4, 2)
+    uv = fit.places(target.tag_corners[rows].reshape(-1, 3)).reshape(-1, 4, 2)
     apart = uv.mean(axis=1)[:, None] - aligned.corners_px.mean(axis=1)[None]
     distance2 = np.sum(apart * apart, axis=2)
     distance2[target.tag_faces[rows][:, None] != target.tag_faces[aligned.rows][None]] += 1e9

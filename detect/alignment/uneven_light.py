@@ -85,7 +85,7 @@ def _readable(pattern: Array, cells: Array) -> NDArray[np.bool_]:
 
 def box_distance2(target: Target, tags: TagAlignments, fit: BoxFit) -> Array:
     """Return the mean squared distance per axis (N,) px^2 of tags' corners from where the rigid box has them."""
-    uv, _ = fit.predict(target.tag_corners[tags.rows].reshape(-1, 3))
+    uv = fit.places(target.tag_corners[tags.rows].reshape(-1, 3))
     return np.asarray(np.mean((uv.reshape(-1, 4, 2) - tags.corners_px) ** 2, axis=(1, 2)))
 
 

@@ -179,3 +179,7 @@ def test_compiled_prediction_is_that_in_numpy(lens):
     assert 0 < np.isnan(plain[0][:, 0]).sum() < 80 or lens is SIDEWAYS
     np.testing.assert_allclose(fast[0], plain[0], rtol=1e-9)
     np.testing.assert_allclose(fast[1], plain[1], rtol=1e-7)
+    for compute in (predict, numba_backend().predict):
+        places, none = compute(*arguments[:-1], None)
+        np.testing.assert_allclose(places, plain[0], rtol=1e-9)
+        assert len(none) == 0

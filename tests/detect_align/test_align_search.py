@@ -1,11 +1,12 @@
 """Large pictures are searched shrunken, without losing what the whole picture shows."""
 
 import numpy as np
+import pytest
 from aligned_views import TARGET, pose, width_px
 
 from boxcal.detect.alignment import pyramid_search as find
 from boxcal.detect.alignment.box_growth import ALIGNED_SIGMA_PX, fit_aligned
-from boxcal.detect.alignment.box_pose import fit_box
+from boxcal.detect.alignment.box_pose import _nearest_rotation, fit_box
 from boxcal.detect.alignment.box_search import CANDIDATE_SIGMA_PX, predict_regions
 from boxcal.detect.alignment.candidates import TagCandidates
 from boxcal.detect.alignment.detector import detect_tags
@@ -99,3 +100,12 @@ def test_one_tag_of_a_second_face_is_kept_however_rough_its_corners_were_at_firs
     fit, kept = fit_aligned(TARGET, target_patterns(TARGET), rows, aligned, image_size=SIZE, start=start)
     np.testing.assert_array_equal(kept, rows)
     assert abs(fit.focal_px - camera.fu) < 10
+
+
+@pytest.mark.parametrize("angle_deg", [0.0, 40.0, 90.0, 140.0, 180.0])
+def test_a_start_from_any_homography_is_a_rotation_between_its_columns(angle_deg):
+    angle = np.deg2rad(angle_deg)
+    R = _nearest_rotation(np.array([0.0, 3.0, 0.0]), 2 * np.array([0.0, np.cos(angle), np.sin(angle)]))
+    np.testing.assert_allclose(R.T @ R, np.eye(3), atol=1e-12)
+    assert np.linalg.det(R) > 0
+    assert np.isclose(R[1, 0], R[:, 1] @ (0, np.cos(angle), np.sin(angle)))

@@ -38,6 +38,7 @@ _CAMERA, _UNKNOWNS = CAMERA, CAMERA + 6
 _LONGEST = np.array([0.4, *[1e3] * (CAMERA - 1), 0.5, 0.5, 0.5, 1e3, 1e3, 1e3])
 _LEAST_W = 1e-6
 _FITTED = np.array(FITTED)
+_NOTHING = np.empty((0, 0))
 
 
 def levenberg_marquardt(  # noqa: PLR0917 - as the reference
@@ -51,10 +52,13 @@ def levenberg_marquardt(  # noqa: PLR0917 - as the reference
     return focal, lens, T, information, off
 
 
-def predict(p_box: Array, focal: float, lens: Array, T_cam_box: Array, information: Array) -> tuple[Array, Array]:
+def predict(
+    p_box: Array, focal: float, lens: Array, T_cam_box: Array, information: Array | None
+) -> tuple[Array, Array]:
     """Return what :func:`boxcal.detect.alignment.box_refinement.predict` does."""
-    uv, spread = np.empty((len(p_box), 2)), np.empty(len(p_box))
-    _predict(np.ascontiguousarray(p_box), float(focal), lens, T_cam_box, information, uv, spread)
+    uv, spread = np.empty((len(p_box), 2)), np.empty(0 if information is None else len(p_box))
+    told = _NOTHING if information is None else information
+    _predict(np.ascontiguousarray(p_box), float(focal), lens, T_cam_box, told, uv, spread)
     return uv, spread
 
 
@@ -259,17 +263,25 @@ def _differentiate(focal: Any, lens: Any, dx: Any, dy: Any, x: Any, y: Any, z: A
 def _predict(  # noqa: PLR0917
     p_box: Any, focal: Any, lens: Any, T: Any, information: Any, uv: Any, spread: Any
 ) -> None:
-    """Fill where points (P, 3) are seen, (P, 2) px, NaN where out of view, and the deviations (P,), else infinite."""
+    """Fill where points (P, 3) are seen, (P, 2) px, NaN where out of view, and the deviations (P,), else infinite.
+
+    The latter only if there is room for them.
+    """
     J, half = np.zeros((2, _UNKNOWNS)), np.zeros(_UNKNOWNS)
-    L = information.copy()
-    factor(L)
+    L, asked = information.copy(), len(spread) > 0
+    if asked:
+        factor(L)
     for k in range(len(p_box)):
         x, y, z = _point(T, p_box[k])
         uv[k, 0], uv[k, 1] = to_pixel(lens, x, y, z / focal)
         if not np.isfinite(uv[k, 0]):
-            uv[k, 0], uv[k, 1], spread[k] = np.nan, np.nan, np.inf
+            uv[k, 0], uv[k, 1] = np.nan, np.nan
+            if asked:
+                spread[k] = np.inf
             continue
         uv[k, 0], uv[k, 1] = _distorted(lens, uv[k, 0], uv[k, 1])
+        if not asked:
+            continue
         _differentiate(focal, lens, uv[k, 0] - lens[0], uv[k, 1] - lens[1], x, y, z, J)
         total = 0.0
         for row in range(2):
