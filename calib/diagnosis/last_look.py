@@ -11,6 +11,7 @@ from boxcal.calib.diagnosis.joint_units import judge_units
 from boxcal.calib.diagnosis.layout import other_layout
 from boxcal.calib.diagnosis.rejected_tags import rejected_finding
 from boxcal.calib.diagnosis.standing import below_axle, below_floor
+from boxcal.calib.diagnosis.uneven_floor import uneven_floor
 from boxcal.calib.likelihood.estimate import Estimate
 from boxcal.calib.likelihood.finding import Finding
 from boxcal.detect.log.wheel_samples import JointUnit
@@ -47,5 +48,7 @@ def last_look(look: FirstLook, found: Estimate) -> tuple[Finding, ...]:
     if rms_px > LAYOUT_RMS_PX:
         out.append(other_layout([stop for drive in look.drives for stop in drive.stops], look.target))
     out.append(rejected_finding([stop for drive in look.drives for stop in drive.stops]))
+    if not any(drive.on_the_move for drive in look.drives):
+        out.append(uneven_floor(found))
     out += [clock_finding(None, moving_pictures(drive), len(drive.stops)) for drive in look.drives]
     return tuple(f for f in out if f is not None)

@@ -14,7 +14,8 @@ LEAST = 0.005
 def with_odd_prints(drives: Sequence[Correspondences], target: Target) -> tuple[Target, Finding] | None:
     """Return the box with prints of the sizes that the pictures of its first drive show, and what is said of that.
 
-    None where they are alike, and around a box whose shape is known already.
+    None where they are alike, and around a box whose shape is known already. How well the sizes are known is in no
+    sigma, so that such a result is not good.
     """
     sizes = next((drive.source.print_sizes for drive in drives if drive.source.print_sizes), ())
     if not sizes or target.refined is not None:
@@ -26,7 +27,6 @@ def with_odd_prints(drives: Sequence[Correspondences], target: Target) -> tuple[
         cause="odd-print",
         text=f"prints are of unlike sizes, against most (sheet: size) {each}; taken into account",
         advice="Print all sheets at 100 %, with one printer, and glue them anew.",
-        adopted=True,
         size=100 * size,
         unit="%",
     )

@@ -48,10 +48,14 @@ def imperfect_drive(
     ``options.slip`` is not used: the faults have their own.
     """
     drive = simulate_drive(robot, target, options, rng, faults=faults)
+    return ImperfectDrive(seen=seen_from(robot, target, drive, rng), robot=robot, faults=faults)
+
+
+def seen_from(robot: Robot, target: Target, drive: Drive, rng: np.random.Generator) -> Correspondences:
+    """Return what a robot sees and its wheels read on a drive, corners with the noise of the drive's camera."""
     wheels = WheelSamples(t_ns=drive.t_ns, phi_R=drive.phi_R, phi_L=drive.phi_L)
     stops = _stops(robot, target, drive, rng)
-    seen = Correspondences(robot=robot.name, image_size=robot.image_size, wheels=wheels, stops=stops)
-    return ImperfectDrive(seen=seen, robot=robot, faults=faults)
+    return Correspondences(robot=robot.name, image_size=robot.image_size, wheels=wheels, stops=stops)
 
 
 def _stops(robot: Robot, target: Target, drive: Drive, rng: np.random.Generator) -> tuple[StopObservation, ...]:

@@ -25,13 +25,14 @@ from boxcal.calib.four_steps.step1_camera import calibrate_camera
 from boxcal.calib.geometry.so3_se3 import exp_so3, rigid
 from boxcal.calib.likelihood import EstimateOptions, estimate
 from boxcal.calib.results.verdict import Level
-from boxcal.calib.simulate.drive import DriveOptions
-from boxcal.calib.simulate.imperfect_drive import imperfect_drive
+from boxcal.calib.simulate.drive import DriveOptions, simulate_drive
+from boxcal.calib.simulate.imperfect_drive import imperfect_drive, seen_from
 from boxcal.calib.simulate.imperfections import BoxFaults, Imperfections, WheelFaults
 from boxcal.calib.simulate.robot import Robot, khepera, turtlebot
 from boxcal.detect.correspondences import Correspondences, load_correspondences
 from boxcal.detect.log.losses import Loss, LossKind
 from boxcal.detect.log.wheel_samples import WheelSamples
+from boxcal.target.arrays import Array
 from boxcal.target.box import Box, make_target
 
 TARGET = make_target()
@@ -436,12 +437,39 @@ def test_a_camera_that_looks_to_the_rear_is_said_to_be_unchecked(exchanged: bool
     assert [r.rule for r in found.verdict.reasons if r.rule == "direction"] == ["direction"] * exchanged
 
 
+def on_a_floor(T_floor: Array | None, seed: int = 5) -> Correspondences:
+    """Return a drive on a floor that lies elsewhere on one side of the box; the robot leans by chance as well."""
+    rng = np.random.default_rng(seed)
+    made = simulate_drive(turtlebot(), TARGET, DriveOptions(stops=14), rng, faults=Imperfections(lean=np.radians(0.05)))
+    if T_floor is not None:
+        floors = made.scene.T_box_floor.copy()
+        floors[made.stop_poses[:, 0] > 0] = T_floor @ floors[made.stop_poses[:, 0] > 0]
+        made = replace(made, scene=replace(made.scene, T_box_floor=floors))
+    return seen_from(turtlebot(), TARGET, made, rng)
+
+
+@pytest.mark.parametrize(
+    ("T_floor", "uneven"),
+    [
+        (None, False),
+        (rigid(np.eye(3), np.array([0.0, 0.0, 0.005])), True),
+        (rigid(exp_so3(np.array([0.0, -np.radians(1.0), 0.0])), np.zeros(3)), True),
+    ],
+    ids=["flat", "a step of 5 mm", "a ramp of 1 deg"],
+)
+def test_a_floor_that_is_no_plane_is_said_and_never_good(T_floor: Array | None, uneven: bool) -> None:
+    found = calibrate(on_a_floor(T_floor), TARGET)
+    assert found.verdict is not None
+    assert ("floor-uneven" in [f.cause for f in found.findings]) == uneven
+    assert (found.verdict.level is Level.GOOD) != uneven
+
+
 def test_a_print_of_another_size_than_the_others_is_taken_as_it_is() -> None:
     seen = drive(khepera(), Imperfections(box=BoxFaults(face_scale=(1.0, 0.97, 1.0, 1.0))))
     told = replace(seen, source=replace(seen.source, print_sizes=(1.0, 0.97, 1.0, 1.0)))
     found = calibrate(told, TARGET)
     assert found.verdict is not None
-    assert found.verdict.level is not Level.REDO
+    assert found.verdict.level is Level.USABLE
     assert [f.size for f in found.findings if f.cause == "odd-print"] == pytest.approx([-3.0])
     assert found.detail is not None
     sigma = found.detail.covariance.sigma
