@@ -80,9 +80,10 @@ def leg_tests(problem: Problem, at: Linearization, weights: Weights, profile: Sl
     residual = at.legs.residual - np.einsum("nij,knj->kni", J, d)
     if at.legs.J_explained.shape[2]:
         residual = residual - np.einsum("nij,kj->kni", at.legs.J_explained, s.d_shared[:, problem.explained])
-    r = np.linalg.solve(L, residual[..., None])[..., 0]
-    half = np.linalg.solve(L, J_all @ cov @ np.swapaxes(J_all, 1, 2))
-    V = np.linalg.solve(L, np.swapaxes(half, -1, -2))
+    whiten = np.linalg.inv(L)
+    r = (whiten @ residual[..., None])[..., 0]
+    whitened = whiten @ J_all
+    V = whitened @ cov @ np.swapaxes(whitened, -1, -2)
     v, vectors = np.linalg.eigh((V + np.swapaxes(V, -1, -2)) / 2)
     rest = np.where(used[:, None], 1 - v, 1.0)
     testable = rest > _TESTABLE
