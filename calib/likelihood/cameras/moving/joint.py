@@ -16,7 +16,8 @@ from boxcal.calib.likelihood.moving.clock import LATE, RATE, Clocks
 from boxcal.calib.likelihood.moving.grid import Probable, over_levels
 from boxcal.calib.likelihood.moving.levels import jitter_axis, slip_axis
 from boxcal.calib.likelihood.moving.noise import local_sigmas
-from boxcal.calib.likelihood.moving.solve import CLOSE, DIVERGED, LONGEST_S, REWOVEN_S, STEPS, led_by_wheels
+from boxcal.calib.likelihood.moving.row import led_by_wheels
+from boxcal.calib.likelihood.moving.solve import CLOSE, DIVERGED, LONGEST_S, REWOVEN_S, STEPS
 from boxcal.calib.likelihood.moving.system import Levels as Solutions
 from boxcal.calib.likelihood.moving.system import Scan, System, scanned, solved_at, system
 from boxcal.calib.likelihood.systematic_errors import systematic_covariance

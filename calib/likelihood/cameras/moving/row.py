@@ -16,7 +16,7 @@ from boxcal.calib.likelihood.fit import Fit
 from boxcal.calib.likelihood.moving.clock import RATE, CameraClock, Clocks, one_time, since_middle_s
 from boxcal.calib.likelihood.moving.levels import Settled
 from boxcal.calib.likelihood.moving.rolling import ROLLING, Readout
-from boxcal.calib.likelihood.moving.solve import FINEST_STEP
+from boxcal.calib.likelihood.moving.row import FINEST_STEP
 from boxcal.calib.likelihood.moving.weave import APART_S, Woven, weave
 from boxcal.calib.likelihood.problem import Problem, build_problem
 from boxcal.detect.correspondences import Correspondences, StopObservation
