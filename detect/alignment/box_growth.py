@@ -11,7 +11,7 @@ from boxcal.detect.alignment.pyramid import SIDE_PX, Pyramid, align_coarsely
 from boxcal.detect.alignment.radial_camera import LOG_ASPECT
 from boxcal.detect.alignment.registration.tag_alignments import TagAlignments
 from boxcal.detect.alignment.tag_patterns import Index, Patterns
-from boxcal.detect.alignment.told_places import as_told, spread_over_faces, told
+from boxcal.detect.alignment.told_places import ON_FACE, as_told, spread_over_faces, told
 from boxcal.detect.alignment.verification import Limits, doubtful_limits, module_px, verified
 from boxcal.detect.image.order_statistics import median
 from boxcal.target.arrays import Array
@@ -62,13 +62,16 @@ def grow_from_pose(
     limits: Limits,
     *,
     others: bool = True,
+    on_face: int = ON_FACE,
 ) -> BoxDetection:
     """Return the tags of a search that are really there, aligned on few pixels, and the box through them.
 
     With ``others``, whatever the box then predicts beside them is tried too, until nothing new turns up. Some tags are
-    where the box has them, see :mod:`boxcal.detect.alignment.told_places`.
+    where the box has them, as ``on_face`` tags of each face tell, see :mod:`boxcal.detect.alignment.told_places`.
     """
-    finder = _Finder(pyramid=pyramid.under(search.fit.lens), target=target, patterns=patterns, limits=limits)
+    finder = _Finder(
+        pyramid=pyramid.under(search.fit.lens), target=target, patterns=patterns, limits=limits, on_face=on_face
+    )
     missing, size = None, pyramid.size
     found = finder.more(None, search.fit, search.rows, search.corners_px)
     for _ in range(ROUNDS):
@@ -102,13 +105,14 @@ class _Finder:
     target: Target
     patterns: Patterns
     limits: Limits
+    on_face: int
 
     def more(self, before: _Grown | None, fit: BoxFit, rows: Index, corners_px: Array) -> _Grown:
         """Return what was found before and what is there of tags (N,) at places (N, 4, 2), px.
 
         Those of a fit that goes before, if any, are predicted, and believed only near there; others may be anywhere.
         """
-        first, rest = spread_over_faces(self.target, rows, corners_px)
+        first, rest = spread_over_faces(self.target, rows, corners_px, self.on_face)
         now = self._with(before, fit, rows[first], corners_px[first], predicted=before is not None)
         sure = told(self.target, self.patterns, now.fit, believed=now.tags.rows, asked=rows[first], rows=rows[rest])
         late, doubtful = rest[~sure], now.doubtful

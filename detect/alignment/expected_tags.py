@@ -18,6 +18,7 @@ from boxcal.detect.alignment.pyramid import Pyramid, align_coarsely
 from boxcal.detect.alignment.pyramid_search import FEW_TAGS
 from boxcal.detect.alignment.resemblance import resemblance
 from boxcal.detect.alignment.tag_patterns import Index, Patterns
+from boxcal.detect.alignment.told_places import first_on_face
 from boxcal.detect.alignment.verification import Limits, convex, module_px, verified
 from boxcal.target.arrays import Array
 from boxcal.target.box import Target
@@ -96,7 +97,7 @@ def find_expected(  # noqa: PLR0917
         return None
     moved = np.median((asked.corners_px - begun)[there], axis=(0, 1))
     search = PredictedRegions(rows=rows, corners_px=corners + moved, fit=fit)
-    found = grow_from_pose(pyramid, target, patterns, search, limits, others=not cut)
+    found = grow_from_pose(pyramid, target, patterns, search, limits, others=not cut, on_face=first_on_face(camera))
     told = np.isfinite(found.lost_module_px) or len(found.tags) >= MOST_FOUND * len(rows)
     enough = len(found.tags) >= max(FEW_TAGS, LEAST_FOUND * len(rows)) and told
     return at_most(found, expected.most) if enough else None

@@ -16,6 +16,7 @@ from boxcal.detect.alignment.candidates import TagCandidates, find_candidates
 from boxcal.detect.alignment.face_agreement import consistent_candidates
 from boxcal.detect.alignment.pyramid import Pyramid
 from boxcal.detect.alignment.tag_patterns import Patterns
+from boxcal.detect.alignment.told_places import first_on_face
 from boxcal.detect.alignment.verification import Limits
 from boxcal.detect.image.gray import LEAST_SIDE_PX
 from boxcal.target.box import Target
@@ -54,7 +55,7 @@ def find_box(
     camera
         The camera, if it is known from other pictures.
     """
-    size, found = pyramid.size, None
+    size, found, on_face = pyramid.size, None, first_on_face(camera)
     for factor in shrinkings(size):
         if found is not None and found.lost_module_px < CANDIDATE_MODULE_PX * factor:
             continue
@@ -71,7 +72,7 @@ def find_box(
         search = predict_regions(
             target, patterns, candidates, size, sigma_px=CANDIDATE_SIGMA_PX * factor, camera=camera
         )
-        now = grow_from_pose(pyramid, target, patterns, search, limits)
+        now = grow_from_pose(pyramid, target, patterns, search, limits, on_face=on_face)
         if len(now.tags) >= FEW_TAGS or factor == 1:
             found = replace(now, read=read)
         if found is not None and found.lost_module_px < CANDIDATE_MODULE_PX:
@@ -86,7 +87,7 @@ def find_box(
     if len(candidates) == 0:
         return None
     search = predict_regions(target, patterns, candidates, size, camera=camera)
-    return replace(grow_from_pose(pyramid, target, patterns, search, limits), read=read)
+    return replace(grow_from_pose(pyramid, target, patterns, search, limits, on_face=on_face), read=read)
 
 
 def _in_all(

@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from boxcal.detect.alignment.box_pose import BoxFit
+from boxcal.detect.alignment.box_pose import BoxFit, CameraPrior
 from boxcal.detect.alignment.registration.tag_alignments import TagAlignments
 from boxcal.detect.alignment.tag_patterns import Index, Patterns
 from boxcal.detect.alignment.verification import module_px
@@ -18,15 +18,20 @@ from boxcal.detect.image.order_statistics import median
 from boxcal.target.arrays import Array
 from boxcal.target.box import Target
 
-ON_FACE = 8
-"""So many tags of a face are aligned first."""
+ON_FACE, ON_FACE_OF_KNOWN = 8, 4
+"""So many tags of a face are aligned first, and where other pictures have told the camera."""
 BELIEVED = 0.75
 """Fraction of them that must be there for the others of that face to be taken to be there, too."""
 SPREAD_MODULES, OFF_MODULES = 0.15, 0.1
 """How uncertain such a tag's place may be, and how far from the box the aligned ones may lie, in the middle."""
 
 
-def spread_over_faces(target: Target, rows: Index, corners_px: Array) -> tuple[Index, Index]:
+def first_on_face(camera: CameraPrior | None) -> int:
+    """Return how many tags of a face to align first: fewer where other pictures have told the camera."""
+    return ON_FACE if camera is None else ON_FACE_OF_KNOWN
+
+
+def spread_over_faces(target: Target, rows: Index, corners_px: Array, count: int = ON_FACE) -> tuple[Index, Index]:
     """Return which of some tags (N,) to align first, on each face a few far from each other, and which are the others.
 
     Parameters
@@ -35,15 +40,17 @@ def spread_over_faces(target: Target, rows: Index, corners_px: Array) -> tuple[I
         Which tags.
     corners_px : (N, 4, 2), px
         Roughly.
+    count
+        So many of a face are aligned first.
     """
     faces, centre = target.tag_faces[rows], 0.25 * corners_px.sum(axis=1)
     first = np.ones(len(rows), dtype=np.bool_)
-    for face in np.flatnonzero(np.bincount(faces) > ON_FACE):
+    for face in np.flatnonzero(np.bincount(faces) > count):
         at = np.flatnonzero(faces == face)
         first[at] = False
         x, y = centre[at].T
         apart = (x - x.sum() / len(x)) ** 2 + (y - y.sum() / len(y)) ** 2
-        for _ in range(ON_FACE):
+        for _ in range(count):
             k = int(apart.argmax())
             first[at[k]] = True
             apart = np.minimum(apart, (x - x[k]) ** 2 + (y - y[k]) ** 2)

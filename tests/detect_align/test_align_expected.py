@@ -98,7 +98,7 @@ def test_no_more_tags_are_measured_than_are_wanted(seen, off_px, monkeypatch):
     assert np.ptp(few.ids) > 0.8 * np.ptp(found.ids)
     assert np.abs(few.corners_px - found.corners_px[np.isin(found.ids, few.ids)]).max() < 0.02
     assert bool(searches) == (off_px > 1)
-    assert searches or max(aligned) == 10
+    assert searches or max(aligned) <= 10
 
 
 @pytest.mark.parametrize("off_px", [[60.0, 0.0], [0.0, -200.0], [np.nan, 0.0], [1e6, 0.0]])

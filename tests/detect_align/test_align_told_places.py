@@ -30,6 +30,16 @@ def test_of_a_rigid_box_a_few_tags_of_each_face_are_aligned_roughly(aligned):
     assert np.abs(tags.corners_px - truth(POSE)[0][tags.ids]).max() < 0.2
 
 
+def test_fewer_are_aligned_roughly_where_the_camera_is_known(aligned):
+    first = detect_tags(view(POSE), TARGET)
+    count = sum(aligned)
+    aligned.clear()
+    again = detect_tags(view(POSE), TARGET, camera=first.camera)
+    np.testing.assert_array_equal(again.ids, first.ids)
+    assert 0 < sum(aligned) < 0.7 * count
+    assert np.abs(again.corners_px - first.corners_px).max() < 0.05
+
+
 def test_where_the_box_does_not_tell_all_tags_are_aligned_roughly(aligned, monkeypatch):
     plain = detect_tags(view(POSE), TARGET)
     aligned.clear()

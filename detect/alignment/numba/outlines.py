@@ -17,6 +17,8 @@ from boxcal.target.arrays import Array
 _WORD = 8
 _SEEN, _SEEN_RIGHT = 2, -2
 """Marks of a border's pixels: followed, and followed with what lies right of them found to be bright."""
+_BRIGHT, _DARK = np.uint64(0), np.uint64(0x0101010101010101)
+"""Eight pixels that are bright, or dark and not marked."""
 _X = np.array([1, 1, 0, -1, -1, -1, 0, 1] * 2)
 _Y = np.array([0, -1, -1, -1, 0, 1, 1, 1] * 2)
 """The eight neighbours, counterclockwise as seen, from the right one on; twice."""
@@ -44,29 +46,30 @@ def _four_sided(  # noqa: PLR0917
     """Fill quads (N, 4, 2) with the corners of outlines in a picture with a bright rim; return how many there are."""
     rows, stride, found = len(words), words.shape[1] * _WORD, 0
     points, polygon, parts = room[0], room[1], room[2]
-    ones = np.uint64(0x0101010101010101)
     for y in range(1, rows - 1):
-        before, x = 0, _WORD
-        while x < stride:
-            if x % _WORD == 0:
-                word = words[y, x // _WORD]
-                if (word == 0 and before == 0) or (word == ones and before == 1):
-                    x += _WORD
-                    continue
-            here = marks[y * stride + x]
-            outer = before == 0 and here == 1
-            if outer or (here == 0 and before >= 1):
-                length, area = _follow(marks, ways, stride, x if outer else x - 1, y, 4 if outer else 0, points)
-                if least <= length <= most and area >= LEAST_FULL * length * length:
-                    deviation = max(MOST_DEVIATION * length, LEAST_DEVIATION_PX)
-                    corners = _simplified(points, length, deviation * deviation, polygon, parts)
-                    if corners == 4 and _turns_one_way(polygon):
-                        for c in range(4):
-                            quads[found, c, 0], quads[found, c, 1] = polygon[3 - c, 0], polygon[3 - c, 1]
-                        found += 1
+        before = np.int8(0)
+        for k in range(1, words.shape[1]):
+            word = words[y, k]
+            if word == _BRIGHT and before <= 0:
+                before = np.int8(0)
+                continue
+            if word == _DARK and before != 0:
+                before = np.int8(1)
+                continue
+            for x in range(k * _WORD, (k + 1) * _WORD):
                 here = marks[y * stride + x]
-            before = here
-            x += 1
+                outer = before == 0 and here == 1
+                if outer or (here == 0 and before >= 1):
+                    length, area = _follow(marks, ways, stride, x if outer else x - 1, y, 4 if outer else 0, points)
+                    if least <= length <= most and area >= LEAST_FULL * length * length:
+                        deviation = max(MOST_DEVIATION * length, LEAST_DEVIATION_PX)
+                        corners = _simplified(points, length, deviation * deviation, polygon, parts)
+                        if corners == 4 and _turns_one_way(polygon):
+                            for c in range(4):
+                                quads[found, c, 0], quads[found, c, 1] = polygon[3 - c, 0], polygon[3 - c, 1]
+                            found += 1
+                    here = marks[y * stride + x]
+                before = here
     return found
 
 
