@@ -29,11 +29,12 @@ _UNDER_1 = np.float32(1 - 2**-20)
 
 @kernel(inner=True, fastmath=True)
 def _residuals(  # noqa: PLR0917
-    at: Any, light: Any, batch: Any, total: Any, used: Any, shown: Any, response_slope: Any, out: Any, stats: Any
-) -> None:
+    at: Any, light: Any, batch: Any, total: Any, used: Any, shown: Any, places: Any, response_slope: Any, out: Any,
+    stats: Any,
+) -> None:  # fmt: skip
     """Fill the residuals of a block and the response curve's slope, both 0 behind the used pixels; add to the sums.
 
-    ``shown`` is room for as many figures.
+    ``shown`` and ``places`` are room for as many figures.
     """
     offset, gain, slope_x, slope_y, kappa = (
         np.float32(light[0]), np.float32(light[1]), np.float32(light[2]), np.float32(light[3]), np.float32(light[4])
@@ -47,7 +48,7 @@ def _residuals(  # noqa: PLR0917
             shown[p] = min(max(lit, _F0), _F1)
             response_slope[p] = _F1 if lit >= _F0 and lit < _F1 else _F0
     else:
-        _through_table(batch.response, shown, response_slope, out)
+        _through_table(batch.response, shown, response_slope, out, places)
     r2, y1, y2, p1, p2 = _F0, _F0, _F0, _F0, _F0
     for p in range(BLOCK):
         live = _F1 if p < used else _F0
@@ -68,13 +69,15 @@ def _residuals(  # noqa: PLR0917
 
 
 @kernel(inner=True, fastmath=True)
-def _through_table(response: Any, shown: Any, response_slope: Any, step: Any) -> None:
-    """Replace light by grey levels, and fill the response curve's slopes there; ``step`` is room for as many."""
+def _through_table(response: Any, shown: Any, response_slope: Any, step: Any, places: Any) -> None:
+    """Replace light by grey levels, and fill the response curve's slopes there; the last two are room for as many."""
     last, most = np.float32(len(response) - 1), np.int32(len(response) - 2)
     for p in range(BLOCK):
-        response_slope[p] = min(max(shown[p], _F0), _UNDER_1) * last
-    for p in range(BLOCK):
-        i = np.uint64(min(max(np.int32(response_slope[p]), _I0), most))  # what is not finite has no place in the table
+        t = min(max(shown[p], _F0), _UNDER_1) * last
+        response_slope[p] = t
+        places[p] = min(max(np.int32(t), _I0), most)  # what is not finite has no place in the table
+    for p in range(BLOCK):  # apart, as no vector instruction reads a table
+        i = np.uint64(places[p])
         shown[p] = response[i]
         step[p] = response[i + _U1]
     for p in range(BLOCK):
@@ -89,7 +92,7 @@ def _gather(table: Any, corner: Any, beyond: Any, weight: Any) -> None:
     """Fill weights from a table, so far beyond the first modules in reach."""
     shift = np.uint64(beyond)  # numba looks whether other numbers are negative, and counts from the end
     for p in range(BLOCK):
-        weight[p] = table[corner[p] + shift]
+        weight[p] = table[np.uint64(corner[p]) + shift]
 
 
 @kernel(inner=True, fastmath=True)
@@ -111,7 +114,7 @@ def differentiate(batch: Any, tag: Any, table: Any, pixels: Any, n: Any, stats: 
     jac = np.empty(parts * ROWS * BLOCK, np.float32)
     geometry = np.empty(4 * BLOCK, np.float32)
     first_u, first_v = np.empty(BLOCK, np.float32), np.empty(BLOCK, np.float32)
-    corner = np.empty(BLOCK, np.uint64)
+    corner = np.empty(BLOCK, np.uint32)
     edges_u, edge_v = np.empty(count_u * OF_EDGE, np.float32), np.empty(OF_EDGE, np.float32)
     weight, response_slope = np.empty(BLOCK, np.float32), np.empty(BLOCK, np.float32)
     sums, total = np.empty(7 * BLOCK, np.float32), np.empty(5 * BLOCK, np.float32)
@@ -128,7 +131,7 @@ def differentiate(batch: Any, tag: Any, table: Any, pixels: Any, n: Any, stats: 
             j = min(max(np.floor(v[p] + half_v), _F0), last_v)
             first_u[p] = i
             first_v[p] = j
-            corner[p] = np.uint64(min(max(np.int32(j * width + i), _I0), farthest))
+            corner[p] = min(max(np.int32(j * width + i), _I0), farthest)
         blur_geometry(theta, sigma, batch.blur, at, geometry)
         clear(sums)
         for e in range(count_u):
@@ -149,7 +152,7 @@ def differentiate(batch: Any, tag: Any, table: Any, pixels: Any, n: Any, stats: 
                 sums[p] += weight[p]
             down(sums, edge_v, rho, total)
         into = jac[part * ROWS * BLOCK : (part + 1) * ROWS * BLOCK]
-        _residuals(at, light, batch, total, used, weight, response_slope, into[PARAMETERS * BLOCK :], stats)
+        _residuals(at, light, batch, total, used, weight, corner, response_slope, into[PARAMETERS * BLOCK :], stats)
         clear(into[(ROWS - 1) * BLOCK :])
         jacobian(light, at, geometry, total, response_slope, into)
     stats[0] += n
