@@ -32,12 +32,18 @@ def solve_lower(L: Any, b: Any, x: Any) -> None:
 
 
 @kernel(inner=True)
+def solve_factored(L: Any, b: Any, x: Any) -> None:
+    """Fill x (n,) with the solution of ``L L^T x = b``."""
+    solve_lower(L, b, x)
+    for i in range(len(L) - 1, -1, -1):
+        total = x[i]
+        for m in range(i + 1, len(L)):
+            total -= L[m, i] * x[m]
+        x[i] = total / L[i, i]
+
+
+@kernel(inner=True)
 def solve_positive(A: Any, b: Any, x: Any) -> None:
     """Fill x (n,) with the solution of ``A x = b``; A is overwritten by its factor."""
     factor(A)
-    solve_lower(A, b, x)
-    for i in range(len(A) - 1, -1, -1):
-        total = x[i]
-        for m in range(i + 1, len(A)):
-            total -= A[m, i] * x[m]
-        x[i] = total / A[i, i]
+    solve_factored(A, b, x)

@@ -7,14 +7,17 @@ from typing import Any
 
 import numpy as np
 
-from boxcal.detect.alignment.numba.arrays import put_rows
-from boxcal.detect.alignment.numba.cholesky import factor, solve_lower, solve_positive
+from boxcal.detect.alignment.numba.cholesky import factor, solve_factored
 from boxcal.detect.alignment.numba.finish import moves_of
 from boxcal.detect.alignment.numba.image_model import ROWS, add_products
 from boxcal.detect.alignment.numba.kernel import kernel
-from boxcal.detect.alignment.numba.pixels import BLOCK, COLUMN, ROW
+from boxcal.detect.alignment.numba.pixels import BLOCK, COLUMN, ORDER, ROW
 from boxcal.detect.alignment.registration.image_model import CLUSTERS
-from boxcal.detect.alignment.registration.parameters import BLACK, KURTOSIS, PARAMETERS
+from boxcal.detect.alignment.registration.parameters import KURTOSIS, PARAMETERS
+
+_MOVES = 8
+"""Coordinates of the corners."""
+_SQUARES = CLUSTERS * CLUSTERS
 
 
 @kernel(inner=True)
@@ -26,30 +29,24 @@ def clusters_of_tag(  # noqa: PLR0917 - arrays in, arrays out
     ``side`` is the clusters', px; ``noise2`` the residuals' variance, ``prior`` the kurtosis's deviation, ``corners``
     (4, 2) in px.
     """
-    moves = np.zeros((2, PARAMETERS))
-    A, B = np.empty((PARAMETERS, PARAMETERS)), np.empty((8, PARAMETERS))
-    normal, inverse = np.empty((PARAMETERS, PARAMETERS)), np.empty((PARAMETERS, PARAMETERS))
-    normals, gradients = (
-        np.zeros((CLUSTERS * CLUSTERS, PARAMETERS, PARAMETERS)),
-        np.zeros((CLUSTERS * CLUSTERS, PARAMETERS)),
-    )
+    moves, A, B = np.zeros((2, PARAMETERS)), np.zeros((PARAMETERS, PARAMETERS)), np.empty((_MOVES, PARAMETERS))
+    normals, gradients = np.zeros((_SQUARES, PARAMETERS, PARAMETERS)), np.zeros((_SQUARES, PARAMETERS))
     _fill_squares(pixels, n, jac, side, batch.bounding_boxes[k], normals, gradients)
+    for square in range(_SQUARES):
+        for i in range(PARAMETERS):
+            for j in range(PARAMETERS):
+                A[i, j] += normals[square, i, j]
     for i in range(PARAMETERS):
-        for j in range(PARAMETERS):
-            normal[i, j] = 0.0
-            for square in range(CLUSTERS * CLUSTERS):
-                normal[i, j] += normals[square, i, j]
-    put_rows(A, normal)
-    for i in range(PARAMETERS):
-        A[i, i] += 1e-12 + 1e-9 * normal[i, i]
+        A[i, i] += 1e-12 + 1e-9 * A[i, i]
     A[KURTOSIS, KURTOSIS] += max(noise2, 1e-9) / prior**2
+    factor(A)
     for c in range(4):
         moves_of(batch.lens, batch.theta[k], batch.normalisation[k], corners[c], moves)
-        for row in range(2):
-            put_rows(inverse, A)
-            solve_positive(inverse, moves[row], B[2 * c + row])
-    factor(A)
-    return _mean_squares(normals, gradients, normal, A, B, max(noise2, 1e-12))
+        solve_factored(A, moves[0], B[2 * c])
+        solve_factored(A, moves[1], B[2 * c + 1])
+    W, moved, white = np.empty((PARAMETERS, _SQUARES * _MOVES)), np.zeros(_SQUARES * _MOVES), np.zeros(_MOVES)
+    _fill_moved(normals, gradients, B, W, moved, white)
+    return _mean_squares(W, moved, A, white, max(noise2, 1e-12))
 
 
 @kernel(inner=True)
@@ -62,7 +59,7 @@ def _fill_squares(  # noqa: PLR0917 - arrays in, arrays out
     """
     left, top = box[0] // side, box[2] // side
     square, order = np.empty(n, np.int64), np.empty(n, np.int64)
-    begin = np.zeros(CLUSTERS * CLUSTERS + 2, np.int64)
+    begin = np.zeros(_SQUARES + 2, np.int64)
     for p in range(n):
         block, at = pixels[p // BLOCK], p % BLOCK
         i = min(int(block[COLUMN + at]) // side - left, CLUSTERS - 1)
@@ -75,7 +72,7 @@ def _fill_squares(  # noqa: PLR0917 - arrays in, arrays out
         order[begin[square[p] + 1]] = p
         begin[square[p] + 1] += 1
     room = np.zeros((len(jac), ROWS, BLOCK), np.float32)
-    for k in range(CLUSTERS * CLUSTERS):
+    for k in range(_SQUARES):
         count = begin[k + 1] - begin[k]
         parts = (count + BLOCK - 1) // BLOCK
         for m in range(parts * BLOCK):
@@ -86,33 +83,43 @@ def _fill_squares(  # noqa: PLR0917 - arrays in, arrays out
             add_products(room[:parts], normals[k], gradients[k])
 
 
-@kernel(inner=True)
-def _mean_squares(  # noqa: PLR0917 - arrays in
-    normals: Any, gradients: Any, normal: Any, L: Any, B: Any, noise2: Any
-) -> tuple[float, float]:
-    """Return the mean over the corners' eight coordinates, observed and expected; ``L`` is the factor of the normal."""
-    seen, expected = 0.0, 0.0
-    W, half = np.empty(PARAMETERS), np.empty(PARAMETERS)
-    for e in range(8):
-        white = 0.0
-        for i in range(PARAMETERS):
-            for j in range(PARAMETERS):
-                white += B[e, i] * normal[i, j] * B[e, j]
-        white = max(white, 1e-300)
-        moved2, fitted = 0.0, 0.0
-        for square in range(len(normals)):
-            if normals[square, BLACK, BLACK] == 0:
-                continue
-            moved = 0.0
+@kernel(inner=True, fastmath=ORDER)
+def _fill_moved(normals: Any, gradients: Any, B: Any, W: Any, moved: Any, white: Any) -> None:  # noqa: PLR0917
+    """Fill squares' normal matrices times moves (14, 36 * 8), gradients times moves (36 * 8), and variances (8,)."""
+    for square in range(_SQUARES):
+        for e in range(_MOVES):
+            k = square * _MOVES + e
             for i in range(PARAMETERS):
-                moved += gradients[square, i] * B[e, i]
-                W[i] = 0.0
+                total = 0.0
                 for j in range(PARAMETERS):
-                    W[i] += normals[square, i, j] * B[e, j]
-            solve_lower(L, W, half)
-            moved2 += moved * moved
-            for i in range(PARAMETERS):
-                fitted += half[i] * half[i]
-        seen += moved2 / noise2 / white / 8
-        expected += max(white - fitted, 0.0) / white / 8
+                    total += normals[square, i, j] * B[e, j]
+                W[i, k] = total
+                white[e] += B[e, i] * total
+                moved[k] += gradients[square, i] * B[e, i]
+
+
+@kernel(inner=True, fastmath=ORDER)
+def _mean_squares(W: Any, moved: Any, L: Any, white: Any, noise2: Any) -> tuple[float, float]:
+    """Return the mean over the corners' eight coordinates, observed and expected; ``L`` is the factor of the normal.
+
+    The systems of all squares and coordinates are solved together, in place in ``W`` (14, 36 * 8): long vectors.
+    """
+    moved2, fitted, wide = np.zeros(_MOVES), np.zeros(_MOVES), W.shape[1]
+    for i in range(PARAMETERS):
+        row, factor_i = W[i], 1 / L[i, i]
+        for m in range(i):
+            before, factor_m = W[m], L[i, m]
+            for k in range(wide):
+                row[k] -= factor_m * before[k]
+        for k in range(wide):
+            row[k] *= factor_i
+    for k in range(wide):
+        moved2[k % _MOVES] += moved[k] * moved[k]
+        for i in range(PARAMETERS):
+            fitted[k % _MOVES] += W[i, k] * W[i, k]
+    seen, expected = 0.0, 0.0
+    for e in range(_MOVES):
+        variance = max(white[e], 1e-300)
+        seen += moved2[e] / noise2 / variance / _MOVES
+        expected += max(variance - fitted[e], 0.0) / variance / _MOVES
     return seen, expected

@@ -13,6 +13,7 @@ from boxcal.detect.alignment.numba.block_motion import motion_of_tag
 from boxcal.detect.alignment.numba.cluster_sums import clusters_of_tag
 from boxcal.detect.alignment.numba.gauss_newton import LastStep, last_step
 from boxcal.detect.alignment.numba.kernel import kernel
+from boxcal.detect.alignment.numba.pixels import BLOCK
 from boxcal.detect.alignment.registration.finish import KURTOSIS_PRIOR
 from boxcal.detect.alignment.registration.misfit_sums import MisfitSums
 from boxcal.detect.alignment.registration.tag_alignments import TagAlignments
@@ -43,7 +44,8 @@ def _fill(  # noqa: PLR0917 - arrays in, arrays out
         n, first = kept.used[k], kept.first[k]
         if n == 0:
             continue
-        pixels, jac = kept.pixels[first : kept.first[k + 1]], kept.jacobian[first : kept.first[k + 1]]
+        last = first + (n + BLOCK - 1) // BLOCK
+        pixels, jac = kept.pixels[first:last], kept.jacobian[first:last]
         out.observed[k], out.expected[k] = clusters_of_tag(
             batch, k, pixels, n, jac, cluster_px[k], corners[k], noise2[k], prior
         )
