@@ -20,8 +20,7 @@ def motion_of_tag(batch: Any, k: Any, pixels: Any, n: Any, jac: Any, noise2: Any
         u, v = np.float64(place[2 * BLOCK + at]), np.float64(place[3 * BLOCK + at])
         i = min(max(int(u * BLOCKS / modules), 0), BLOCKS - 1)
         j = min(max(int(v * BLOCKS / modules), 0), BLOCKS - 1)
-        rows = jac[p // BLOCK]
-        by_u, by_v, r = rows[2, at] * scale, rows[5, at] * scale, rows[14, at]
+        by_u, by_v, r = jac[2, p] * scale, jac[5, p] * scale, jac[14, p]
         gx = by_u * (h[0] - u * h[6]) + by_v * (h[3] - v * h[6])
         gy = by_u * (h[1] - u * h[7]) + by_v * (h[4] - v * h[7])
         block = sums[j * BLOCKS + i]

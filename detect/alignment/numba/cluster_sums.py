@@ -71,16 +71,19 @@ def _fill_squares(  # noqa: PLR0917 - arrays in, arrays out
     for p in range(n):
         order[begin[square[p] + 1]] = p
         begin[square[p] + 1] += 1
-    room = np.zeros((len(jac), ROWS, BLOCK), np.float32)
+    room = np.empty(ROWS * (n + BLOCK), np.float32)
     for k in range(_SQUARES):
         count = begin[k + 1] - begin[k]
-        parts = (count + BLOCK - 1) // BLOCK
-        for m in range(parts * BLOCK):
-            p = order[begin[k] + min(m, count - 1)]
-            for a in range(ROWS):
-                room[m // BLOCK, a, m % BLOCK] = jac[p // BLOCK, a, p % BLOCK] if m < count else np.float32(0)
-        if parts > 0:
-            add_products(room[:parts], normals[k], gradients[k])
+        if count == 0:
+            continue
+        width = (count + BLOCK - 1) // BLOCK * BLOCK
+        rows = room[: ROWS * width].reshape((ROWS, width))
+        for a in range(ROWS):
+            for m in range(count):
+                rows[a, m] = jac[a, order[begin[k] + m]]
+            for m in range(count, width):
+                rows[a, m] = 0
+        add_products(rows, normals[k], gradients[k])
 
 
 @kernel(inner=True, fastmath=ORDER)

@@ -58,7 +58,7 @@ def kept_nothing(tags: int) -> LastStep:
         first=np.zeros(tags + 1, np.int64),
         used=np.zeros(tags, np.int64),
         pixels=np.empty((0, OF_PIXEL * BLOCK), np.float32),
-        jacobian=np.empty((0, ROWS, BLOCK), np.float32),
+        jacobian=np.empty((ROWS, 0), np.float32),
     )
 
 
@@ -90,7 +90,7 @@ def last_step(batch: Batch) -> LastStep:
         wanted=True,
         first=first,
         pixels=np.empty((blocks, OF_PIXEL * BLOCK), np.float32),
-        jacobian=np.empty((blocks, ROWS, BLOCK), np.float32),
+        jacobian=np.empty((ROWS, blocks * BLOCK), np.float32),
     )
     sums = no_sums(len(batch), batch.cells)
     _iterate(batch.arrays(), sums, np.zeros((len(batch), 4, 2)), np.ones(len(batch)), _NO_STEP, kept)
@@ -113,7 +113,7 @@ def _iterate(batch: Any, sums: Any, normalised: Any, module_px: Any, rules: Any,
             continue
         pixels, n, since = room(batch.bounding_boxes[k]), 0, np.inf
         module_differences(batch.cells[batch.rows[k]], table)
-        jac = np.empty((0, ROWS, BLOCK), np.float32)
+        jac = np.empty((ROWS, 0), np.float32)
         for number in range(rules.iterations):
             clear_rows(normal[k])
             clear(gradient[k])
@@ -158,9 +158,11 @@ def _iterate(batch: Any, sums: Any, normalised: Any, module_px: Any, rules: Any,
 @kernel(inner=True)
 def _keep(pixels: Any, jac: Any, all_pixels: Any, all_jac: Any, first: Any) -> None:
     """Copy a tag's pixels and Jacobian behind those of the tags before."""
-    for part in range(len(jac)):
+    for part in range(jac.shape[1] // BLOCK):
         put(all_pixels[first + part], pixels[part])
-        put_rows(all_jac[first + part], jac[part])
+    for row in range(ROWS):
+        for p in range(jac.shape[1]):
+            all_jac[row, BLOCK * first + p] = jac[row, p]
 
 
 @kernel(inner=True)

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from boxcal.detect.alignment.numba.arrays import clear
+from boxcal.detect.alignment.numba.arrays import clear, put
 from boxcal.detect.alignment.numba.edges import OF_EDGE, across, blur_geometry, down, edge, jacobian
 from boxcal.detect.alignment.numba.kernel import kernel
 from boxcal.detect.alignment.numba.pixels import BLOCK, widths
@@ -97,7 +97,7 @@ def _gather(table: Any, corner: Any, beyond: Any, weight: Any) -> None:
 
 @kernel(inner=True, fastmath=True)
 def differentiate(batch: Any, tag: Any, table: Any, pixels: Any, n: Any, stats: Any) -> Any:  # noqa: PLR0917
-    """Return the Jacobian of collected pixels, (B, 16, 64), residuals in row 14; add to the sums of residuals.
+    """Return the Jacobian of collected pixels, (16, 64 B), residuals in row 14; add to the sums of residuals.
 
     ``table`` holds the tag's modules and their differences.
     """
@@ -111,7 +111,8 @@ def differentiate(batch: Any, tag: Any, table: Any, pixels: Any, n: Any, stats: 
     kappa = theta[8] / theta[9] if abs(theta[9]) > 1e-9 else 0.0
     light = (theta[8], theta[9], theta[10], theta[11], kappa)
     parts = (n + BLOCK - 1) // BLOCK
-    jac = np.empty(parts * ROWS * BLOCK, np.float32)
+    jac, rows = np.empty((ROWS, parts * BLOCK), np.float32), np.empty(ROWS * BLOCK, np.float32)
+    clear(rows[(ROWS - 1) * BLOCK :])
     geometry = np.empty(4 * BLOCK, np.float32)
     first_u, first_v = np.empty(BLOCK, np.float32), np.empty(BLOCK, np.float32)
     corner = np.empty(BLOCK, np.uint32)
@@ -151,12 +152,12 @@ def differentiate(batch: Any, tag: Any, table: Any, pixels: Any, n: Any, stats: 
             for p in range(BLOCK):
                 sums[p] += weight[p]
             down(sums, edge_v, rho, total)
-        into = jac[part * ROWS * BLOCK : (part + 1) * ROWS * BLOCK]
-        _residuals(at, light, batch, total, used, weight, corner, response_slope, into[PARAMETERS * BLOCK :], stats)
-        clear(into[(ROWS - 1) * BLOCK :])
-        jacobian(light, at, geometry, total, response_slope, into)
+        _residuals(at, light, batch, total, used, weight, corner, response_slope, rows[PARAMETERS * BLOCK :], stats)
+        jacobian(light, at, geometry, total, response_slope, rows)
+        for row in range(ROWS):
+            put(jac[row, part * BLOCK : (part + 1) * BLOCK], rows[row * BLOCK : (row + 1) * BLOCK])
     stats[0] += n
-    return jac.reshape(parts, ROWS, BLOCK)
+    return jac
 
 
 @kernel(inner=True, fastmath=True)
@@ -176,13 +177,12 @@ def add_products(jac: Any, normal: Any, gradient: Any) -> None:
     for i in range(0, PARAMETERS, 2):
         for j in range(i, ROWS, 2):
             a, b, c, d = _F0, _F0, _F0, _F0
-            for part in range(len(jac)):
-                rows = jac[part]
-                for p in range(BLOCK):
-                    a += rows[i, p] * rows[j, p]
-                    b += rows[i, p] * rows[j + 1, p]
-                    c += rows[i + 1, p] * rows[j, p]
-                    d += rows[i + 1, p] * rows[j + 1, p]
+            left, left_1, right, right_1 = jac[i], jac[i + 1], jac[j], jac[j + 1]
+            for p in range(jac.shape[1]):
+                a += left[p] * right[p]
+                b += left[p] * right_1[p]
+                c += left_1[p] * right[p]
+                d += left_1[p] * right_1[p]
             if j == PARAMETERS:
                 gradient[i], gradient[i + 1] = a, c
             else:

@@ -45,7 +45,7 @@ def _fill(  # noqa: PLR0917 - arrays in, arrays out
         if n == 0:
             continue
         last = first + (n + BLOCK - 1) // BLOCK
-        pixels, jac = kept.pixels[first:last], kept.jacobian[first:last]
+        pixels, jac = kept.pixels[first:last], kept.jacobian[:, BLOCK * first : BLOCK * last]
         out.observed[k], out.expected[k] = clusters_of_tag(
             batch, k, pixels, n, jac, cluster_px[k], corners[k], noise2[k], prior
         )

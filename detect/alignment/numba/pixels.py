@@ -102,5 +102,5 @@ def add_blocks(pixels: Any, n: Any, jac: Any, blocks: Any) -> None:
         block, at = pixels[p >> 6], p & 63
         i = min(max(int(block[_U + at] + np.float32(1)), 0), side - 1)
         j = min(max(int(block[_V + at] + np.float32(1)), 0), side - 1)
-        blocks[j, i, 0] += jac[p >> 6, 14, at]
+        blocks[j, i, 0] += jac[14, p]
         blocks[j, i, 1] += 1
