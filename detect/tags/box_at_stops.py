@@ -30,12 +30,14 @@ from boxcal.detect.tags.on_the_move import (
 )
 from boxcal.detect.tags.predicted_views import ClockedViews, PredictedViews
 from boxcal.detect.tags.print_size import print_scale
-from boxcal.detect.tags.stop_measurement import measure_stop
+from boxcal.detect.tags.stop_measurement import MeanPicture, StopMeasurement, measure_picture, measure_stop
 from boxcal.target.arrays import Ids
 from boxcal.target.box import Target
 
 MANY_REJECTED = 0.1
 """Tags rejected for each tag of the box from which on the box is not as described, or there are two."""
+MOST_KEPT_BYTES = 1 << 25
+"""Pictures of stops that are kept, for the case that the box is not as described; the others are read again."""
 _MOST_WITHOUT_BOX = 24
 """After so many frames of a robot that stood still at too few places, all without the box, no more are looked at."""
 MOST_PIXELS = 3_000_000_000
@@ -44,11 +46,25 @@ MOST_PIXELS = 3_000_000_000
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class KnownBox:
-    """A box and a camera as stops showed them, with the tags that each stop (by number) should show."""
+    """A box and a camera as stops showed them.
+
+    Attributes
+    ----------
+    target, camera
+        The box, and the camera to begin with.
+    expected
+        Tags that each stop, by number, should show.
+    pictures
+        Mean pictures of stops, and the last frame of each.
+    odd_sizes
+        Frames of another size than the first, which were left out.
+    """
 
     target: Target
     camera: KnownCamera
     expected: Mapping[int, ExpectedTags]
+    pictures: Mapping[int, tuple[MeanPicture, DeepGrey]]
+    odd_sizes: int
 
 
 class BoxAtStops:
@@ -95,14 +111,14 @@ class BoxAtStops:
         self.print_sizes: tuple[float, ...] = ()
         self._known, self._camera = known, None if known is None else known.camera
         self._pixels = 0
+        self._pictures: dict[int, tuple[MeanPicture, DeepGrey]] = {}
+        self._kept_bytes = 0
+        self.odd_sizes += 0 if known is None else known.odd_sizes
         self.image_size = size
 
     def at(self, frames: Ids, number: int) -> tuple[AveragedCorners, str]:
         """Return what the frames of a stop (from 0) show, and which of them were left out and why."""
-        if self._pixels > MOST_PIXELS:
-            frames = frames[frames.size // 2 :][:1]
-        expected = None if self._known is None else self._known.expected.get(number)
-        found = measure_stop(self._images(frames), self._target, self._tags, self._camera, expected)
+        found = self._measured(frames, number)
         self._camera = found.camera
         self._foreign.update(found.foreign_ids.tolist())
         self.with_frames += bool(found.corners.frames)
@@ -112,6 +128,23 @@ class BoxAtStops:
         self.unsettled += not found.settled
         self.moved += "moved" in found.left_out or not found.settled
         return found.corners, found.left_out
+
+    def _measured(self, frames: Ids, number: int) -> StopMeasurement:
+        """Return what the frames of a stop show: in their mean as it was kept, where it was."""
+        known = self._known
+        kept = None if known is None else known.pictures.get(number)
+        if known is not None and kept is not None:
+            picture, self.last_frame = kept
+            self.frames += picture.frames
+            return measure_picture(picture, self._target, self._tags, self._camera, known.expected.get(number))
+        if self._pixels > MOST_PIXELS:
+            frames = frames[frames.size // 2 :][:1]
+        found = measure_stop(self._images(frames), self._target, self._tags, self._camera)
+        if known is None and found.picture is not None and self.last_frame is not None:
+            self._kept_bytes += found.picture.nbytes + self.last_frame.nbytes
+            if self._kept_bytes <= MOST_KEPT_BYTES:
+                self._pictures[number] = found.picture, self.last_frame
+        return found
 
     def _take_rejected(self, count: int) -> None:
         """Remember how many tags of a stop were rejected, and the picture with the most of them."""
@@ -192,7 +225,13 @@ class BoxAtStops:
         if built is None:
             return None
         expected = {number: built.expected(*stop, self.image_size) for number, stop in stops.items()}
-        return KnownBox(target=built.target, camera=replace(self._camera, prior=built.camera), expected=expected)
+        return KnownBox(
+            target=built.target,
+            camera=replace(self._camera, prior=built.camera),
+            expected=expected,
+            pictures=self._pictures,
+            odd_sizes=self.odd_sizes,
+        )
 
     def _images(self, frames: Ids) -> Iterator[DeepGrey]:
         for _, image in self._recording.read_deep_frames(frames, self._bits):

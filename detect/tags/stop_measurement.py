@@ -48,6 +48,8 @@ class StopMeasurement:
         Whether most frames show one picture, as they do at rest.
     rejected_ids : (R,)
         Tags of the target that were read but do not lie where the box has them.
+    picture
+        In which they were measured; None where tags were found frame by frame.
     """
 
     corners: AveragedCorners
@@ -56,6 +58,37 @@ class StopMeasurement:
     camera: KnownCamera | None
     settled: bool
     rejected_ids: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    picture: "MeanPicture | None" = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class MeanPicture:
+    """Mean of the frames of a stop that show one still picture.
+
+    Attributes
+    ----------
+    mean : (H, W)
+        In the frames' grey levels.
+    full
+        Their full scale.
+    still
+        Which of them show that picture.
+    frames
+        How many there were.
+    example : (H, W)
+        One of them.
+    """
+
+    mean: NDArray[np.float32]
+    full: float
+    still: Stillness
+    frames: int
+    example: DeepGrey
+
+    @property
+    def nbytes(self) -> int:
+        """Its size in memory, bytes."""
+        return self.mean.nbytes + self.example.nbytes
 
 
 def measure_stop(
@@ -63,7 +96,6 @@ def measure_stop(
     target: Target,
     settings: TagSettings | None = None,
     camera: KnownCamera | None = None,
-    expected: ExpectedTags | None = None,
 ) -> StopMeasurement:
     """Measure the tags of a target in the frames that were taken while the robot stood still once.
 
@@ -77,8 +109,6 @@ def measure_stop(
         The defaults if None. If they are not ``accurate``, tags are found frame by frame and averaged.
     camera
         What the stop before told of the camera; the first stop has none.
-    expected
-        Where tags should be, if the stop was measured before; used only where tags are found in the mean.
     """
     settings = settings or TagSettings()
     held = _held(frames)
@@ -93,12 +123,26 @@ def measure_stop(
         held = [even_mosaic(frame, mosaic) for frame in held]
     mean, still = average_frames(held)
     full = 255.0 if held[0].dtype == np.uint8 else float(FULL_SCALE)
-    grey = np.multiply(mean, np.float32(1 / full), dtype=np.float32)
-    found = detect_in_grey(grey, eight_bit_copy(mean, full), target, detector_settings(settings), camera, expected)
+    picture = MeanPicture(mean=mean, full=full, still=still, frames=len(held), example=held[len(held) // 2])
+    return measure_picture(picture, target, settings, camera)
+
+
+def measure_picture(
+    picture: MeanPicture,
+    target: Target,
+    settings: TagSettings,
+    camera: KnownCamera | None = None,
+    expected: ExpectedTags | None = None,
+) -> StopMeasurement:
+    """Measure the tags of a target in the mean picture of a stop, where they are expected if it was measured before."""
+    full, still = picture.full, picture.still
+    grey = np.multiply(picture.mean, np.float32(1 / full), dtype=np.float32)
+    grey8 = eight_bit_copy(picture.mean, full)
+    found = detect_in_grey(grey, grey8, target, detector_settings(settings), camera, expected)
     if found.ids.size == 0:
-        foreign = foreign_tags(held[len(held) // 2], target, settings)
-        corners = combine([TagDetections.none()] * len(held))
-        return _measured(corners, foreign_ids=foreign, still=still, camera=camera)
+        foreign = foreign_tags(picture.example, target, settings)
+        corners = combine([TagDetections.none()] * picture.frames)
+        return replace(_measured(corners, foreign_ids=foreign, still=still, camera=camera), picture=picture)
     kept, landmarks = int(still.kept.sum()), 4 * found.ids.size
     corners = AveragedCorners(
         landmark_ids=(4 * found.ids[:, None] + np.arange(4)).ravel(),
@@ -114,7 +158,7 @@ def measure_stop(
         averages_out=_averages_out(still.noise / full, found.residual, kept),
     )
     measured = _measured(corners, still=still, camera=_newer(camera, found.camera))
-    return replace(measured, rejected_ids=found.rejected_ids)
+    return replace(measured, rejected_ids=found.rejected_ids, picture=picture)
 
 
 def average_frames(frames: list[DeepGrey]) -> tuple[NDArray[np.float32], Stillness]:

@@ -1,15 +1,22 @@
 """The box as it was built: told by all stops together, and measured again only where it is not as described."""
 
 from functools import lru_cache
+from pathlib import Path
 
 import numpy as np
 import pytest
 from small_views import SIZE, TARGET, T_cam_box, true_corners, view
 
 from boxcal.calib.simulate.as_built import as_built
+from boxcal.calib.simulate.drive import DriveOptions, simulate_drive
 from boxcal.calib.simulate.imperfect_drive import hand_made
-from boxcal.calib.simulate.imperfections import BoxFaults
+from boxcal.calib.simulate.imperfections import BoxFaults, Imperfections
+from boxcal.calib.simulate.recorder import RecordOptions, write_log
+from boxcal.calib.simulate.robot import turtlebot
 from boxcal.detect.alignment.box_pose import CameraPrior, fit_box
+from boxcal.detect.extract import extract
+from boxcal.detect.tags import box_at_stops
+from boxcal.detect.tags.box_at_stops import BoxAtStops
 from boxcal.detect.tags.built_box import built_box, by_shape, shaped
 from boxcal.detect.tags.stop_measurement import StopMeasurement, measure_stop
 from boxcal.target.arrays import Array, Ids
@@ -118,3 +125,28 @@ def test_corners_of_small_prints_are_displaced_no_more_once_the_box_is_known() -
     again = measured(built.target)
     assert sum(stop.corners.tags for stop in again) > 1.05 * sum(stop.corners.tags for stop in first)
     assert displaced(again) < 0.4 * displaced(first)
+
+
+def test_stops_are_measured_again_in_pictures_that_were_kept_or_read_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rng = np.random.default_rng(3)
+    options = DriveOptions(stops=6, encoder_step=0.0, stand_s=(0.8, 0.9), max_speed=0.6)
+    faults = Imperfections(box=BoxFaults(scale=(0.97, 0.97)))
+    drive = simulate_drive(turtlebot(), TARGET, options, rng, faults=faults)
+    log = tmp_path / "r.mcap"
+    write_log(log, turtlebot(), TARGET, drive, RecordOptions(frames=2, moving_frames=0), rng=rng)
+    told: list[str] = []
+    found = extract(log, TARGET, progress=lambda line, _: told.append(line))
+    assert sum("measured again" in line for line in told) == 1
+    monkeypatch.setattr(box_at_stops, "MOST_KEPT_BYTES", 0)
+    read_again = extract(log, TARGET)
+    monkeypatch.setattr(BoxAtStops, "built_box", lambda *_: None)
+    as_described = extract(log, TARGET)
+    for stop, other, before in zip(found.stops, read_again.stops, as_described.stops, strict=True):
+        np.testing.assert_array_equal(stop.landmark_ids, other.landmark_ids)
+        np.testing.assert_allclose(stop.uv_px, other.uv_px, atol=5e-3)  # found by search, not where expected
+        np.testing.assert_array_equal(stop.p_box, TARGET.p_box(stop.landmark_ids))
+        assert len(stop.landmark_ids) >= len(before.landmark_ids)
+    assert found.source.print_sizes == ()
+    assert found.source.notes == read_again.source.notes
