@@ -55,7 +55,7 @@ class KnownBox:
     expected
         Tags that each stop, by number, should show.
     pictures
-        Mean pictures of stops, and the last frame of each.
+        Mean pictures of stops, by number.
     odd_sizes
         Frames of another size than the first, which were left out.
     """
@@ -63,7 +63,7 @@ class KnownBox:
     target: Target
     camera: KnownCamera
     expected: Mapping[int, ExpectedTags]
-    pictures: Mapping[int, tuple[MeanPicture, DeepGrey]]
+    pictures: Mapping[int, MeanPicture]
     odd_sizes: int
 
 
@@ -87,7 +87,7 @@ class BoxAtStops:
     rejected
         Tags that were read at each stop but do not lie where the box has them; none at most.
     last_frame
-        The last one that was looked at; None before that.
+        The last one that was looked at; None before that, and where its stop's mean was kept.
     print_sizes : (FACES,)
         Sizes of the faces' prints over that of most, as far as they differ; empty if they do not.
     """
@@ -111,7 +111,7 @@ class BoxAtStops:
         self.print_sizes: tuple[float, ...] = ()
         self._known, self._camera = known, None if known is None else known.camera
         self._pixels = 0
-        self._pictures: dict[int, tuple[MeanPicture, DeepGrey]] = {}
+        self._pictures: dict[int, MeanPicture] = {}
         self._kept_bytes = 0
         self.odd_sizes += 0 if known is None else known.odd_sizes
         self.image_size = size
@@ -132,18 +132,18 @@ class BoxAtStops:
     def _measured(self, frames: Ids, number: int) -> StopMeasurement:
         """Return what the frames of a stop show: in their mean as it was kept, where it was."""
         known = self._known
-        kept = None if known is None else known.pictures.get(number)
-        if known is not None and kept is not None:
-            picture, self.last_frame = kept
+        picture = None if known is None else known.pictures.get(number)
+        if known is not None and picture is not None:
+            self.last_frame = None
             self.frames += picture.frames
             return measure_picture(picture, self._target, self._tags, self._camera, known.expected.get(number))
         if self._pixels > MOST_PIXELS:
             frames = frames[frames.size // 2 :][:1]
         found = measure_stop(self._images(frames), self._target, self._tags, self._camera)
-        if known is None and found.picture is not None and self.last_frame is not None:
-            self._kept_bytes += found.picture.nbytes + self.last_frame.nbytes
+        if known is None and found.picture is not None:
+            self._kept_bytes += found.picture.mean.nbytes
             if self._kept_bytes <= MOST_KEPT_BYTES:
-                self._pictures[number] = found.picture, self.last_frame
+                self._pictures[number] = replace(found.picture, example=None)
         return found
 
     def _take_rejected(self, count: int) -> None:

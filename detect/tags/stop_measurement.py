@@ -76,19 +76,14 @@ class MeanPicture:
     frames
         How many there were.
     example : (H, W)
-        One of them.
+        One of them, in which foreign tags are looked for where none of the target's is seen; None where it is not kept.
     """
 
     mean: NDArray[np.float32]
     full: float
     still: Stillness
     frames: int
-    example: DeepGrey
-
-    @property
-    def nbytes(self) -> int:
-        """Its size in memory, bytes."""
-        return self.mean.nbytes + self.example.nbytes
+    example: DeepGrey | None = None
 
 
 def measure_stop(
@@ -140,7 +135,8 @@ def measure_picture(
     grey8 = eight_bit_copy(picture.mean, full)
     found = detect_in_grey(grey, grey8, target, detector_settings(settings), camera, expected)
     if found.ids.size == 0:
-        foreign = foreign_tags(picture.example, target, settings)
+        nothing = np.zeros(0, dtype=np.int64)
+        foreign = nothing if picture.example is None else foreign_tags(picture.example, target, settings)
         corners = combine([TagDetections.none()] * picture.frames)
         return replace(_measured(corners, foreign_ids=foreign, still=still, camera=camera), picture=picture)
     kept, landmarks = int(still.kept.sum()), 4 * found.ids.size

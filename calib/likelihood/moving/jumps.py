@@ -12,8 +12,8 @@ from boxcal.target.arrays import Ids
 _EITHER_SIDE = 3
 """Frames that a clock must have shown before and after a jump."""
 _LEAST_S = 2e-3
-_CHANCE = 1e-4
-"""Of a jump where there is none, over all places where it may be."""
+_CHANCE = 5e-4
+"""Of a jump where there is none, over all places where it may be, if jitter were known; as it is not, twice that."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

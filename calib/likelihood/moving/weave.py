@@ -16,6 +16,8 @@ from boxcal.target.arrays import Array, Ids, Mask
 
 _LEAST_RATE = 0.05
 """Wheel rate (rad/s) below which a frame tells nothing of the clocks, and may belong to a stand."""
+_ROOM_NS = 2
+"""Least time between two samples that a third fits between."""
 APART_S = 0.005
 """Frames nearer in time than this to a stop or to each other are not used: hardly anything rolls between."""
 
@@ -115,6 +117,8 @@ def weave(drive: Correspondences, kept: Ids, frames: Ids, late_s: Array | float)
     kept = kept if drive.stops else kept[:0]
     usable = _between_stops(drive, kept, at, t0) if drive.stops else (at > t[0]) & (at < t[-1])
     after = np.clip(np.searchsorted(t, at), 1, len(t) - 1)
+    # a frame stamped as a sample that was woven in before has no room between the two: it goes before both
+    after = after - ((wheels.t_ns[after] - wheels.t_ns[after - 1] < _ROOM_NS) & (after > 1))
     phi = np.stack([wheels.phi_R, wheels.phi_L], axis=1)
     course = wheel_course(wheels, t0 + np.rint(at * 1e9).astype(np.int64), after)
     usable &= ((np.abs(course[:, 0]).max(axis=1) > _LEAST_RATE) | (len(kept) == 0)) & wheels.covered[after]

@@ -17,7 +17,7 @@ from boxcal.calib.likelihood.moving.solve import FIRST_JITTER_S
 from boxcal.calib.likelihood.moving.told import Doubts, merged, rolling
 from boxcal.detect.correspondences import Correspondences
 from boxcal.detect.tags.moving_frames import MovingFrame
-from boxcal.detect.tags.on_the_move import TOO_FEW_PLACES
+from boxcal.detect.tags.on_the_move import LEAST_WITHOUT_STOPS, TOO_FEW_PLACES
 
 _STAND = "let the robot stand still for two seconds in three places or more where it sees the box"
 
@@ -57,8 +57,9 @@ def from_frames_alone(found: Estimate, fit: Fit, drive: Correspondences) -> Esti
     except np.linalg.LinAlgError as error:
         raise _refused("wheels and pictures do not fit together") from error
     settled = among_all.settled
-    if settled is None or among_all.jumps:
-        raise _refused(among_all.said("frames on one side of that are too few", 1))
+    # offset and rate are a line over time, so that frames of one side of a jump are used, where there are enough
+    if settled is None or (among_all.jumps and len(settled.joint.woven.moving) < LEAST_WITHOUT_STOPS):
+        raise _refused(among_all.said(f"fewer than {LEAST_WITHOUT_STOPS} frames are left on its longer side", 1))
     cov = joint_covariance(fit, settled)
     rolls = rolling(settled, cov)
     if rolls:

@@ -81,6 +81,29 @@ def test_frames_that_clocks_or_shutter_spoil_are_refused_with_what_is_missing(
     assert "stand still for two seconds" in str(caught.value)
 
 
+def _jumping(frames: int, jump_s: float) -> Correspondences:
+    drive = _drive(ShutterOptions(late_s=LATE_S), frames=frames)
+    half_ns = (drive.moving[0].t_ns + drive.moving[-1].t_ns) // 2
+    moving = [replace(f, t_ns=f.t_ns + round(1e9 * jump_s) * (f.t_ns > half_ns)) for f in drive.moving]
+    return replace(drive, moving=tuple(moving))
+
+
+def test_of_a_clock_that_jumps_the_longer_side_is_used() -> None:
+    found, robot = _calibrated(_jumping(40, 0.05)), _simulated().robot
+    assert any("the camera's clock jumps by" in note and "were left out" in note for note in found.notes)
+    assert found.verdict.level is Level.USABLE
+    assert found.detail is not None
+    sigma = found.detail.covariance.sigma
+    off = found.T_body_cam[:3, 3] - robot.T_body_cam[:3, 3]
+    assert abs(found.wheels.b - robot.b) < 3.5 * sigma["b"] < 5e-3
+    assert abs(off[0]) < 3.5 * sigma["tx"] < 5e-3
+
+
+def test_too_few_frames_on_either_side_of_a_jump_are_refused() -> None:
+    with pytest.raises(CalibError, match="fewer than 12 frames are left on its longer side"):
+        _calibrated(_jumping(14, 0.04))
+
+
 def test_a_frame_that_is_mistaken_is_left_out_and_said() -> None:
     drive = _drive(ShutterOptions(late_s=LATE_S))
     moving = list(drive.moving)
