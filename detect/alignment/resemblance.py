@@ -1,4 +1,4 @@
-"""How much a picture resembles tags at places where they may be, module by module, without any alignment."""
+"""Resemblance of a picture to tags at places where they may be, module by module, without any alignment."""
 
 import numpy as np
 
