@@ -1,3 +1,4 @@
+import ast
 import gc
 import json
 import os
@@ -66,6 +67,19 @@ def test_compiled_code_is_kept_by_what_it_is_made_of(monkeypatch, tmp_path):
     changed.write_text("changed")
     monkeypatch.setattr(kernel, "_SOURCES", (*kernel._SOURCES, changed))
     assert kernel.cache_folder.__wrapped__() != folder
+
+
+def test_compiled_code_is_stale_where_a_constant_in_it_has_changed():
+    folder, within = kernel._HERE, 0
+    for source in folder.glob("*.py"):
+        for asked in ast.walk(ast.parse(source.read_text())):
+            if not isinstance(asked, ast.ImportFrom) or not any(name.name.isupper() for name in asked.names):
+                continue
+            *_, room, module = asked.module.split(".")
+            of_room = {"numba": folder, "registration": folder.parent / "registration", "alignment": folder.parent}
+            assert of_room[room] / f"{module}.py" in kernel._SOURCES
+            within += 1
+    assert within > 10
 
 
 @pytest.mark.parametrize(("name", "told"), [("_processor", ("another",)), ("__version__", "0")])

@@ -28,8 +28,9 @@ _INSTALLED = _HERE / "compiled"
 _SOURCES = (
     *sorted(_HERE.glob("*.py")),
     *sorted((_HERE.parent / "registration").glob("*.py")),
-    _HERE.parent / "radial_camera.py",
+    *(_HERE.parent / name for name in ("box_refinement.py", "outlines.py", "radial_camera.py")),
 )
+"""Of the compiled code and of the constants in it."""
 
 
 @cache
