@@ -21,7 +21,8 @@ from boxcal.target.box import Target
 ON_FACE, ON_FACE_OF_KNOWN = 8, 4
 """So many tags of a face are aligned first, and where other pictures have told the camera."""
 BELIEVED = 0.75
-"""Fraction of them that must be there for the others of that face to be taken to be there, too."""
+"""Fraction of them that must be there for the others of that face to be taken to be there, too; and of those of all
+faces: through a few tags of one face goes a box that is not as described, too, with other faces elsewhere."""
 SPREAD_MODULES, OFF_MODULES = 0.15, 0.1
 """How uncertain such a tag's place may be, and how far from the box the aligned ones may lie, in the middle."""
 
@@ -80,6 +81,8 @@ def told(
     faces = target.tag_faces
     tried = np.bincount(faces[asked], minlength=int(faces.max()) + 1)
     there = np.bincount(faces[asked[np.isin(asked, believed)]], minlength=len(tried))
+    if there.sum() < BELIEVED * tried.sum():
+        return np.zeros(len(rows), dtype=np.bool_)
     sound = (tried > 0) & (there >= BELIEVED * tried)
     return np.asarray(sound[faces[rows]] & (spread.reshape(-1, 4).max(axis=1) < SPREAD_MODULES * module))
 
