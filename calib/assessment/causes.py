@@ -9,6 +9,7 @@ _FIT = ("sharpness", "legs", "slip", "floor", "wheels", "corners", "fit", "held-
 _SURE = ("open", "straight", "heading", "turn", "camera-angle", "camera-place")
 FOLLOWS: dict[str, tuple[str, ...]] = {
     "print": (*_FIT, *_SURE, "misfit"),
+    "box-size": (),
     "stops": ("moves", *_SURE),
     "around": (),
     "turned": ("moves", *_SURE),

@@ -145,11 +145,8 @@ def _print(detail: Detail | None, found: PrintScale | None) -> list[Reason]:
         return graded("print", worst, "The print has the size that it was designed with.", "")
     text = f"The print is not of the size designed: {percent(x)} across and {percent(y)} up the sheet."
     if estimated:
-        return [
-            Reason(
-                rule="print", level=Level.GOOD, text=f"{text} The calibration takes it into account.", kind=Kind.NOTE
-            )
-        ]
+        told = f"{text} The calibration takes it into account."
+        return [Reason(rule="print", level=Level.GOOD, text=told, kind=Kind.NOTE), *_box_or_print(x, y)]
     return graded(
         "print",
         worst,
@@ -157,3 +154,21 @@ def _print(detail: Detail | None, found: PrintScale | None) -> list[Reason]:
         "Measure the print with a ruler (measure-target) and calibrate the same log again; no new drive is needed. "
         "Next time print at 100 %.",
     )
+
+
+def _box_or_print(x: float, y: float) -> list[Reason]:
+    """Return what scales of the print that are alike leave open: the box may be of another size instead."""
+    alike = min(abs(x), abs(y)) if x * y > 0 else 0.0
+    if alike <= LIMITS["print"].usable:
+        return []
+    box = percent(1 / (1 + 0.5 * (x + y)) - 1)
+    text = f"Instead of the print the box may be of another size ({box}): pictures show only one against the other, "
+    return [
+        Reason(
+            rule="box-size",
+            level=Level.USABLE,
+            text=f"{text}and all lengths hang on it.",
+            advice="Measure the box and its print with a ruler (measure-target) and calibrate the same log again; "
+            "no new drive is needed.",
+        )
+    ]

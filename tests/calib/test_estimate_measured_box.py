@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 
 from boxcal.calib.assessment.verdict import judge
+from boxcal.calib.calibrate import calibrate
 from boxcal.calib.four_steps.procedure import solve_four_steps
 from boxcal.calib.likelihood import EstimateOptions, estimate
 from boxcal.calib.results.build import refined
 from boxcal.calib.results.calibration import Calibration, Provenance
+from boxcal.calib.results.verdict import Level
 from boxcal.calib.simulate.drive import DriveOptions, exact_correspondences, simulate_drive
 from boxcal.calib.simulate.robot import Robot, turtlebot
 from boxcal.detect.correspondences import Correspondences
@@ -72,3 +74,24 @@ def test_a_wrong_box_taken_as_designed_is_said_in_the_verdict() -> None:
     assert judged.level != "good"
     assert any("box" in r.text.lower() or "print" in r.text.lower() for r in judged.reasons if r.level != "good")
     assert any("measure" in r.advice.lower() for r in judged.reasons if r.level != "good")
+
+
+@pytest.mark.parametrize("size", [0.99, 1.03])
+def test_a_box_of_another_size_looks_like_a_wrong_print_and_is_not_good_until_it_is_measured(size: float) -> None:
+    robot, design, rng = turtlebot(), make_target(), np.random.default_rng(5)
+    figures = {"sx": 1.0, "sy": 1.0, "width": 0.25 * size, "depth": 0.25 * size, "height": 0.2}
+    built = make_target(Box(), Measured(**figures, cov=RULER))
+    drive = simulate_drive(robot, built, DriveOptions(stops=14, slip=2e-4), rng)
+    seen = exact_correspondences(robot, built, drive, 0.05, rng)
+    found, measured = (
+        calibrate(replace(seen, stops=tuple(replace(s, p_box=box.p_box(s.landmark_ids)) for s in seen.stops)), box)
+        for box in (design, built)
+    )
+    assert abs(found.wheels.rL * size / robot.rL - 1) < 2e-3
+    assert found.verdict is not None
+    assert found.verdict.level is Level.USABLE
+    assert [r.rule for r in found.verdict.reasons if r.level is not Level.GOOD] == ["box-size"]
+    assert "measure-target" in found.verdict.next_steps[0]
+    assert measured.verdict is not None
+    assert measured.verdict.level is Level.GOOD
+    assert abs(measured.wheels.rL / robot.rL - 1) < 2e-3

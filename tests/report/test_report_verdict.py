@@ -285,6 +285,21 @@ def test_print_scale_that_was_estimated_is_no_fault(calibrations: Calibrations) 
     assert any("takes it into account" in r.text and r.kind is Kind.NOTE for r in found.reasons)
 
 
+@pytest.mark.parametrize(
+    ("x", "y", "level"), [(-0.02, -0.03, Level.USABLE), (-0.02, 0.01, Level.GOOD), (0.004, 0.02, Level.GOOD)]
+)
+def test_prints_that_are_off_alike_both_ways_may_be_right_on_a_box_of_another_size(
+    x: float, y: float, level: Level, calibrations: Calibrations
+) -> None:
+    c = calibrations("good_drive")
+    assert c.detail is not None
+    extra = {**c.detail.extra, "scale_x": x, "scale_y": y}
+    sigma = {**c.detail.extra_sigma, "scale_x": 1e-4, "scale_y": 1e-4}
+    found = verdict(_with(c, extra=extra, extra_sigma=sigma))
+    assert found.level is level
+    assert any(r.rule == "box-size" and "2.6%" in r.text for r in found.reasons) == (level is Level.USABLE)
+
+
 def test_reasons_stand_worst_first_and_every_fault_has_advice(calibrations: Calibrations, drives: Drives) -> None:
     for name in ("few_stops", "one_side", "slipped", "box_moved", "wrong_print", "blurred"):
         found = _judged(name, calibrations, drives)
@@ -331,7 +346,7 @@ def test_stops_of_one_spot_leave_everything_open(calibrations: Calibrations) -> 
 
 def test_documentation_names_every_rule_and_its_limits() -> None:
     rows = dict(re.findall(r"^\| `([a-z-]+)` \| (.*)$", DOCS.read_text(encoding="utf-8"), re.MULTILINE))
-    assert set(rows) == {*LIMITS, "open", "uncertainty", "misfit"}
+    assert set(rows) == {*LIMITS, "open", "uncertainty", "misfit", "box-size"}
     factor = {
         "straight": 100,
         "camera-place": 1000,
