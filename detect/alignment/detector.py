@@ -22,7 +22,7 @@ from boxcal.detect.alignment.pyramid import Pyramid, align_coarsely
 from boxcal.detect.alignment.pyramid_search import FEW_TAGS, find_box, search_copies
 from boxcal.detect.alignment.radial_camera import no_distortion, sagitta_difference_px
 from boxcal.detect.alignment.registration.align import align
-from boxcal.detect.alignment.registration.parameters import KURTOSIS
+from boxcal.detect.alignment.registration.parameters import BLACK, CONTRAST, KURTOSIS
 from boxcal.detect.alignment.registration.tag_alignments import TagAlignments
 from boxcal.detect.alignment.registration.tag_batch import ROUND, Frame
 from boxcal.detect.alignment.tag_curvature import under_lens
@@ -32,7 +32,7 @@ from boxcal.detect.alignment.verification import Limits, module_px, verified
 from boxcal.detect.image.gray import Levels, to_grey8, to_levels
 from boxcal.detect.image.order_statistics import median
 from boxcal.detect.image.response_curve import (
-    ImagingParameters,
+    ResponseEstimate,
     estimate_response,
     response_table,
     with_response,
@@ -123,10 +123,11 @@ def detect_in_grey(  # noqa: PLR0917
     frame = replace(
         pyramid.around(tags.corners_px), lens=fit.lens, blur=ROUND if expected is None else shape(*expected.blur)
     )
-    imaging = camera.imaging if camera and camera.imaging.settled else None
-    if imaging is None:
-        imaging = estimate_response(frame, patterns, tags, settings.response)
-    frame, tags = _finely(frame, patterns, tags, imaging)
+    if camera and camera.imaging.settled:
+        taken = ResponseEstimate(imaging=camera.imaging, darkness=None)
+    else:
+        taken = estimate_response(frame, patterns, tags, settings.response)
+    frame, tags = _finely(frame, patterns, tags, taken)
     tags, uneven = _believed(frame, target, patterns, tags, fit, settings.limits)
     tags = _on_the_box(target, patterns, tags, fit)
     left_out, rounded = _left_out(frame, patterns, tags, uneven), 0.0 if camera is None else camera.round_inflation
@@ -156,7 +157,7 @@ def detect_in_grey(  # noqa: PLR0917
     located = _with_lens_and_box(located, target, frame, fit, uneven, flat=left_out.deformation_px2 == 0)
     if len(tags) < FEW_TAGS:
         return located
-    imaging = replace(imaging, kurtosis=median(tags.theta[:, KURTOSIS]))
+    imaging = replace(taken.imaging, kurtosis=median(tags.theta[:, KURTOSIS]))
     return replace(located, camera=KnownCamera(prior=fit.camera(max(size)), imaging=imaging, round_inflation=rounded))
 
 
@@ -245,13 +246,16 @@ def detect_copies(
 
 
 def _finely(
-    frame: Frame, patterns: Patterns, tags: TagAlignments, taking: ImagingParameters
+    frame: Frame, patterns: Patterns, tags: TagAlignments, taken: ResponseEstimate
 ) -> tuple[Frame, TagAlignments]:
     """Return an image under the right response curve, and tags, aligned coarsely before, aligned on its pixels."""
-    under = replace(frame, response=response_table(taking.response))
+    under = replace(frame, response=response_table(taken.imaging.response))
     changed = under.response is not frame.response
-    start = with_response(tags, frame.response, under.response) if changed else tags
-    start.theta[:, KURTOSIS] = taking.kurtosis
+    start = with_response(tags, frame.response, under.response)
+    if changed and taken.darkness is not None:
+        white = start.theta[:, BLACK] + start.theta[:, CONTRAST]
+        start.theta[:, BLACK], start.theta[:, CONTRAST] = taken.darkness * white, (1 - taken.darkness) * white
+    start.theta[:, KURTOSIS] = taken.imaging.kurtosis
     aligned = align(
         under,
         patterns,

@@ -47,6 +47,8 @@ def _lights(entries: int) -> Array:
 
 def with_response(tags: TagAlignments, old: Array, new: Array) -> TagAlignments:
     """Return tags aligned under one response curve as a start under another: the light of white and black exchanged."""
+    if new is old:
+        return tags
     offset, gain = tags.theta[:, BLACK], tags.theta[:, CONTRAST]
     levels = [np.interp(light, _lights(len(old)), old) for light in (offset, offset + gain)]
     black, white = (np.interp(level, new, _lights(len(new))) for level in levels)
@@ -75,14 +77,31 @@ class ImagingParameters:
     settled: bool = True
 
 
-def estimate_response(frame: Frame, patterns: Patterns, tags: TagAlignments, response: Response) -> ImagingParameters:
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ResponseEstimate:
+    """What a few tags tell of how a picture was taken.
+
+    Attributes
+    ----------
+    imaging
+        The response curve and the PSF's kurtosis.
+    darkness
+        Light of tags' black over that of white. Roughly aligned tags tell it badly where white blooms into black and
+        the curve is steep there; on a box all are printed alike.
+    """
+
+    imaging: ImagingParameters
+    darkness: float | None
+
+
+def estimate_response(frame: Frame, patterns: Patterns, tags: TagAlignments, response: Response) -> ResponseEstimate:
     """Return the response curve under which roughly aligned tags leave the smallest residuals, and the PSF's kurtosis.
 
     A few of the largest tags are asked, about both curves or the given one; the answer is ``linear`` where neither is
     clearly better, as then it makes no difference.
     """
-    size = np.linalg.norm(tags.corners_px[:, 2] - tags.corners_px[:, 0], axis=1)
-    some = tags.take(np.argsort(-size)[:TAGS])
+    diagonal = tags.corners_px[:, 2] - tags.corners_px[:, 0]
+    some = tags.take(np.argsort(-np.hypot(diagonal[:, 0], diagonal[:, 1]))[:TAGS])
     left = {}
     for name in ("linear", "srgb") if response == "auto" else (response,):
         under = Frame(grey=frame.grey, response=response_table(name), lens=frame.lens)
@@ -102,9 +121,11 @@ def estimate_response(frame: Frame, patterns: Patterns, tags: TagAlignments, res
     fitted = np.min([tags.correlation for tags in left.values()], axis=0) > 0.8
     residual = {name: float(np.sum(tags.noise[fitted] ** 2)) for name, tags in left.items()}
     best = min(left, key=lambda name: residual[name] * (1.0 if name == "linear" else 1.03))
-    kurtosis = left[best].theta[fitted, KURTOSIS]
-    return ImagingParameters(
+    told = left[best].theta[fitted]
+    imaging = ImagingParameters(
         response=best,
-        kurtosis=median(kurtosis) if len(kurtosis) else 0.0,
+        kurtosis=median(told[:, KURTOSIS]) if len(told) else 0.0,
         settled=min(residual.values()) <= CLEAR * max(residual.values()) or len(left) == 1,
     )
+    darkness = told[:, BLACK] / (told[:, BLACK] + told[:, CONTRAST])
+    return ResponseEstimate(imaging=imaging, darkness=median(darkness) if len(told) else None)
