@@ -79,7 +79,7 @@ class ImagingParameters:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ResponseEstimate:
-    """What a few tags tell of how a picture was taken.
+    """Imaging parameters and darkness of black, as a few tags tell them.
 
     Attributes
     ----------
