@@ -6,6 +6,9 @@ import subprocess
 import sys
 import threading
 import types
+from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -59,6 +62,27 @@ def test_compiled_code_needs_no_place_to_write(monkeypatch):
     assert "in memory" in told[0]
 
 
+def test_code_that_is_not_compiled_runs_and_nothing_is_kept(tmp_path):
+    """A folder said to be complete without code in it would be believed ever after."""
+    program = "import numpy; from boxcal.detect.alignment.compilation import prepare; prepare(print); "
+    program += "from boxcal.detect.alignment.numba.outlines import four_sided; "
+    program += "print(len(four_sided(numpy.ones((9, 16), numpy.uint8), 1, 99)))"
+    changed = {"NUMBA_DISABLE_JIT": "1", "NUMBA_CACHE_DIR": str(tmp_path)}
+    done = subprocess.run(
+        [sys.executable, "-c", program], env=os.environ | changed, capture_output=True, check=True, text=True
+    )
+    assert done.stdout.splitlines()[-1] == "1"
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("setting", ["BOUNDSCHECK", "OPT"])
+def test_code_of_other_settings_of_the_compiler_is_not_taken(monkeypatch, tmp_path, setting):
+    monkeypatch.setattr(kernel._CONFIG, "CACHE_DIR", str(tmp_path))
+    folder = kernel.folder_for([])
+    monkeypatch.setattr(kernel._CONFIG, setting, 1)
+    assert kernel.folder_for([]) != folder
+
+
 def test_compiled_code_is_kept_by_what_it_is_made_of(monkeypatch, tmp_path):
     monkeypatch.setattr(kernel._CONFIG, "CACHE_DIR", str(tmp_path))
     folder = kernel.cache_folder.__wrapped__()
@@ -69,17 +93,20 @@ def test_compiled_code_is_kept_by_what_it_is_made_of(monkeypatch, tmp_path):
     assert kernel.cache_folder.__wrapped__() != folder
 
 
-def test_compiled_code_is_stale_where_a_constant_in_it_has_changed():
-    folder, within = kernel._HERE, 0
-    for source in folder.glob("*.py"):
-        for asked in ast.walk(ast.parse(source.read_text())):
-            if not isinstance(asked, ast.ImportFrom) or not any(name.name.isupper() for name in asked.names):
-                continue
-            *_, room, module = asked.module.split(".")
-            of_room = {"numba": folder, "registration": folder.parent / "registration", "alignment": folder.parent}
-            assert of_room[room] / f"{module}.py" in kernel._SOURCES
+@pytest.mark.parametrize(
+    ("of", "least"),
+    [("detect.alignment.numba", 10), ("calib.likelihood.compiled", 1), ("calib.four_steps.compiled", 0)],
+)
+def test_compiled_code_is_stale_where_a_constant_in_it_has_changed(of, least):
+    sources, within = import_module(f"boxcal.{of}.kernel")._SOURCES, 0
+    for source in sources:
+        asked = [a for a in ast.walk(ast.parse(source.read_text())) if isinstance(a, ast.ImportFrom)]
+        if source.parent != sources[0].parent or source.name == "compilation.py":
+            continue
+        for module in [a.module for a in asked if any(name.name.isupper() for name in a.names)]:
+            assert Path(find_spec(module).origin).resolve() in sources
             within += 1
-    assert within > 10
+    assert within >= least
 
 
 @pytest.mark.parametrize(("name", "told"), [("_processor", ("another",)), ("__version__", "0")])

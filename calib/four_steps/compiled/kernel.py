@@ -6,11 +6,13 @@ from typing import Any
 
 from boxcal.detect.alignment.numba.kernel import Decorator, compiled_in, folder_for
 
+_SOURCES = tuple(sorted(Path(__file__).resolve().parent.glob("*.py")))
+
 
 @cache
 def cache_folder() -> Path | None:
     """Return the folder for step 1's compiled code, made if need be; None if no place can be written."""
-    return folder_for(sorted(Path(__file__).resolve().parent.glob("*.py")))
+    return folder_for(_SOURCES)
 
 
 def kernel(**options: Any) -> Decorator:

@@ -6,11 +6,15 @@ from typing import Any
 
 from boxcal.detect.alignment.numba.kernel import Decorator, compiled_in, folder_for
 
+_HERE = Path(__file__).resolve().parent
+_SOURCES = (*sorted(_HERE.glob("*.py")), _HERE.parent / "leg_propagation.py")
+"""Of the compiled code and of the constants in it."""
+
 
 @cache
 def cache_folder() -> Path | None:
     """Return the folder for the likelihood's compiled code, made if need be; None if no place can be written."""
-    return folder_for(sorted(Path(__file__).resolve().parent.glob("*.py")))
+    return folder_for(_SOURCES)
 
 
 def kernel(*, inner: bool = False, **options: Any) -> Decorator:

@@ -2,8 +2,9 @@
 
 It lies in the installed package, if that was built on a computer like this one, else in the user's cache
 (``~/.cache/boxcal``, or where ``NUMBA_CACHE_DIR``, ``XDG_CACHE_HOME`` or the system says): in a folder named by the
-hash of its sources, of numba's and Python's version and of the processor, so that an update never meets old code and
-any copy of the same sources finds it. Without a place that can be written it is compiled in memory, in each process.
+hash of its sources, of numba's and Python's version, of numba's settings and of the processor, so that an update never
+meets old code and any copy of the same sources finds it. Without a place that can be written it is compiled in memory,
+in each process; with ``NUMBA_DISABLE_JIT`` set it is not compiled, and nothing is kept.
 """
 
 import hashlib
@@ -31,6 +32,8 @@ _SOURCES = (
     *(_HERE.parent / name for name in ("box_refinement.py", "outlines.py", "radial_camera.py")),
 )
 """Of the compiled code and of the constants in it."""
+_SETTINGS = ("BOUNDSCHECK", "DEBUGINFO_DEFAULT", "LOOP_VECTORIZE", "OPT", "SLP_VECTORIZE")
+"""Of numba, by its environment variables: other code is compiled under others."""
 
 
 @cache
@@ -40,7 +43,9 @@ def cache_folder() -> Path | None:
 
 
 def folder_for(sources: Iterable[Path]) -> Path | None:
-    """Return the folder for code compiled from some sources, made if need be; None if no place can be written."""
+    """Return the folder for code compiled from some sources, made if need be; None if none is to be kept or can be."""
+    if _CONFIG.DISABLE_JIT:
+        return None
     name = _name(sources)
     if (_INSTALLED / name / COMPLETE).exists():
         return _INSTALLED / name
@@ -59,7 +64,8 @@ def folder_for(sources: Iterable[Path]) -> Path | None:
 
 def _name(sources: Iterable[Path]) -> str:
     """Return the name of a folder: it differs where code compiled elsewhere could not be used."""
-    digest = hashlib.sha256(repr((__version__, sys.implementation.cache_tag, _processor())).encode())
+    asked = tuple(repr(getattr(_CONFIG, name)) for name in _SETTINGS)
+    digest = hashlib.sha256(repr((__version__, sys.implementation.cache_tag, _processor(), asked)).encode())
     for source in sources:  # names of functions' files have the module's name and the line in them
         digest.update(source.name.encode())
         digest.update(source.read_bytes())
