@@ -24,6 +24,7 @@ from boxcal.detect.alignment.backend import Backend, backend
 from boxcal.detect.alignment.box_refinement import CAMERA
 from boxcal.detect.alignment.radial_camera import no_distortion
 from boxcal.detect.alignment.registration.image_model import no_sums
+from boxcal.detect.alignment.registration.misfit_sums import no_part_sums
 from boxcal.detect.alignment.registration.tag_batch import Batch, Frame
 from boxcal.detect.alignment.tag_patterns import family_patterns
 
@@ -159,7 +160,7 @@ def compile_half(which: str) -> None:
         _box(compute)
         _begin(compute)
         _corners(compute)
-        _misfit()
+        _misfit(compute)
 
 
 def _outlines(compute: Backend) -> None:
@@ -211,11 +212,10 @@ def _corners(compute: Backend) -> None:
     )
 
 
-def _misfit() -> None:
-    from boxcal.detect.alignment.numba.gauss_newton import kept_nothing  # noqa: PLC0415 - slow to import
-    from boxcal.detect.alignment.numba.misfit_sums import sums_of  # noqa: PLC0415
-
-    sums_of(_batch(), kept_nothing(1), np.zeros((1, 4, 2)), np.ones(1), np.ones(1, dtype=np.int64))
+def _misfit(compute: Backend) -> None:
+    batch = _batch()
+    parts = no_part_sums(np.ones(1, dtype=np.bool_), batch.bounding_boxes)
+    compute.misfit_sums(batch, parts, np.zeros((1, 4, 2)), np.ones(1))
 
 
 @contextmanager

@@ -13,24 +13,23 @@ It asks nothing of the camera: under JPEG it comes out below one, on path-traced
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
-from boxcal.detect.alignment.backend import backend
-from boxcal.detect.alignment.registration.align import aligned_batch
+from boxcal.detect.alignment.registration.align import align
 from boxcal.detect.alignment.registration.block_motion import BLOCKS
-from boxcal.detect.alignment.registration.image_model import CLUSTERS
 from boxcal.detect.alignment.registration.tag_alignments import TagAlignments
 from boxcal.detect.alignment.registration.tag_batch import Frame
 from boxcal.detect.alignment.tag_patterns import Patterns
 from boxcal.target.arrays import Array
 
-MOST_TAGS = 5
+MOST_TAGS, ENOUGH = 5, 4
+"""Tags of which sums are asked for as they are aligned, and how many of those must turn out to be tags; else others are
+aligned by one step more for theirs."""
 DEFORMED = 4.0
 """Blocks that move so much more than noise makes them tell a deformation; without blur some three times."""
 CORNER_DEFORMATION = 2.2
 """How much further than the blocks a corner, at its tag's end, is displaced: 1.8 to 2.7 on paper with long and short
 wrinkles (benchmarks/hard_pictures.py)."""
-CLUSTER_PX = 8
-"""Least side of a square: JPEG's blocks have it."""
 PRIOR_TAGS = 1.0
 """So many tags' worth of squares are taken to have shown white noise."""
 RANGE = (0.25, 25.0)
@@ -60,6 +59,15 @@ class Misfit:
     deformation_px2: float
 
 
+def asked(corners_px: Array) -> NDArray[np.bool_]:
+    """Return of which tags (N,) to ask for sums: some of all sizes; their corners are (N, 4, 2)."""
+    n = len(corners_px)
+    size = np.linalg.norm(corners_px[:, 2] - corners_px[:, 0], axis=1)
+    chosen = np.zeros(n, dtype=np.bool_)
+    chosen[np.argsort(-size)[np.linspace(0, n - 1, min(MOST_TAGS, n)).astype(np.int64)]] = True
+    return chosen
+
+
 def misfit(frame: Frame, patterns: Patterns, tags: TagAlignments, side_px: float) -> Misfit:
     """Return what the alignment's model leaves out.
 
@@ -68,20 +76,28 @@ def misfit(frame: Frame, patterns: Patterns, tags: TagAlignments, side_px: float
     frame
         The image, response curve and lens with which the tags were aligned.
     patterns, tags
-        Tags as :func:`boxcal.detect.alignment.registration.align.align` returned them.
+        Tags as :func:`boxcal.detect.alignment.registration.align.align` returned them, with sums of some (see
+        :func:`asked`).
     side_px
         With which fraction of large tags' pixels that was, see there.
     """
     if len(tags) == 0:
         return Misfit(inflation=1.0, deformation_px2=0.0)
-    size = np.linalg.norm(tags.corners_px[:, 2] - tags.corners_px[:, 0], axis=1)
-    chosen = np.argsort(-size)[np.unique(np.linspace(0, len(tags) - 1, min(MOST_TAGS, len(tags))).astype(np.int64))]
-    some = tags.take(chosen)
-    batch = aligned_batch(frame, patterns, some, side_px)
-    boxes = batch.bounding_boxes
-    widest = np.maximum(boxes[:, 1] - boxes[:, 0], boxes[:, 3] - boxes[:, 2])
-    sums = backend().misfit_sums(batch, some, np.maximum(widest // (CLUSTERS - 1) + 1, CLUSTER_PX))
-    return Misfit(inflation=variance_inflation(sums.observed, sums.expected), deformation_px2=deformation(sums.motion))
+    told = _told(tags)
+    if len(told) < min(ENOUGH, len(tags)):
+        some = tags.take(asked(tags.corners_px))
+        every = np.ones(len(some), dtype=np.bool_)
+        told = _told(
+            align(frame, patterns, some.rows, some.corners_px, start=some, iterations=1, side_px=side_px, asked=every)
+        )
+    if len(told) == 0:
+        return Misfit(inflation=1.0, deformation_px2=0.0)
+    return Misfit(inflation=variance_inflation(told[:, 0], told[:, 1]), deformation_px2=deformation(told[:, 2:]))
+
+
+def _told(tags: TagAlignments) -> Array:
+    """Return the sums (K, 5) of those tags that have them."""
+    return np.asarray(tags.misfit_sums[np.isfinite(tags.misfit_sums).all(axis=1)])
 
 
 def variance_inflation(observed: Array, expected: Array) -> float:

@@ -11,7 +11,7 @@ from boxcal.detect.alignment.box_search import (
     RIGID_TOLERANCE_PX,
     BoxDetection,
 )
-from boxcal.detect.alignment.covariance import Misfit, misfit, rigid_share
+from boxcal.detect.alignment.covariance import Misfit, asked, misfit, rigid_share
 from boxcal.detect.alignment.detection import DetectorOutput, DetectorSettings, KnownCamera, nothing
 from boxcal.detect.alignment.dot_gain import without_dot_gain
 from boxcal.detect.alignment.expected_tags import ExpectedTags, at_most, find_expected
@@ -266,13 +266,23 @@ def _finely(
         side_px=FINE_SIDE_PX,
         stop_px=STOP_PX,
         thinned=True,
+        asked=asked(tags.corners_px),
     )
     return under, aligned
 
 
 def _aligned_again(frame: Frame, target: Target, patterns: Patterns, tags: TagAlignments, fit: BoxFit) -> TagAlignments:
     """Return tags aligned under a better PSF or lens, but those that diverge."""
-    again = align(frame, patterns, tags.rows, tags.corners_px, start=tags, side_px=FINE_SIDE_PX, stop_px=STOP_PX)
+    again = align(
+        frame,
+        patterns,
+        tags.rows,
+        tags.corners_px,
+        start=tags,
+        side_px=FINE_SIDE_PX,
+        stop_px=STOP_PX,
+        asked=asked(tags.corners_px),
+    )
     return _on_the_box(target, patterns, again, fit)
 
 

@@ -3,9 +3,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from aligned_views import BENT, LENS, PATTERNS, PLAIN, pose, some_tags, truth, view
+from numba import njit
 
 from boxcal.detect.alignment.backend import numba_backend, numpy_backend
 from boxcal.detect.alignment.homography import from_square, least_squares_homography, map_points, to_square
+from boxcal.detect.alignment.numba.collect import collect, place_all
+from boxcal.detect.alignment.numba.edges import module_differences
+from boxcal.detect.alignment.numba.pixels import room
 from boxcal.detect.alignment.registration import image_model as model
 from boxcal.detect.alignment.registration import psf as blur
 from boxcal.detect.alignment.registration.align import align
@@ -61,19 +65,27 @@ def test_compiled_sums_are_those_of_the_reference(response, side, lens):
     np.testing.assert_allclose(fast.blocks, plain.blocks, atol=0.02)
 
 
+@njit(nogil=True, error_model="numpy")
+def _collected(batch, k):
+    table = np.zeros((4, batch.cells.shape[1] ** 2), np.float32)
+    module_differences(batch.cells[batch.rows[k]], table)
+    pixels = room(batch.bounding_boxes[k])
+    n = collect(batch, k, table, pixels)
+    place_all(batch, k, pixels, n)
+    return pixels, n
+
+
 @pytest.mark.parametrize("stride", [(1, 1, 1), (1, 1, 1 << 40), (5, 3, 1 << 40), (5, 3, 1), (8, 5, 2), (13, 8, 3)])
 @pytest.mark.parametrize("lens", [LENS, BENT], ids=["plain", "fisheye"])
 @pytest.mark.parametrize("roll_deg", [0.0, 40.0])
 def test_compiled_pixels_are_those_of_the_reference(roll_deg, lens, stride):
-    kernels = pytest.importorskip("boxcal.detect.alignment.numba.gauss_newton", reason="numba is not installed")
     batch = some_tags(33.0, lens=lens, roll_deg=roll_deg)
     wide = batch.bounding_boxes + np.array([-9, 9, -9, 9])
     batch = replace(batch, stride=np.tile(stride, (3, 1)), bounding_boxes=np.maximum(wide, 0))
-    kept = kernels.last_step(batch)
     for k in range(len(batch)):
-        plain, n = model.differentiate(batch, k), kept.used[k]
-        blocks = kept.pixels[kept.first[k] : kept.first[k + 1]].reshape(-1, 7, 64)
-        x, y, u, v, grey, column, row = blocks.transpose(1, 0, 2).reshape(7, -1)[:, :n]
+        plain = model.differentiate(batch, k)
+        blocks, n = _collected(batch.arrays(), k)
+        x, y, u, v, grey, column, row = blocks.reshape(-1, 7, 64).transpose(1, 0, 2).reshape(7, -1)[:, :n]
         assert n == len(plain.columns) > 30
         fast, expected = np.lexsort((column, row)), np.lexsort((plain.columns, plain.lines))
         np.testing.assert_array_equal(column[fast], plain.columns[expected])

@@ -10,11 +10,10 @@ from boxcal.detect.alignment.registration.block_motion import BLOCKS
 
 
 @kernel(inner=True)
-def motion_of_tag(batch: Any, k: Any, pixels: Any, n: Any, jac: Any, noise2: Any, out: Any) -> None:  # noqa: PLR0917
-    """Fill the sums (3,) of one tag, whose residuals have the variance ``noise2``."""
+def fill_blocks(batch: Any, k: Any, pixels: Any, n: Any, jac: Any, sums: Any) -> None:  # noqa: PLR0917
+    """Add to the sums (9, 5) over blocks of one tag."""
     modules = batch.cells.shape[1] - 2
     h, scale = batch.theta[k], batch.normalisation[k, 2]
-    sums = np.zeros((BLOCKS * BLOCKS, 5))
     for p in range(n):
         place, at = pixels[p // BLOCK], p % BLOCK
         u, v = np.float64(place[2 * BLOCK + at]), np.float64(place[3 * BLOCK + at])
@@ -29,6 +28,12 @@ def motion_of_tag(batch: Any, k: Any, pixels: Any, n: Any, jac: Any, noise2: Any
         block[2] += gy * gy
         block[3] += gx * r
         block[4] += gy * r
+
+
+@kernel(inner=True)
+def motion_of_tag(sums: Any, noise2: Any, out: Any) -> None:
+    """Fill the three figures of a tag's blocks (9, 5), whose residuals have the variance ``noise2``."""
+    out[0], out[1], out[2] = 0.0, 0.0, 0.0
     for b in range(BLOCKS * BLOCKS):
         xx, xy, yy, x, y = sums[b, 0], sums[b, 1], sums[b, 2], sums[b, 3], sums[b, 4]
         det = xx * yy - xy * xy

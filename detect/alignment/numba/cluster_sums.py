@@ -22,16 +22,13 @@ _SQUARES = CLUSTERS * CLUSTERS
 
 @kernel(inner=True)
 def clusters_of_tag(  # noqa: PLR0917 - arrays in, arrays out
-    batch: Any, k: Any, pixels: Any, n: Any, jac: Any, side: Any, corners: Any, noise2: Any, prior: Any
+    batch: Any, k: Any, normals: Any, gradients: Any, corners: Any, noise2: Any, prior: Any
 ) -> Any:
     """Return the clusters' mean square and its expectation, in units of the corners' variance under white noise.
 
-    ``side`` is the clusters', px; ``noise2`` the residuals' variance, ``prior`` the kurtosis's deviation, ``corners``
-    (4, 2) in px.
+    ``noise2`` is the residuals' variance, ``prior`` the kurtosis's deviation, ``corners`` are (4, 2) in px.
     """
     moves, A, B = np.zeros((2, PARAMETERS)), np.zeros((PARAMETERS, PARAMETERS)), np.empty((_MOVES, PARAMETERS))
-    normals, gradients = np.zeros((_SQUARES, PARAMETERS, PARAMETERS)), np.zeros((_SQUARES, PARAMETERS))
-    _fill_squares(pixels, n, jac, side, batch.bounding_boxes[k], normals, gradients)
     for square in range(_SQUARES):
         for i in range(PARAMETERS):
             for j in range(PARAMETERS):
@@ -50,7 +47,7 @@ def clusters_of_tag(  # noqa: PLR0917 - arrays in, arrays out
 
 
 @kernel(inner=True)
-def _fill_squares(  # noqa: PLR0917 - arrays in, arrays out
+def fill_squares(  # noqa: PLR0917 - arrays in, arrays out
     pixels: Any, n: Any, jac: Any, side: Any, box: Any, normals: Any, gradients: Any
 ) -> None:
     """Fill the normal matrices and gradients of the squares in which pixels lie.

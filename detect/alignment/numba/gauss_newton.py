@@ -3,18 +3,19 @@
 The reference is :func:`boxcal.detect.alignment.registration.gauss_newton.iterate`.
 """
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from boxcal.detect.alignment.numba.arrays import clear, clear_rows, finite, put, put_rows
+from boxcal.detect.alignment.numba.block_motion import fill_blocks
 from boxcal.detect.alignment.numba.cholesky import solve_positive
+from boxcal.detect.alignment.numba.cluster_sums import fill_squares
 from boxcal.detect.alignment.numba.collect import collect, place_all
 from boxcal.detect.alignment.numba.edges import module_differences
 from boxcal.detect.alignment.numba.image_model import ROWS, add_products, differentiate
 from boxcal.detect.alignment.numba.kernel import kernel
-from boxcal.detect.alignment.numba.pixels import BLOCK, OF_PIXEL, add_blocks, initial_intensity, room, thin
+from boxcal.detect.alignment.numba.pixels import add_blocks, initial_intensity, room, thin
 from boxcal.detect.alignment.registration.finish import KURTOSIS_PRIOR
 from boxcal.detect.alignment.registration.gauss_newton import (
     KURTOSIS_RANGE,
@@ -28,9 +29,9 @@ from boxcal.detect.alignment.registration.gauss_newton import (
     StepRules,
 )
 from boxcal.detect.alignment.registration.image_model import Sums, no_sums
+from boxcal.detect.alignment.registration.misfit_sums import PartSums, no_part_sums
 from boxcal.detect.alignment.registration.parameters import KURTOSIS, LOG_PSF, PARAMETERS
 from boxcal.detect.alignment.registration.tag_batch import Batch
-from boxcal.detect.alignment.tag_patterns import Index
 from boxcal.target.arrays import Array
 
 _NO_STEP = StepRules(
@@ -38,41 +39,19 @@ _NO_STEP = StepRules(
 )
 
 
-class LastStep(NamedTuple):
-    """Pixels and Jacobians of tags at the last step, kept where they are wanted.
-
-    How many pixels of a tag were ``used``; its blocks of 64 of them begin at ``first``.
-    """
-
-    wanted: bool
-    first: Index
-    used: Index
-    pixels: NDArray[np.float32]
-    jacobian: NDArray[np.float32]
-
-
-def kept_nothing(tags: int) -> LastStep:
-    """Return room for no pixels of some tags."""
-    return LastStep(
-        wanted=False,
-        first=np.zeros(tags + 1, np.int64),
-        used=np.zeros(tags, np.int64),
-        pixels=np.empty((0, OF_PIXEL * BLOCK), np.float32),
-        jacobian=np.empty((ROWS, 0), np.float32),
-    )
-
-
-_NOTHING = kept_nothing(0)
+_NOTHING = no_part_sums(np.zeros(0, dtype=np.bool_), np.zeros((0, 4), dtype=np.int64))
 _FAR_MODULES = 0.1
 """A tag that has moved less still covers the same pixels."""
 
 
-def iterate(batch: Batch, sums: Sums, *, normalised: Array, module_px: Array, rules: StepRules) -> None:
+def iterate(
+    batch: Batch, sums: Sums, *, normalised: Array, module_px: Array, rules: StepRules, parts: PartSums | None = None
+) -> None:
     """Take Gauss-Newton steps until each tag stands still; parameters and ``sums`` (from zero) change in place.
 
     For the arguments see :func:`boxcal.detect.alignment.registration.gauss_newton.iterate`.
     """
-    _iterate(batch.arrays(), sums, normalised, module_px, rules, _NOTHING)
+    _iterate(batch.arrays(), sums, normalised, module_px, rules, _NOTHING if parts is None else parts)
 
 
 def accumulate(batch: Batch) -> Sums:
@@ -82,29 +61,8 @@ def accumulate(batch: Batch) -> Sums:
     return sums
 
 
-def last_step(batch: Batch) -> LastStep:
-    """Return the pixels of tags and what the parameters do to each, without a step."""
-    first = np.append(0, np.cumsum(_blocks(batch)))
-    blocks = int(first[-1])
-    kept = kept_nothing(len(batch))._replace(
-        wanted=True,
-        first=first,
-        pixels=np.empty((blocks, OF_PIXEL * BLOCK), np.float32),
-        jacobian=np.empty((ROWS, blocks * BLOCK), np.float32),
-    )
-    sums = no_sums(len(batch), batch.cells)
-    _iterate(batch.arrays(), sums, np.zeros((len(batch), 4, 2)), np.ones(len(batch)), _NO_STEP, kept)
-    return kept
-
-
-def _blocks(batch: Batch) -> Index:
-    """Return how many blocks of pixels tags (N,) can have at most."""
-    left, right, top, bottom = batch.bounding_boxes.T
-    return np.asarray(-(-np.maximum(right - left, 0) * np.maximum(bottom - top, 0) // BLOCK), dtype=np.int64)
-
-
 @kernel()
-def _iterate(batch: Any, sums: Any, normalised: Any, module_px: Any, rules: Any, kept: Any) -> None:  # noqa: PLR0917
+def _iterate(batch: Any, sums: Any, normalised: Any, module_px: Any, rules: Any, parts: Any) -> None:  # noqa: PLR0917
     """Take the steps of each tag, or fill its sums alone: all in one, as it compiles once."""
     normal, gradient, stats, theta = sums.normal, sums.gradient, sums.stats, batch.theta
     step, table = np.zeros(PARAMETERS), np.zeros((4, batch.cells.shape[1] ** 2), np.float32)
@@ -127,10 +85,6 @@ def _iterate(batch: Any, sums: Any, normalised: Any, module_px: Any, rules: Any,
             thinned = number == 0 and rules.thinned and n >= LEAST_THINNED
             used, m = thin(pixels, n, THINNED) if thinned else (pixels, n)
             jac = differentiate(batch, k, table, used, m, stats[k])
-            if kept.wanted:
-                kept.used[k] = n
-                _keep(pixels, jac, kept.pixels, kept.jacobian, kept.first[k])
-                break
             add_products(jac, normal[k], gradient[k])
             if rules.sums_only:
                 break
@@ -153,16 +107,20 @@ def _iterate(batch: Any, sums: Any, normalised: Any, module_px: Any, rules: Any,
             if number >= len(rules.free) - 1 and still:
                 break
         add_blocks(pixels, n, jac, sums.blocks[k])
+        if k < len(parts.at) and parts.at[k] >= 0:
+            _sum_parts(batch, k, pixels, n, jac, step, parts)
 
 
 @kernel(inner=True)
-def _keep(pixels: Any, jac: Any, all_pixels: Any, all_jac: Any, first: Any) -> None:
-    """Copy a tag's pixels and Jacobian behind those of the tags before."""
-    for part in range(jac.shape[1] // BLOCK):
-        put(all_pixels[first + part], pixels[part])
-    for row in range(ROWS):
+def _sum_parts(batch: Any, k: Any, pixels: Any, n: Any, jac: Any, step: Any, parts: Any) -> None:  # noqa: PLR0917
+    """Fill the sums over parts of a tag that is asked; residuals become, to first order, those after a step."""
+    m = parts.at[k]
+    for row in range(PARAMETERS):
+        by, one, r = np.float32(step[row]), jac[row], jac[PARAMETERS]
         for p in range(jac.shape[1]):
-            all_jac[row, BLOCK * first + p] = jac[row, p]
+            r[p] -= by * one[p]
+    fill_squares(pixels, n, jac, parts.side[m], batch.bounding_boxes[k], parts.normals[m], parts.gradients[m])
+    fill_blocks(batch, k, pixels, n, jac, parts.blocks[m])
 
 
 @kernel(inner=True)

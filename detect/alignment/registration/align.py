@@ -7,6 +7,7 @@ from boxcal.detect.alignment.backend import Backend, backend
 from boxcal.detect.alignment.registration import image_model as model
 from boxcal.detect.alignment.registration.begin import Begun
 from boxcal.detect.alignment.registration.gauss_newton import StepRules
+from boxcal.detect.alignment.registration.misfit_sums import no_part_sums
 from boxcal.detect.alignment.registration.parameters import BLACK, CONTRAST, KURTOSIS, LOG_PSF, PARAMETERS
 from boxcal.detect.alignment.registration.tag_alignments import TagAlignments
 from boxcal.detect.alignment.registration.tag_batch import Batch, Frame
@@ -46,6 +47,7 @@ def align(
     side_px: float = np.inf,
     covariance: bool = True,
     thinned: bool = False,
+    asked: NDArray[np.bool_] | None = None,
     compute: Backend | None = None,
 ) -> TagAlignments:
     """Align tags whose corners are roughly known (to about a module).
@@ -73,6 +75,8 @@ def align(
         Without it covariances come back as zero.
     thinned
         Take the first step with few pixels: saves a third where tags are yet roughly aligned.
+    asked : (N,)
+        Of which tags to return the sums that tell what the model leaves out; of none if None.
     compute
         Compiled code or its reference in numpy; what :func:`boxcal.detect.alignment.backend.backend` says if None.
 
@@ -95,14 +99,18 @@ def align(
         guess=start is None,
         thinned=thinned and iterations > 1,
     )
-    compute.iterate(batch, last, normalised=begun.normalised, module_px=begun.module_px, rules=rules)
+    parts = None if asked is None else no_part_sums(asked, begun.bounding_boxes)
+    compute.iterate(batch, last, normalised=begun.normalised, module_px=begun.module_px, rules=rules, parts=parts)
     corners, cov, quality = compute.finish(
         frame, patterns, theta=theta, normalisation=normalisation, sums=last, covariance=covariance
     )
-    n = len(rows)
+    n, noise = len(rows), quality[:, 3]
+    misfit = np.full((n, 5), np.nan)
+    if parts is not None:
+        misfit[parts.tags] = compute.misfit_sums(batch, parts, corners, noise**2)
     good = np.isfinite(corners).reshape(n, 8).all(axis=1) & np.isfinite(cov).reshape(n, 16).all(axis=1)
     good &= last.stats[:, 0] > 2 * PARAMETERS
-    corners[~good], cov[~good] = 0.0, 1.0
+    corners[~good], cov[~good], misfit[~good] = 0.0, 1.0, np.nan
     return TagAlignments(
         rows=rows,
         corners_px=corners,
@@ -113,10 +121,11 @@ def align(
         correlation=np.where(good, quality[:, 0], -1.0),
         worst_block=quality[:, 1],
         worst_module=quality[:, 2],
-        noise=quality[:, 3],
+        noise=noise,
         theta=theta,
         normalisation=normalisation,
         blocks=last.blocks,
+        misfit_sums=misfit,
     )
 
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from boxcal.detect.alignment.registration import image_model as model
 from boxcal.detect.alignment.registration.finish import kurtosis_prior
 from boxcal.detect.alignment.registration.image_model import Sums
+from boxcal.detect.alignment.registration.misfit_sums import PartSums, sum_parts
 from boxcal.detect.alignment.registration.parameters import KURTOSIS, LOG_PSF, PARAMETERS
 from boxcal.detect.alignment.registration.tag_batch import Batch
 from boxcal.detect.alignment.tag_patterns import Index
@@ -66,6 +67,7 @@ def iterate(
     module_px: Array,
     rules: StepRules,
     sums_of: Callable[[Batch], Sums] = model.accumulate,
+    parts: PartSums | None = None,
 ) -> None:
     """Take Gauss-Newton steps until each tag stands still; parameters and ``sums`` (from zero) change in place.
 
@@ -83,6 +85,8 @@ def iterate(
         How steps are taken.
     sums_of
         Computes the normal equations.
+    parts
+        Filled with sums over parts of the tags that are asked.
     """
     theta = batch.theta
     if rules.guess:
@@ -103,6 +107,10 @@ def iterate(
         converging = less > MUCH * now.stats[:, 1]
         now.stats[:, 1] -= less
         _put(sums, active, now)
+        for k, to in zip(active, stepped, strict=True) if parts is not None else ():
+            seen = model.differentiate(batch, k) if parts.at[k] >= 0 else None
+            if seen is not None:
+                sum_parts(batch, k, seen.after(to - theta[k]), parts)
         moved = model.apply_h(stepped, normalised[active]) - model.apply_h(theta[active], normalised[active])
         theta[active] = stepped
         moved_px = np.abs(moved).max(axis=(1, 2)) * module_px[active]

@@ -6,7 +6,7 @@ The light is ``m = o + g P + (s_x x + s_y y)(P + kappa)`` with the blurred patte
 This module is the reference in numpy; :mod:`boxcal.detect.alignment.numba.image_model` computes the same sums compiled.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -108,25 +108,23 @@ class TagPixels:
     predicted: Array
     jacobian: Array
 
+    def after(self, step: Array) -> "TagPixels":
+        """Return them predicted as they are after a step (14,), to first order."""
+        return replace(self, predicted=self.predicted + self.jacobian @ step)
 
-def clusters(batch: Batch, cluster_px: NDArray[np.int64]) -> tuple[Array, Array]:
-    """Return the normal equations of each cluster of pixels: (N, S * S, 14, 14) and (N, S * S, 14).
 
-    The clusters are squares of ``cluster_px`` (N,) px, counted from the image's corner; of each tag there are S by S,
-    from that of its box's first pixel on.
+def clusters(seen: TagPixels, box: NDArray[np.int64], cluster_px: int) -> tuple[Array, Array]:
+    """Return the normal equations of each cluster of a tag's pixels: (S * S, 14, 14) and (S * S, 14).
+
+    The clusters are squares of ``cluster_px`` px, counted from the image's corner; of each tag there are S by S, from
+    that of its box's first pixel on.
     """
-    normal = np.zeros((len(batch), CLUSTERS**2, PARAMETERS, PARAMETERS))
-    gradient = np.zeros((len(batch), CLUSTERS**2, PARAMETERS))
-    for k in range(len(batch)):
-        seen = differentiate(batch, k)
-        if seen is None:
-            continue
-        side = cluster_px[k]
-        i = np.minimum(seen.columns // side - batch.bounding_boxes[k, 0] // side, CLUSTERS - 1)
-        j = np.minimum(seen.lines // side - batch.bounding_boxes[k, 2] // side, CLUSTERS - 1)
-        J = seen.jacobian
-        np.add.at(normal[k], j * CLUSTERS + i, J[:, :, None] * J[:, None, :])
-        np.add.at(gradient[k], j * CLUSTERS + i, J * (seen.grey - seen.predicted)[:, None])
+    normal, gradient = np.zeros((CLUSTERS**2, PARAMETERS, PARAMETERS)), np.zeros((CLUSTERS**2, PARAMETERS))
+    i = np.minimum(seen.columns // cluster_px - box[0] // cluster_px, CLUSTERS - 1)
+    j = np.minimum(seen.lines // cluster_px - box[2] // cluster_px, CLUSTERS - 1)
+    J = seen.jacobian
+    np.add.at(normal, j * CLUSTERS + i, J[:, :, None] * J[:, None, :])
+    np.add.at(gradient, j * CLUSTERS + i, J * (seen.grey - seen.predicted)[:, None])
     return normal, gradient
 
 

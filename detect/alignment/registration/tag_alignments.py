@@ -38,6 +38,9 @@ class TagAlignments:
         Their centres and scales.
     blocks : (N, M + 2, M + 2, 2)
         Sum of residuals and number of pixels in each module, white ring included.
+    misfit_sums : (N, 5)
+        What :func:`boxcal.detect.alignment.registration.misfit_sums.misfit_sums` tells of tags that were asked, else
+        NaN.
     """
 
     rows: Index
@@ -53,6 +56,7 @@ class TagAlignments:
     theta: Array
     normalisation: Array
     blocks: Array
+    misfit_sums: Array
 
     def __len__(self) -> int:
         return len(self.rows)
