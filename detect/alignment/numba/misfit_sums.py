@@ -1,4 +1,4 @@
-"""What sums over parts of tags tell of each.
+"""Figures of each tag from sums over its parts: what the alignment leaves out.
 
 The reference is :func:`boxcal.detect.alignment.registration.misfit_sums.misfit_sums`. Compiled apart from the steps,
 from sums that those leave, so that two processes can share the work of compiling.
