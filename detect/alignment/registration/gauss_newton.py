@@ -107,10 +107,12 @@ def iterate(
         converging = less > MUCH * now.stats[:, 1]
         now.stats[:, 1] -= less
         _put(sums, active, now)
-        for k, to in zip(active, stepped, strict=True) if parts is not None else ():
-            seen = model.differentiate(batch, k) if parts.at[k] >= 0 else None
-            if seen is not None:
-                sum_parts(batch, k, seen.after(to - theta[k]), parts)
+        if parts is not None:
+            for m in np.flatnonzero(parts.at[active] >= 0):
+                k = int(active[m])
+                seen = model.differentiate(batch, k)
+                if seen is not None:
+                    sum_parts(batch, k, seen.after(stepped[m] - theta[k]), parts)
         moved = model.apply_h(stepped, normalised[active]) - model.apply_h(theta[active], normalised[active])
         theta[active] = stepped
         moved_px = np.abs(moved).max(axis=(1, 2)) * module_px[active]
