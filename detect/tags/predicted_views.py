@@ -138,12 +138,13 @@ class ClockedViews:
     def _places(self, taken_ns: int, uv: Array, rows: Ids) -> Array:
         """Return where some tags (N,) may be as the clocks may differ, close together along their way, (S, N, 4, 2) px.
 
-        ``uv`` is where they are if the clocks do not; nothing if the offset is known, or there are too many places.
+        ``uv`` is where they are if the clocks do not; nothing if the offset is known, if the box stands still in the
+        picture, or if there are too many places.
         """
         speed = float(np.linalg.norm(self._motion(taken_ns)))
         apart = _APART * float(np.median(np.linalg.norm(uv - np.roll(uv, 1, axis=1), axis=2))) if len(rows) else 0.0
         count = np.ceil(_DOUBT_S * speed / apart) if apart > 0 and not self.told_s else np.inf
-        if not count <= _MOST_PLACES:
+        if not 0 < count <= _MOST_PLACES:
             return np.zeros((0, len(rows), 4, 2))
         late_s = _DOUBT_S / count * np.arange(-count, count + 1)
         places, _ = self.views.tags(self.target.tag_corners[rows], taken_ns - np.rint(1e9 * late_s).astype(np.int64))

@@ -110,6 +110,16 @@ def test_tags_may_be_where_clocks_that_differ_put_them_until_a_frame_tells(simul
     assert len(told.expected(slow).places_px) == 0
 
 
+def test_tags_of_a_box_that_stands_still_in_the_picture_are_nowhere_else(simulated):
+    made, seen = simulated
+    clocked = ClockedViews(views=views_by_wheels(seen), target=made.target, image_size=seen.image_size)
+    at_rest = int(made.drive.stop_t_ns[2].mean())
+    assert not clocked._motion(at_rest).any()
+    expected = clocked.expected(at_rest)
+    assert len(expected.ids)
+    assert expected.places_px.shape == (0, len(expected.ids), 4, 2)
+
+
 def test_offsets_are_those_of_the_nearest_frame_where_a_clock_jumps(simulated):
     made, seen = simulated
     clocked = _learned(made, views_by_wheels(seen), seen.image_size, 0.0)
