@@ -147,14 +147,14 @@ _COMPILED_AT_FIRST_USE = """
 from boxcal.calib.four_steps.compiled import compilation as four_steps, damped_step, reprojection_sums
 from boxcal.calib.likelihood.compiled import chain, compilation as likelihood, corner_sums, corners, legs, moved_points
 from boxcal.detect.alignment import compilation as detector
-from boxcal.detect.alignment.numba import box_refinement, finish, gauss_newton, misfit_sums
+from boxcal.detect.alignment.numba import box_refinement, finish, gauss_newton, sandwich_sums
 
 likelihood.prepare_all(print)
 detector.compile_half("all")
 four_steps.compile_all()
 likelihood.compile_all()
 modules = chain, corner_sums, corners, legs, moved_points, reprojection_sums
-modules += damped_step, box_refinement, finish, gauss_newton, misfit_sums
+modules += damped_step, box_refinement, finish, gauss_newton, sandwich_sums
 stats = [f.stats for m in modules for f in vars(m).values() if getattr(getattr(f, "stats", None), "cache_hits", None)]
 print(len(stats) > 8, sum(sum(s.cache_misses.values()) for s in stats))
 """

@@ -29,8 +29,8 @@ class Backend:
         Gauss-Newton steps, :func:`boxcal.detect.alignment.registration.gauss_newton.iterate`.
     finish
         Corners and covariances, :func:`boxcal.detect.alignment.registration.finish.finish`.
-    misfit_sums
-        For what the model leaves out, :func:`boxcal.detect.alignment.registration.misfit_sums.misfit_sums`.
+    sandwich_sums
+        For what the model leaves out, :func:`boxcal.detect.alignment.registration.sandwich_sums.sandwich_sums`.
     levenberg_marquardt, predict
         The rigid box, :mod:`boxcal.detect.alignment.box_refinement`.
     """
@@ -41,7 +41,7 @@ class Backend:
     accumulate: Callable[..., Any]
     iterate: Callable[..., None]
     finish: Callable[..., Any]
-    misfit_sums: Callable[..., Any]
+    sandwich_sums: Callable[..., Any]
     levenberg_marquardt: Callable[..., Any]
     predict: Callable[..., Any]
 
@@ -61,7 +61,7 @@ def numpy_backend() -> Backend:
         finish,
         gauss_newton,
         image_model,
-        misfit_sums,
+        sandwich_sums,
     )
 
     return Backend(
@@ -71,7 +71,7 @@ def numpy_backend() -> Backend:
         accumulate=image_model.accumulate,
         iterate=gauss_newton.iterate,
         finish=finish.finish,
-        misfit_sums=misfit_sums.misfit_sums,
+        sandwich_sums=sandwich_sums.sandwich_sums,
         levenberg_marquardt=box_refinement.levenberg_marquardt,
         predict=box_refinement.predict,
     )
@@ -85,8 +85,8 @@ def numba_backend() -> Backend:
         box_refinement,
         finish,
         gauss_newton,
-        misfit_sums,
         outlines,
+        sandwich_sums,
     )
 
     return Backend(
@@ -96,7 +96,7 @@ def numba_backend() -> Backend:
         accumulate=gauss_newton.accumulate,
         iterate=gauss_newton.iterate,
         finish=finish.finish,
-        misfit_sums=misfit_sums.misfit_sums,
+        sandwich_sums=sandwich_sums.sandwich_sums,
         levenberg_marquardt=box_refinement.levenberg_marquardt,
         predict=box_refinement.predict,
     )

@@ -6,12 +6,12 @@ import numpy as np
 
 from boxcal.detect.alignment.box_pose import BoxFit, fit_box
 from boxcal.detect.alignment.box_search import CANDIDATE_SIGMA_PX, BoxDetection, PredictedRegions, consistent
+from boxcal.detect.alignment.placed_by_box import ON_FACE, as_placed, placed_surely, spread_over_faces
 from boxcal.detect.alignment.predicted_tags import PredictedTags, predicted
 from boxcal.detect.alignment.pyramid import SIDE_PX, Pyramid, align_coarsely
 from boxcal.detect.alignment.radial_camera import LOG_ASPECT
 from boxcal.detect.alignment.registration.tag_alignments import TagAlignments
 from boxcal.detect.alignment.tag_patterns import Index, Patterns
-from boxcal.detect.alignment.told_places import ON_FACE, as_told, spread_over_faces, told
 from boxcal.detect.alignment.verification import Limits, doubtful_limits, module_px, verified
 from boxcal.detect.image.order_statistics import median
 from boxcal.target.arrays import Array
@@ -37,21 +37,21 @@ class _Grown:
     ----------
     tags, fit
         These, and the box through them.
-    told
-        Rows of tags that were not aligned, since the box tells their places.
+    placed
+        Rows of tags that were not aligned, since the box determines their places.
     doubtful
         Predicted tags that may be there, but are not like their pattern everywhere.
     """
 
     tags: TagAlignments
     fit: BoxFit
-    told: Index
+    placed: Index
     doubtful: TagAlignments
 
     @property
     def rows(self) -> Index:
         """Rows of all tags but the doubtful ones."""
-        return np.concatenate([self.tags.rows, self.told])
+        return np.concatenate([self.tags.rows, self.placed])
 
 
 def grow_from_pose(
@@ -67,7 +67,7 @@ def grow_from_pose(
     """Return the tags of a search that are really there, aligned on few pixels, and the box through them.
 
     With ``others``, whatever the box then predicts beside them is tried too, until nothing new turns up. Some tags are
-    where the box has them, as ``on_face`` tags of each face tell, see :mod:`boxcal.detect.alignment.told_places`.
+    where the box has them, as ``on_face`` tags of each face tell, see :mod:`boxcal.detect.alignment.placed_by_box`.
     """
     finder = _Finder(
         pyramid=pyramid.under(search.fit.lens), target=target, patterns=patterns, limits=limits, on_face=on_face
@@ -85,8 +85,8 @@ def grow_from_pose(
         if len(found.rows) <= before:
             break
     tags, fit = found.tags, found.fit
-    if len(found.told):
-        tags = tags.joined(as_told(target, fit, tags, found.told))
+    if len(found.placed):
+        tags = tags.joined(as_placed(target, fit, tags, found.placed))
     lost_px, region = _lost(target, patterns, tags, fit, missing, size)
     return BoxDetection(
         tags=tags.joined(found.doubtful.take(~np.isin(found.doubtful.rows, tags.rows))),
@@ -114,12 +114,14 @@ class _Finder:
         """
         first, rest = spread_over_faces(self.target, rows, corners_px, self.on_face)
         now = self._with(before, fit, rows[first], corners_px[first], predicted=before is not None)
-        sure = told(self.target, self.patterns, now.fit, believed=now.tags.rows, asked=rows[first], rows=rows[rest])
+        sure = placed_surely(
+            self.target, self.patterns, now.fit, believed=now.tags.rows, asked=rows[first], rows=rows[rest]
+        )
         late, doubtful = rest[~sure], now.doubtful
         if len(late):
             now = self._with(now, now.fit, rows[late], corners_px[late], predicted=before is not None)
             doubtful = doubtful.joined(now.doubtful)
-        return replace(now, told=np.concatenate([now.told, rows[rest[sure]]]), doubtful=doubtful)
+        return replace(now, placed=np.concatenate([now.placed, rows[rest[sure]]]), doubtful=doubtful)
 
     def _with(self, before: _Grown | None, fit: BoxFit, rows: Index, corners_px: Array, *, predicted: bool) -> _Grown:
         """Return what was found before with tags at places that are really there, and the box through all."""
@@ -138,8 +140,8 @@ class _Finder:
             )
             if len(kept) < len(tags):
                 tags = tags.take(np.isin(tags.rows, kept))
-        known = np.zeros(0, dtype=np.int64) if before is None else before.told
-        return _Grown(tags=tags, fit=fit, told=known, doubtful=new.take(doubtful))
+        known = np.zeros(0, dtype=np.int64) if before is None else before.placed
+        return _Grown(tags=tags, fit=fit, placed=known, doubtful=new.take(doubtful))
 
 
 def fit_aligned(

@@ -24,7 +24,7 @@ from boxcal.detect.alignment.backend import Backend, backend
 from boxcal.detect.alignment.box_refinement import CAMERA
 from boxcal.detect.alignment.radial_camera import no_distortion
 from boxcal.detect.alignment.registration.image_model import no_sums
-from boxcal.detect.alignment.registration.misfit_sums import no_part_sums
+from boxcal.detect.alignment.registration.sandwich_sums import no_part_sums
 from boxcal.detect.alignment.registration.tag_batch import Batch, Frame
 from boxcal.detect.alignment.tag_patterns import family_patterns
 
@@ -160,7 +160,7 @@ def compile_half(which: str) -> None:
         _box(compute)
         _begin(compute)
         _corners(compute)
-        _misfit(compute)
+        _sandwich(compute)
 
 
 def _outlines(compute: Backend) -> None:
@@ -212,10 +212,10 @@ def _corners(compute: Backend) -> None:
     )
 
 
-def _misfit(compute: Backend) -> None:
+def _sandwich(compute: Backend) -> None:
     batch = _batch()
     parts = no_part_sums(np.ones(1, dtype=np.bool_), batch.bounding_boxes)
-    compute.misfit_sums(batch, parts, np.zeros((1, 4, 2)), np.ones(1))
+    compute.sandwich_sums(batch, parts, np.zeros((1, 4, 2)), np.ones(1))
 
 
 @contextmanager

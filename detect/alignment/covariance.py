@@ -34,7 +34,7 @@ PRIOR_TAGS = 1.0
 """So many tags' worth of squares are taken to have shown white noise."""
 RANGE = (0.25, 25.0)
 TOGETHER = 0.86
-"""Neighbouring squares that share an edge undo each other's part of its misfit: measured over the conditions of
+"""Neighbouring squares that share an edge undo each other's part of what is left out: measured over the conditions of
 benchmarks/detector.py, errors have so much of the variance that squares which know nothing of each other would give."""
 
 RIGID_PRIOR = 5.0
@@ -44,7 +44,7 @@ LEAST_SHARE, MOST_SQUARE = 0.02, 9.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Misfit:
+class CovarianceCorrection:
     """Variance that the alignment's model leaves out, estimated from the residuals of some tags.
 
     Attributes
@@ -68,7 +68,9 @@ def asked(corners_px: Array) -> NDArray[np.bool_]:
     return chosen
 
 
-def misfit(frame: Frame, patterns: Patterns, tags: TagAlignments, side_px: float) -> Misfit:
+def covariance_correction(
+    frame: Frame, patterns: Patterns, tags: TagAlignments, side_px: float
+) -> CovarianceCorrection:
     """Return what the alignment's model leaves out.
 
     Parameters
@@ -82,22 +84,24 @@ def misfit(frame: Frame, patterns: Patterns, tags: TagAlignments, side_px: float
         With which fraction of large tags' pixels that was, see there.
     """
     if len(tags) == 0:
-        return Misfit(inflation=1.0, deformation_px2=0.0)
-    told = _told(tags)
-    if len(told) < min(ENOUGH, len(tags)):
+        return CovarianceCorrection(inflation=1.0, deformation_px2=0.0)
+    sums = _sums(tags)
+    if len(sums) < min(ENOUGH, len(tags)):
         some = tags.take(asked(tags.corners_px))
         every = np.ones(len(some), dtype=np.bool_)
-        told = _told(
+        sums = _sums(
             align(frame, patterns, some.rows, some.corners_px, start=some, iterations=1, side_px=side_px, asked=every)
         )
-    if len(told) == 0:
-        return Misfit(inflation=1.0, deformation_px2=0.0)
-    return Misfit(inflation=variance_inflation(told[:, 0], told[:, 1]), deformation_px2=deformation(told[:, 2:]))
+    if len(sums) == 0:
+        return CovarianceCorrection(inflation=1.0, deformation_px2=0.0)
+    return CovarianceCorrection(
+        inflation=variance_inflation(sums[:, 0], sums[:, 1]), deformation_px2=deformation(sums[:, 2:])
+    )
 
 
-def _told(tags: TagAlignments) -> Array:
+def _sums(tags: TagAlignments) -> Array:
     """Return the sums (K, 5) of those tags that have them."""
-    return np.asarray(tags.misfit_sums[np.isfinite(tags.misfit_sums).all(axis=1)])
+    return np.asarray(tags.sandwich_sums[np.isfinite(tags.sandwich_sums).all(axis=1)])
 
 
 def variance_inflation(observed: Array, expected: Array) -> float:

@@ -11,7 +11,7 @@ from boxcal.detect.alignment.box_search import (
     RIGID_TOLERANCE_PX,
     BoxDetection,
 )
-from boxcal.detect.alignment.covariance import Misfit, asked, misfit, rigid_share
+from boxcal.detect.alignment.covariance import CovarianceCorrection, asked, covariance_correction, rigid_share
 from boxcal.detect.alignment.detection import DetectorOutput, DetectorSettings, KnownCamera, nothing
 from boxcal.detect.alignment.dot_gain import without_dot_gain
 from boxcal.detect.alignment.expected_tags import ExpectedTags, at_most, find_expected
@@ -242,7 +242,7 @@ def detect_copies(
     tags = tags.take(verified(patterns, tags, limits.relaxed()))
     frame, tags = _finely(frame, patterns, tags, estimate_response(frame, patterns, tags, settings.response))
     tags = tags.take(verified(patterns, tags, limits))
-    return _located(frame, patterns, tags, misfit(frame, patterns, tags, FINE_SIDE_PX))
+    return _located(frame, patterns, tags, covariance_correction(frame, patterns, tags, FINE_SIDE_PX))
 
 
 def _finely(
@@ -307,13 +307,13 @@ def _previewed(patterns: Patterns, seen: Preview) -> DetectorOutput:
     )
 
 
-def _left_out(frame: Frame, patterns: Patterns, tags: TagAlignments, uneven: Index) -> Misfit:
+def _left_out(frame: Frame, patterns: Patterns, tags: TagAlignments, uneven: Index) -> CovarianceCorrection:
     """Return what the alignment's model leaves out, by the evenly lit tags where there are enough."""
     even = tags.take(~np.isin(tags.rows, uneven))
-    return misfit(frame, patterns, even if len(even) >= FEW_TAGS else tags, FINE_SIDE_PX)
+    return covariance_correction(frame, patterns, even if len(even) >= FEW_TAGS else tags, FINE_SIDE_PX)
 
 
-def _located(frame: Frame, patterns: Patterns, tags: TagAlignments, left_out: Misfit) -> DetectorOutput:
+def _located(frame: Frame, patterns: Patterns, tags: TagAlignments, left_out: CovarianceCorrection) -> DetectorOutput:
     tags = tags.take(np.argsort(patterns.tag_ids[tags.rows], kind="stable"))
     return DetectorOutput(
         ids=patterns.tag_ids[tags.rows],

@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 from boxcal.detect.alignment.box_growth import grow_from_pose
 from boxcal.detect.alignment.box_pose import CameraPrior, fit_box
 from boxcal.detect.alignment.box_search import CANDIDATE_SIGMA_PX, BoxDetection, PredictedRegions
+from boxcal.detect.alignment.placed_by_box import first_on_face
 from boxcal.detect.alignment.predicted_tags import MIN_MODULE_PX
 from boxcal.detect.alignment.pyramid import Pyramid, align_coarsely
 from boxcal.detect.alignment.pyramid_search import FEW_TAGS
 from boxcal.detect.alignment.resemblance import resemblance
 from boxcal.detect.alignment.tag_patterns import Index, Patterns
-from boxcal.detect.alignment.told_places import first_on_face
 from boxcal.detect.alignment.verification import Limits, convex, module_px, verified
 from boxcal.target.arrays import Array
 from boxcal.target.box import Target

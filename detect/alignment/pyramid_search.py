@@ -14,9 +14,9 @@ from boxcal.detect.alignment.box_pose import CameraPrior
 from boxcal.detect.alignment.box_search import CANDIDATE_SIGMA_PX, BoxDetection, predict_regions
 from boxcal.detect.alignment.candidates import TagCandidates, find_candidates
 from boxcal.detect.alignment.face_agreement import consistent_candidates
+from boxcal.detect.alignment.placed_by_box import first_on_face
 from boxcal.detect.alignment.pyramid import Pyramid
 from boxcal.detect.alignment.tag_patterns import Patterns
-from boxcal.detect.alignment.told_places import first_on_face
 from boxcal.detect.alignment.verification import Limits
 from boxcal.detect.image.gray import LEAST_SIDE_PX
 from boxcal.target.box import Target

@@ -18,7 +18,7 @@ from boxcal.detect.alignment import compilation
 from boxcal.detect.alignment.backend import backend, numba_backend
 from boxcal.detect.alignment.compilation import prepare
 from boxcal.detect.alignment.detector import detect_tags
-from boxcal.detect.alignment.numba import begin, box_refinement, finish, gauss_newton, kernel, misfit_sums, outlines
+from boxcal.detect.alignment.numba import begin, box_refinement, finish, gauss_newton, kernel, outlines, sandwich_sums
 
 
 def test_plain_install_runs_compiled_code():
@@ -29,17 +29,19 @@ def test_nothing_is_compiled_for_a_picture_beyond_what_is_prepared():
     prepare()
     kernels = (
         gauss_newton._iterate,
-        misfit_sums._fill,
+        sandwich_sums._fill,
         begin._begin,
         finish._finish,
         box_refinement._refine,
         box_refinement._predict,
         outlines._four_sided,
     )
+    compilation.compile_half("all")
+    prepared = [len(k.signatures) for k in kernels]  # other tests in this process may have had more compiled
+    assert min(prepared) > 0
     detect_tags(view(pose(20.0)), TARGET)
     detect_tags(np.asfortranarray(view(pose(20.0))), TARGET)
-    compilation.compile_half("all")
-    assert [len(k.signatures) for k in kernels] == [1] * len(kernels)
+    assert [len(k.signatures) for k in kernels] == prepared
 
 
 def test_prepared_code_is_not_prepared_again(monkeypatch):

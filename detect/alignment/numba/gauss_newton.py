@@ -29,8 +29,8 @@ from boxcal.detect.alignment.registration.gauss_newton import (
     StepRules,
 )
 from boxcal.detect.alignment.registration.image_model import Sums, no_sums
-from boxcal.detect.alignment.registration.misfit_sums import PartSums, no_part_sums
 from boxcal.detect.alignment.registration.parameters import KURTOSIS, LOG_PSF, PARAMETERS
+from boxcal.detect.alignment.registration.sandwich_sums import PartSums, no_part_sums
 from boxcal.detect.alignment.registration.tag_batch import Batch
 from boxcal.target.arrays import Array
 

@@ -7,8 +7,8 @@ from boxcal.detect.alignment.backend import Backend, backend
 from boxcal.detect.alignment.registration import image_model as model
 from boxcal.detect.alignment.registration.begin import Begun
 from boxcal.detect.alignment.registration.gauss_newton import StepRules
-from boxcal.detect.alignment.registration.misfit_sums import no_part_sums
 from boxcal.detect.alignment.registration.parameters import BLACK, CONTRAST, KURTOSIS, LOG_PSF, PARAMETERS
+from boxcal.detect.alignment.registration.sandwich_sums import no_part_sums
 from boxcal.detect.alignment.registration.tag_alignments import TagAlignments
 from boxcal.detect.alignment.registration.tag_batch import Batch, Frame
 from boxcal.detect.alignment.tag_patterns import Index, Patterns
@@ -105,12 +105,12 @@ def align(
         frame, patterns, theta=theta, normalisation=normalisation, sums=last, covariance=covariance
     )
     n, noise = len(rows), quality[:, 3]
-    misfit = np.full((n, 5), np.nan)
+    sandwich = np.full((n, 5), np.nan)
     if parts is not None:
-        misfit[parts.tags] = compute.misfit_sums(batch, parts, corners, noise**2)
+        sandwich[parts.tags] = compute.sandwich_sums(batch, parts, corners, noise**2)
     good = np.isfinite(corners).reshape(n, 8).all(axis=1) & np.isfinite(cov).reshape(n, 16).all(axis=1)
     good &= last.stats[:, 0] > 2 * PARAMETERS
-    corners[~good], cov[~good], misfit[~good] = 0.0, 1.0, np.nan
+    corners[~good], cov[~good], sandwich[~good] = 0.0, 1.0, np.nan
     return TagAlignments(
         rows=rows,
         corners_px=corners,
@@ -125,7 +125,7 @@ def align(
         theta=theta,
         normalisation=normalisation,
         blocks=last.blocks,
-        misfit_sums=misfit,
+        sandwich_sums=sandwich,
     )
 
 

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from boxcal.detect.alignment.registration import image_model as model
 from boxcal.detect.alignment.registration.finish import kurtosis_prior
 from boxcal.detect.alignment.registration.image_model import Sums
-from boxcal.detect.alignment.registration.misfit_sums import PartSums, sum_parts
 from boxcal.detect.alignment.registration.parameters import KURTOSIS, LOG_PSF, PARAMETERS
+from boxcal.detect.alignment.registration.sandwich_sums import PartSums, sum_parts
 from boxcal.detect.alignment.registration.tag_batch import Batch
 from boxcal.detect.alignment.tag_patterns import Index
 from boxcal.target.arrays import Array

@@ -38,9 +38,8 @@ class TagAlignments:
         Their centres and scales.
     blocks : (N, M + 2, M + 2, 2)
         Sum of residuals and number of pixels in each module, white ring included.
-    misfit_sums : (N, 5)
-        What :func:`boxcal.detect.alignment.registration.misfit_sums.misfit_sums` tells of tags that were asked, else
-        NaN.
+    sandwich_sums : (N, 5)
+        Of tags that were asked, by :func:`boxcal.detect.alignment.registration.sandwich_sums.sandwich_sums`; else NaN.
     """
 
     rows: Index
@@ -56,7 +55,7 @@ class TagAlignments:
     theta: Array
     normalisation: Array
     blocks: Array
-    misfit_sums: Array
+    sandwich_sums: Array
 
     def __len__(self) -> int:
         return len(self.rows)

@@ -7,8 +7,8 @@ from aligned_views import TARGET, pose, truth, view
 from boxcal.detect.alignment import box_growth
 from boxcal.detect.alignment.box_pose import fit_box
 from boxcal.detect.alignment.detector import detect_tags
+from boxcal.detect.alignment.placed_by_box import ON_FACE, placed_surely, spread_over_faces
 from boxcal.detect.alignment.tag_patterns import target_patterns
-from boxcal.detect.alignment.told_places import ON_FACE, spread_over_faces, told
 
 POSE = pose(28.0, distance=0.55)
 PATTERNS = target_patterns(TARGET)
@@ -43,7 +43,7 @@ def test_fewer_are_aligned_roughly_where_the_camera_is_known(aligned):
 def test_where_the_box_does_not_tell_all_tags_are_aligned_roughly(aligned, monkeypatch):
     plain = detect_tags(view(POSE), TARGET)
     aligned.clear()
-    monkeypatch.setattr(box_growth, "told", lambda *_, rows, **__: np.zeros(len(rows), dtype=np.bool_))
+    monkeypatch.setattr(box_growth, "placed_surely", lambda *_, rows, **__: np.zeros(len(rows), dtype=np.bool_))
     every = detect_tags(view(POSE), TARGET)
     assert sum(aligned) >= len(every.ids)
     np.testing.assert_array_equal(every.ids, plain.ids)
@@ -71,10 +71,10 @@ def _fitted(off_px):
 
 def test_a_box_tells_the_rest_only_of_faces_where_the_first_tags_are_there():
     fit, asked, rest = _fitted(0.02)
-    assert told(TARGET, PATTERNS, fit, believed=asked, asked=asked, rows=rest).all()
+    assert placed_surely(TARGET, PATTERNS, fit, believed=asked, asked=asked, rows=rest).all()
     face = TARGET.tag_faces[rest[0]]
     there = np.setdiff1d(asked, asked[TARGET.tag_faces[asked] == face][:3])
-    sure = told(TARGET, PATTERNS, fit, believed=there, asked=asked, rows=rest)
+    sure = placed_surely(TARGET, PATTERNS, fit, believed=there, asked=asked, rows=rest)
     np.testing.assert_array_equal(sure, TARGET.tag_faces[rest] != face)
 
 
@@ -82,9 +82,9 @@ def test_a_box_through_one_face_that_leaves_out_another_tells_nothing():
     """As where the box is not as described, and a few tags of one face are fitted with a camera that is not there."""
     fit, asked, rest = _fitted(0.02)
     there = asked[TARGET.tag_faces[asked] == TARGET.tag_faces[rest[0]]]
-    assert not told(TARGET, PATTERNS, fit, believed=there, asked=asked, rows=rest).any()
+    assert not placed_surely(TARGET, PATTERNS, fit, believed=there, asked=asked, rows=rest).any()
 
 
 def test_a_box_on_which_the_first_tags_do_not_lie_tells_nothing():
     fit, asked, rest = _fitted(1.0)
-    assert not told(TARGET, PATTERNS, fit, believed=asked, asked=asked, rows=rest).any()
+    assert not placed_surely(TARGET, PATTERNS, fit, believed=asked, asked=asked, rows=rest).any()

@@ -5,15 +5,15 @@ import numpy as np
 import pytest
 from aligned_views import LENS, PATTERNS, PLAIN, TARGET, pose, some_tags, truth, view, width_px
 
-from boxcal.detect.alignment import covariance as misfit
+from boxcal.detect.alignment import covariance
 from boxcal.detect.alignment.backend import numba_backend, numpy_backend
 from boxcal.detect.alignment.detector import detect_tags
 from boxcal.detect.alignment.radial_camera import no_distortion
 from boxcal.detect.alignment.registration import image_model as model
 from boxcal.detect.alignment.registration.align import align, aligned_batch
 from boxcal.detect.alignment.registration.gauss_newton import StepRules
-from boxcal.detect.alignment.registration.misfit_sums import no_part_sums, sum_parts
 from boxcal.detect.alignment.registration.parameters import PARAMETERS
+from boxcal.detect.alignment.registration.sandwich_sums import no_part_sums, sum_parts
 from boxcal.detect.alignment.registration.tag_batch import Frame
 from boxcal.detect.image.response_curve import response_table
 from boxcal.target.render.renderer import SensorModel
@@ -70,10 +70,10 @@ def test_compiled_sums_over_parts_are_those_of_the_reference(response):
 
 
 @pytest.mark.parametrize("response", ["linear", "srgb"])
-def test_compiled_misfit_sums_are_those_of_the_reference(response):
+def test_compiled_sandwich_sums_are_those_of_the_reference(response):
     batch, parts, corners = _stepped(numba_backend(), some_tags(33.0, response, 5), 2)
     noise2 = np.array([1e-4, 2e-4, 3e-4])
-    plain, fast = (compute().misfit_sums(batch, parts, corners, noise2) for compute in (numpy_backend, numba_backend))
+    plain, fast = (compute().sandwich_sums(batch, parts, corners, noise2) for compute in (numpy_backend, numba_backend))
     np.testing.assert_allclose(fast, plain, rtol=1e-6)
 
 
@@ -93,25 +93,28 @@ def test_sums_of_the_last_step_are_those_of_evaluating_anew(response, compute):
     anew = no_part_sums(every, batch.bounding_boxes)
     for k in range(len(rows)):
         sum_parts(batch, k, model.differentiate(batch, k), anew)
-    sums = numpy_backend().misfit_sums(batch, anew, tags.corners_px, tags.noise**2)
-    told, again = misfit.variance_inflation(*tags.misfit_sums[:, :2].T), misfit.variance_inflation(*sums[:, :2].T)
+    sums = numpy_backend().sandwich_sums(batch, anew, tags.corners_px, tags.noise**2)
+    told, again = (
+        covariance.variance_inflation(*tags.sandwich_sums[:, :2].T),
+        covariance.variance_inflation(*sums[:, :2].T),
+    )
     assert np.sqrt(told / again) == pytest.approx(1.0, abs=0.01)
-    np.testing.assert_allclose(tags.misfit_sums[:, 2:].sum(axis=0), sums[:, 2:].sum(axis=0), rtol=0.03)
+    np.testing.assert_allclose(tags.sandwich_sums[:, 2:].sum(axis=0), sums[:, 2:].sum(axis=0), rtol=0.03)
 
 
 def test_tags_that_are_not_asked_tell_nothing_until_too_few_others_are_left():
     image = view(pose(20.0)) / np.float32(255)
     frame = Frame(grey=image, response=response_table("linear"), lens=LENS)
     uv, seen = truth(pose(20.0))
-    asked = misfit.asked(uv[seen])
+    asked = covariance.asked(uv[seen])
     size = np.linalg.norm(uv[seen, 2] - uv[seen, 0], axis=1)
-    assert asked.sum() == misfit.MOST_TAGS
+    assert asked.sum() == covariance.MOST_TAGS
     assert set(np.flatnonzero(asked)) >= {size.argmax(), size.argmin()}
     tags = align(frame, PATTERNS, seen, uv[seen] + 0.1, asked=asked)
-    np.testing.assert_array_equal(np.isfinite(tags.misfit_sums).all(axis=1), asked)
-    told = misfit.misfit(frame, PATTERNS, tags, np.inf)
-    assert told.inflation == misfit.variance_inflation(*tags.misfit_sums[asked, :2].T)
-    others = misfit.misfit(frame, PATTERNS, tags.take(~asked), np.inf)
+    np.testing.assert_array_equal(np.isfinite(tags.sandwich_sums).all(axis=1), asked)
+    told = covariance.covariance_correction(frame, PATTERNS, tags, np.inf)
+    assert told.inflation == covariance.variance_inflation(*tags.sandwich_sums[asked, :2].T)
+    others = covariance.covariance_correction(frame, PATTERNS, tags.take(~asked), np.inf)
     assert 0.5 < np.sqrt(others.inflation / told.inflation) < 2.0
     assert others.inflation != told.inflation
 
@@ -144,7 +147,7 @@ def test_sigmas_hold_by_the_scatter_on_faces_where_residuals_say_too_little(monk
 
 @pytest.mark.parametrize(("spread_px", "least", "most"), [(0.0, 0.75, 1.3), (1.2, 1.8, 8.0)])
 def test_share_is_one_only_where_noise_is_white(monkeypatch, spread_px, least, most):
-    told, inflation = [], misfit.variance_inflation
+    told, inflation = [], covariance.variance_inflation
     monkeypatch.setattr(
         "boxcal.detect.alignment.covariance.variance_inflation",
         lambda *arguments: told.append(inflation(*arguments)) or told[-1],
@@ -155,7 +158,7 @@ def test_share_is_one_only_where_noise_is_white(monkeypatch, spread_px, least, m
             detect_tags(_grained(azimuth_deg, seed, spread_px)[0], TARGET)
         else:
             detect_tags(view(T, SensorModel(psf_px=0.6, noise=8.0), seed=seed), TARGET)
-    assert least < np.mean(told) / misfit.TOGETHER < most
+    assert least < np.mean(told) / covariance.TOGETHER < most
 
 
 def test_white_noise_is_told_by_the_measured_share_of_clusters_that_share_edges(monkeypatch):
@@ -164,7 +167,7 @@ def test_white_noise_is_told_by_the_measured_share_of_clusters_that_share_edges(
     Under white noise their sums have the expected size but for chance: the mean of 48 views is within four of its
     standard errors, which are about 0.015.
     """
-    told, inflation = [], misfit.variance_inflation
+    told, inflation = [], covariance.variance_inflation
     monkeypatch.setattr(
         "boxcal.detect.alignment.covariance.variance_inflation",
         lambda *arguments: told.append(inflation(*arguments)) or told[-1],
@@ -183,7 +186,7 @@ def test_white_noise_is_told_by_the_measured_share_of_clusters_that_share_edges(
 def test_nothing_seen_is_taken_for_white_noise():
     frame = Frame(grey=np.zeros((8, 8), np.float32), response=np.array([0.0, 1.0]), lens=no_distortion((8, 8)))
     none = align(frame, PATTERNS, np.zeros(0, np.int64), np.zeros((0, 4, 2)))
-    told = misfit.misfit(frame, PATTERNS, none, 22.0)
+    told = covariance.covariance_correction(frame, PATTERNS, none, 22.0)
     assert (told.inflation, told.deformation_px2) == (1.0, 0.0)
 
 

@@ -58,7 +58,7 @@ def spread_over_faces(target: Target, rows: Index, corners_px: Array, count: int
     return np.flatnonzero(first), np.flatnonzero(~first)
 
 
-def told(
+def placed_surely(
     target: Target, patterns: Patterns, fit: BoxFit, *, believed: Index, asked: Index, rows: Index
 ) -> NDArray[np.bool_]:
     """Return which tags (N,) the box tells the places of so surely that they need no rough alignment.
@@ -87,7 +87,7 @@ def told(
     return np.asarray(sound[faces[rows]] & (spread.reshape(-1, 4).max(axis=1) < SPREAD_MODULES * module))
 
 
-def as_told(target: Target, fit: BoxFit, aligned: TagAlignments, rows: Index) -> TagAlignments:
+def as_placed(target: Target, fit: BoxFit, aligned: TagAlignments, rows: Index) -> TagAlignments:
     """Return tags where the box has them, each with the light and the blur of the nearest aligned one of its face.
 
     The rest of what an alignment tells is that tag's, too, and says nothing of these.

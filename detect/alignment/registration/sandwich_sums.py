@@ -1,7 +1,7 @@
 """Sums over the residuals of aligned tags that tell what the alignment's model leaves out.
 
 The last step of an alignment has all that is needed at hand, and sums it over parts of the tags that are asked:
-:class:`PartSums`. Once the corners are known, :func:`misfit_sums` makes of those what is told of each tag.
+:class:`PartSums`. Once the corners are known, :func:`sandwich_sums` makes of those what is told of each tag.
 """
 
 from typing import NamedTuple
@@ -68,7 +68,7 @@ def sum_parts(batch: Batch, k: int, seen: TagPixels, out: PartSums) -> None:
     out.blocks[m] = block_sums(batch, k, seen)
 
 
-def misfit_sums(batch: Batch, parts: PartSums, corners_px: Array, noise2: Array) -> Array:
+def sandwich_sums(batch: Batch, parts: PartSums, corners_px: Array, noise2: Array) -> Array:
     """Return of each tag that is asked (K, 5) what its parts tell.
 
     Observed and expected of clusters (:func:`boxcal.detect.alignment.registration.cluster_sums.cluster_sums`), then
