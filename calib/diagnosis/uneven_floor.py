@@ -1,4 +1,4 @@
-"""Floors that are no plane: steps, ramps and bends, told from how stops stand on them.
+"""Floors that are no plane: steps, ramps and bends, detected by how the robot stands at its stops.
 
 The model has one plane, and roll, pitch and height of each stop at random about it. A floor that bends under the box
 leans robots by where they stand, not at random, and all stops face the box: what they have in common goes into the
@@ -16,7 +16,8 @@ HEIGHT_M = 7e-4
 """Standard deviation of the stops' heights about one plane from which on it is none; tiles and carpets have .2 mm."""
 LEAN_RAD = 4e-4
 """Lean that goes with the place, root mean square, which is worth words."""
-CHANCE = 1e-4
+SIGNIFICANCE = 1e-4
+"""p-value of a bend below which it is believed."""
 _LEAST_STOPS = 6
 
 
@@ -24,24 +25,24 @@ def uneven_floor(found: Estimate) -> Finding | None:
     """Return what is said of a floor that is not the plane that the model has; None if nothing speaks against it."""
     height = float(found.components.height)
     T = np.concatenate([drive.T_box_body for drive in found.drives])
-    bent, p_value = _bent(T)
-    if height < HEIGHT_M and not (bent > LEAN_RAD and p_value < CHANCE):
+    lean, p_value = _bent(T)
+    stepped, bent = height >= HEIGHT_M, lean > LEAN_RAD and p_value < SIGNIFICANCE
+    said = [f"stops stand {1e3 * height:.1f} mm above and below one plane"] if stepped else []
+    said += [f"the robot leans by {np.degrees(lean):.2f} deg as the place has it"] if bent else []
+    if not said:
         return None
-    said = [f"stops stand {1e3 * height:.1f} mm above and below one plane"] if height >= HEIGHT_M else []
-    if bent > LEAN_RAD and p_value < CHANCE:
-        said.append(f"the robot leans by {np.degrees(bent):.2f} deg as the place has it")
     return Finding(
         cause="floor-uneven",
         text=f"the floor is no plane: {' and '.join(said)}; the camera's pitch and height take up a part of that",
         advice="Drive on one even floor, without steps, ramps or the edges of carpets, and put the box on it.",
-        size=1e3 * height,
-        unit="mm",
-        p_value=p_value,
+        size=float(np.degrees(lean)) if bent else 1e3 * height,
+        unit="deg" if bent else "mm",
+        p_value=p_value if bent else np.nan,
     )
 
 
 def _bent(T_box_body: Array) -> tuple[float, float]:
-    """Return the lean, rad, that stops (P, 4, 4) have by their place, as on a floor of second degree, and its chance.
+    """Return the lean, rad, that stops (P, 4, 4) have by their place, as on a floor of second degree, and its p-value.
 
     A tilt of the floor, and one of the robot, which all have, are no bend.
     """

@@ -460,7 +460,9 @@ def on_a_floor(T_floor: Array | None, seed: int = 5) -> Correspondences:
 def test_a_floor_that_is_no_plane_is_said_and_never_good(T_floor: Array | None, uneven: bool) -> None:
     found = calibrate(on_a_floor(T_floor), TARGET)
     assert found.verdict is not None
-    assert ("floor-uneven" in [f.cause for f in found.findings]) == uneven
+    said = [f for f in found.findings if f.cause == "floor-uneven"]
+    assert bool(said) == uneven
+    assert all(f.size > 0.05 and not f.p_value > 1e-4 for f in said)
     assert (found.verdict.level is Level.GOOD) != uneven
 
 
