@@ -4,11 +4,9 @@ from collections.abc import Sequence
 
 from boxcal.calib.likelihood.finding import Finding
 from boxcal.detect.correspondences import Correspondences
+from boxcal.detect.tags.built_box import ODD
 from boxcal.detect.tags.print_size import scaled_prints
-from boxcal.target.box import FACES, Target
-
-LEAST = 0.005
-"""Relative difference from which on a print is said to be of another size."""
+from boxcal.target.box import Target
 
 
 def with_odd_prints(drives: Sequence[Correspondences], target: Target) -> tuple[Target, Finding] | None:
@@ -18,11 +16,11 @@ def with_odd_prints(drives: Sequence[Correspondences], target: Target) -> tuple[
     sigma, so that such a result is not good.
     """
     sizes = next((drive.source.print_sizes for drive in drives if drive.source.print_sizes), ())
-    if not sizes or target.refined is not None:
+    odd = [face for face, size in enumerate(sizes) if abs(size - 1) > ODD]
+    if not odd or target.refined is not None:
         return None
-    odd = [f for f in range(FACES) if abs(sizes[f] - 1) > LEAST]
     each = ", ".join(f"{f}: {100 * sizes[f]:.1f} %" for f in odd)
-    size = max((sizes[f] - 1 for f in odd), key=abs, default=0.0)
+    size = max((sizes[f] - 1 for f in odd), key=abs)
     finding = Finding(
         cause="odd-print",
         text=f"prints are of unlike sizes, against most (sheet: size) {each}; taken into account",

@@ -1,7 +1,7 @@
 """Provenance of correspondences: the recording, what was read of it, and how."""
 
 from dataclasses import dataclass, fields
-from math import isfinite
+from math import inf, isfinite
 from typing import Any
 
 from boxcal.detect.log.losses import Loss, LossKind
@@ -112,7 +112,7 @@ def read_source(saved: dict[str, Any]) -> Source:
         for field in fields(Source)
         if field.name in saved and field.name not in _NUMBERS and field.name != "losses"
     }
-    values |= {name: _numbers(name, saved.get(name, []), count) for name, count in _NUMBERS.items()}
+    values |= {name: _numbers(name, saved.get(name, []), *kind) for name, kind in _NUMBERS.items()}
     losses = tuple(
         Loss(kind=LossKind(loss["kind"]), text=str(_as("", loss["text"], "losses"))) for loss in saved.get("losses", ())
     )
@@ -132,14 +132,14 @@ def _as(default: object, value: object, name: str) -> object:
     raise ValueError(f"{name} of {_brief(value)}")
 
 
-_NUMBERS = {"nominal_T_base_cam": 16, "print_sizes": FACES}
-"""Fields that hold so many numbers, or none."""
+_NUMBERS = {"nominal_T_base_cam": (16, -inf, inf), "print_sizes": (FACES, 0.5, 2.0)}
+"""Fields that hold so many numbers, or none, and between which limits these lie."""
 
 
-def _numbers(name: str, value: object, count: int) -> tuple[float, ...]:
+def _numbers(name: str, value: object, count: int, least: float, most: float) -> tuple[float, ...]:
     if not isinstance(value, list) or len(value) not in {0, count}:
         raise ValueError(f"{name} of {_brief(value)}")
-    if not all(isinstance(part, (int, float)) and isfinite(part) for part in value):
+    if not all(isinstance(part, (int, float)) and isfinite(part) and least <= part <= most for part in value):
         raise ValueError(f"{name} of {_brief(value)}")
     return tuple(float(part) for part in value)
 

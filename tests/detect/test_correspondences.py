@@ -131,6 +131,7 @@ def test_what_a_file_says_is_printed_without_control_characters(tmp_path: Path) 
         (lambda h: h["source"].update(nominal_radius="x"), "nominal_radius of 'x'"),
         (lambda h: h["source"].update(nominal_T_base_cam=[1.0]), "nominal_T_base_cam"),
         (lambda h: h["source"].update(print_sizes=[1.0]), "print_sizes"),
+        (lambda h: h["source"].update(print_sizes=[1.0, 0.0, 1.0, 1.0]), "print_sizes"),
         (lambda h: h["source"].update(notes=[1]), "notes of 1"),
         (lambda h: h["stops"][0].update(phi_R=None), "no angle"),
         (lambda h: h["stops"][0].update(phi_L=1e300), "no angle"),
