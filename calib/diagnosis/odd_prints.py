@@ -4,8 +4,7 @@ from collections.abc import Sequence
 
 from boxcal.calib.likelihood.finding import Finding
 from boxcal.detect.correspondences import Correspondences
-from boxcal.detect.tags.built_box import ODD
-from boxcal.detect.tags.print_size import scaled_prints
+from boxcal.detect.tags.print_size import ODD, scaled_prints
 from boxcal.target.box import Target
 
 

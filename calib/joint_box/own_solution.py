@@ -18,10 +18,11 @@ from boxcal.calib.likelihood.levenberg_marquardt import (
     linearize,
     moved,
 )
-from boxcal.calib.likelihood.normal_equations import Normal, eliminate, eliminate_chain, solve
+from boxcal.calib.likelihood.normal_equations import Normal, eliminate
 from boxcal.calib.likelihood.options import EstimateOptions
 from boxcal.calib.likelihood.problem import Problem, build_problem
 from boxcal.calib.likelihood.state import State
+from boxcal.calib.likelihood.stop_elimination import eliminate_chain, solve
 from boxcal.detect.correspondences import Correspondences
 from boxcal.target.arrays import Array, Ids
 from boxcal.target.box import Target

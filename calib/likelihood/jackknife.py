@@ -16,9 +16,9 @@ from boxcal.calib.geometry.parameters import COUNT, TRANSLATION, WHEELS
 from boxcal.calib.likelihood.fit import Fit
 from boxcal.calib.likelihood.leave_one_out import Jackknife
 from boxcal.calib.likelihood.levenberg_marquardt import equations, leg_information
-from boxcal.calib.likelihood.normal_equations import Solution, solve
 from boxcal.calib.likelihood.outliers import leg_unknowns
 from boxcal.calib.likelihood.picture_blocks import picture_blocks
+from boxcal.calib.likelihood.stop_elimination import Solution, solve
 from boxcal.target.arrays import Array, Ids
 
 ENOUGH_STOPS = 8

@@ -8,9 +8,10 @@ from boxcal.calib.geometry.parameters import WHEELS
 from boxcal.calib.geometry.so3_se3 import wrap
 from boxcal.calib.likelihood.explanation import Columns
 from boxcal.calib.likelihood.leg_model import LegModel, leg_model
-from boxcal.calib.likelihood.normal_equations import Bordered, Normal
+from boxcal.calib.likelihood.normal_equations import Normal
 from boxcal.calib.likelihood.problem import PER_STOP, Problem
 from boxcal.calib.likelihood.state import State
+from boxcal.calib.likelihood.stop_elimination import Bordered
 from boxcal.target.arrays import Array, Ids
 
 LEG_UNKNOWNS = 3 + 2 * PER_STOP

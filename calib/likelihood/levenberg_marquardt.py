@@ -15,10 +15,11 @@ from boxcal.calib.likelihood.leg_residuals import (
     leg_residuals,
     leg_squares,
 )
-from boxcal.calib.likelihood.normal_equations import Local, Normal, solve
+from boxcal.calib.likelihood.normal_equations import Local, Normal
 from boxcal.calib.likelihood.priors import add_priors
 from boxcal.calib.likelihood.problem import Problem
 from boxcal.calib.likelihood.state import State, retract
+from boxcal.calib.likelihood.stop_elimination import solve
 from boxcal.target.arrays import Array
 
 CONVERGED = 1e-6

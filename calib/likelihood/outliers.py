@@ -14,9 +14,9 @@ from boxcal.calib.geometry.parameters import WHEELS
 from boxcal.calib.likelihood.leg_residuals import FIRST_STOP, LEG_UNKNOWNS, SECOND_STOP, leg_covariance
 from boxcal.calib.likelihood.leg_spread import ENOUGH, surprise
 from boxcal.calib.likelihood.levenberg_marquardt import Linearization, Weights
-from boxcal.calib.likelihood.normal_equations import Solution
 from boxcal.calib.likelihood.problem import Problem
 from boxcal.calib.likelihood.slip_profile import SlipProfile
+from boxcal.calib.likelihood.stop_elimination import Solution
 from boxcal.target.arrays import Array, Ids, Mask
 
 _RETURNS = 2

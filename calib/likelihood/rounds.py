@@ -26,7 +26,6 @@ from boxcal.calib.likelihood.levenberg_marquardt import (
     reweighted,
     rewhitened,
 )
-from boxcal.calib.likelihood.normal_equations import solve
 from boxcal.calib.likelihood.options import EstimateOptions
 from boxcal.calib.likelihood.outliers import (
     LegMemory,
@@ -39,6 +38,7 @@ from boxcal.calib.likelihood.outliers import (
 from boxcal.calib.likelihood.problem import Problem
 from boxcal.calib.likelihood.slip_profile import SlipProfile, fixed_profile, quiet_slip, slip_profile
 from boxcal.calib.likelihood.state import State
+from boxcal.calib.likelihood.stop_elimination import solve
 from boxcal.calib.likelihood.systematic_errors import systematic_covariance
 from boxcal.calib.likelihood.variance_components import (
     first_components,

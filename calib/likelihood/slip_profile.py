@@ -17,18 +17,16 @@ from boxcal.calib.likelihood.components import VarianceComponents
 from boxcal.calib.likelihood.information_inverse import determinant
 from boxcal.calib.likelihood.leg_residuals import LegResiduals, leg_covariance, leg_squares, with_legs
 from boxcal.calib.likelihood.levenberg_marquardt import Linearization, Weights, picture_equations
-from boxcal.calib.likelihood.normal_equations import (
+from boxcal.calib.likelihood.normal_equations import Eliminated, Normal, eliminate
+from boxcal.calib.likelihood.problem import Problem
+from boxcal.calib.likelihood.stop_elimination import (
     Bordered,
-    Eliminated,
     EliminatedChain,
-    Normal,
     Solution,
-    eliminate,
     eliminate_chain,
     solve_chain,
     solve_shared,
 )
-from boxcal.calib.likelihood.problem import Problem
 from boxcal.target.arrays import Array
 
 LARGEST_SLIP = 0.3

@@ -10,8 +10,8 @@ import numpy as np
 from boxcal.calib.likelihood.components import VarianceComponents
 from boxcal.calib.likelihood.corner_sums import by_stop, groups_of
 from boxcal.calib.likelihood.levenberg_marquardt import Linearization, Weights
-from boxcal.calib.likelihood.normal_equations import Solution
 from boxcal.calib.likelihood.problem import Problem
+from boxcal.calib.likelihood.stop_elimination import Solution
 from boxcal.target.arrays import Array
 
 

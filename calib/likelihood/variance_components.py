@@ -12,9 +12,9 @@ import numpy as np
 
 from boxcal.calib.likelihood.components import VarianceComponents
 from boxcal.calib.likelihood.levenberg_marquardt import Linearization, Weights
-from boxcal.calib.likelihood.normal_equations import Solution
 from boxcal.calib.likelihood.priors import shared_values
 from boxcal.calib.likelihood.problem import Problem
+from boxcal.calib.likelihood.stop_elimination import Solution
 from boxcal.calib.likelihood.target_deformation import HAND_MADE
 from boxcal.target.arrays import Array
 

@@ -11,11 +11,11 @@ from boxcal.calib.geometry.so3_se3 import log_so3
 from boxcal.calib.likelihood.components import VarianceComponents
 from boxcal.calib.likelihood.estimate import Estimate
 from boxcal.calib.likelihood.levenberg_marquardt import Weights, equations, leg_information, linearize
-from boxcal.calib.likelihood.normal_equations import solve
 from boxcal.calib.likelihood.options import EstimateOptions
 from boxcal.calib.likelihood.problem import Problem, build_problem
 from boxcal.calib.likelihood.slip_profile import quiet_slip
 from boxcal.calib.likelihood.state import State, resting
+from boxcal.calib.likelihood.stop_elimination import solve
 from boxcal.calib.likelihood.summary import reported_cov
 from boxcal.detect.correspondences import Correspondences
 from boxcal.target.arrays import Array

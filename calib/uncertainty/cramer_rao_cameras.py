@@ -11,11 +11,11 @@ from boxcal.calib.likelihood.cameras.problem import Together, together
 from boxcal.calib.likelihood.cameras.row import one_row
 from boxcal.calib.likelihood.cameras.state import Mounted, RobotState
 from boxcal.calib.likelihood.levenberg_marquardt import Weights, equations, leg_information
-from boxcal.calib.likelihood.normal_equations import solve
 from boxcal.calib.likelihood.options import EstimateOptions
 from boxcal.calib.likelihood.problem import build_problem
 from boxcal.calib.likelihood.slip_profile import quiet_slip
 from boxcal.calib.likelihood.state import resting
+from boxcal.calib.likelihood.stop_elimination import solve
 from boxcal.calib.uncertainty.cramer_rao import NO_SLIP, Truth
 from boxcal.detect.correspondences import Correspondences
 from boxcal.target.arrays import Array

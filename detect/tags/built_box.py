@@ -12,7 +12,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
-import cv2
 import numpy as np
 
 from boxcal.detect.alignment.box_pose import LEAST_SIGMA_PX, CameraPrior, fit_box, unknown_deviation
@@ -20,11 +19,10 @@ from boxcal.detect.alignment.box_refinement import CAMERA, FITTED, Tangent, move
 from boxcal.detect.alignment.expected_tags import ExpectedTags
 from boxcal.detect.alignment.tag_patterns import Index
 from boxcal.detect.image.order_statistics import median
+from boxcal.detect.tags.box_shape import SHAPE, by_shape, shaped
 from boxcal.target.arrays import Array, Ids
 from boxcal.target.box import CORNERS, FACES, Target
 
-SHAPE = 9
-"""Unknowns of a face: its print's size across and up, less one, place (right, up, out), turn, and bow."""
 OF_ALL, ACROSS = 0.05, 0.01
 """Standard deviations of the size of all prints, and of that across against that up."""
 OF_EACH = np.array([0.01, 0.01, 1.5e-3, 1.5e-3, 1.5e-3, 5e-3, 5e-3, 5e-3, 1e-3])
@@ -37,8 +35,6 @@ SURELY, BETTER = 0.25, 0.5
 second, after prints of other sizes were tried to start from."""
 _KNOWN = 0.1
 """Deviation of a camera that all stops told, to begin with, over that of an unknown one."""
-ODD = 5e-3
-"""Prints that differ more in size, relative, are none of one printing."""
 SIZES = (1.0, 0.97, 1.03, 0.94, 1.06, 0.91, 1.09)
 """Sizes of all prints to start from."""
 _SIGMA_PX, _FAR_PX = 0.05, 3.0
@@ -159,56 +155,6 @@ def built_box(
             return None
     camera = CameraPrior(focal_px=fit.focal_px, lens=fit.lens, deviation=unsure.deviation * _KNOWN)
     return BuiltBox(target=shaped(target, fit.shape), camera=camera)
-
-
-def print_sizes(target: Target, built: Target) -> tuple[float, ...]:
-    """Return the sizes (FACES,) of the faces' prints on a box as built, over that of most; empty if they are alike."""
-    side, described = (np.linalg.norm(t.tag_corners[:, 2] - t.tag_corners[:, 0], axis=1) for t in (built, target))
-    by_face = np.array([np.mean((side / described)[target.tag_faces == face]) for face in range(FACES)])
-    sizes = by_face / np.median(by_face)
-    return tuple(sizes.tolist()) if np.abs(sizes - 1).max() > ODD else ()
-
-
-def shaped(target: Target, shape: Array) -> Target:
-    """Return a box whose prints are of another size and lie elsewhere, by the unknowns (FACES, 9) of its faces."""
-    corners = target.tag_corners.copy()
-    for face in range(FACES):
-        on, T = target.tag_faces == face, target.T_box_face(face)
-        p_face = _on_paper(target, face, shape[face])
-        corners[on] = (p_face @ cv2.Rodrigues(shape[face, 5:8])[0].T + shape[face, 2:5]) @ T[:3, :3].T + T[:3, 3]
-    return replace(target, tag_corners=corners)
-
-
-def _on_paper(target: Target, face: int, shape: Array) -> Array:
-    """Return the landmarks (N, 4, 3) of a face in its frame, of a print of another size that is bowed."""
-    T = target.T_box_face(face)
-    p_face = (target.tag_corners[target.tag_faces == face] - T[:3, 3]) @ T[:3, :3]
-    bowed = p_face[..., 2] + shape[8] * _sagitta(target, face, p_face)
-    return np.concatenate([p_face[..., :2] * (1 + shape[:2]), bowed[..., None]], axis=-1)
-
-
-def _sagitta(target: Target, face: int, p_face: Array) -> Array:
-    """Return the share of a face's bow at landmarks (..., 3) in its frame, 1 in its middle and 0 at its edges."""
-    return np.asarray(1 - (2 * p_face[..., 0] / target.box.face_width(face)) ** 2)
-
-
-def by_shape(target: Target, shape: Array) -> Array:
-    """Return how landmarks (T, 4, 3) of :func:`shaped` move with the unknowns of their face, (T, 4, 3, 9).
-
-    Turns are those about the face's axes that are added to the others, exact where these are small.
-    """
-    out = np.zeros((*target.tag_corners.shape, SHAPE))
-    for face in range(FACES):
-        on, T = target.tag_faces == face, target.T_box_face(face)
-        p, turned = (target.tag_corners[on] - T[:3, 3]) @ T[:3, :3], cv2.Rodrigues(shape[face, 5:8])[0]
-        own = np.zeros((*p.shape, SHAPE))
-        own[..., :2] = p[..., None, :2] * turned[:, :2]
-        own[..., 2:5] = np.eye(3)
-        built = _on_paper(target, face, shape[face]) @ turned.T
-        own[..., 5:8] = np.stack([np.cross(axis, built) for axis in np.eye(3)], axis=-1)
-        own[..., 8] = _sagitta(target, face, p)[..., None] * turned[:, 2]
-        out[on] = T[:3, :3] @ own
-    return out
 
 
 def _telling(target: Target, stops: Sequence[tuple[Ids, Array]]) -> list[_View]:

@@ -20,6 +20,8 @@ SCALES = (0.97, 1.03, 0.94, 1.06, 0.91, 1.09, 0.88, 1.12, 0.85, 1.15, 0.82, 1.18
 """Sizes that are tried, near ones first; the search follows a print that is off by 3 %, and A4 on Letter is 0.94."""
 MORE = 1.2
 """A size is believed under which so many times as many tags lie on the box."""
+ODD = 5e-3
+"""Prints that differ more in size, relative, are none of one printing."""
 
 
 def scaled_prints(target: Target, scale: float | Sequence[float]) -> Target:
@@ -54,3 +56,11 @@ def print_scale(image: DeepGrey, target: Target, settings: TagSettings) -> float
     counts = {scale: tags(scale) for scale in SCALES}
     best = max(counts, key=lambda scale: counts[scale])
     return best if counts[best] >= MORE * tags(1.0) else 1.0
+
+
+def print_sizes(target: Target, built: Target) -> tuple[float, ...]:
+    """Return the sizes (FACES,) of the faces' prints on a box as built, over that of most; empty if they are alike."""
+    side, described = (np.linalg.norm(t.tag_corners[:, 2] - t.tag_corners[:, 0], axis=1) for t in (built, target))
+    by_face = np.array([np.mean((side / described)[target.tag_faces == face]) for face in range(FACES)])
+    sizes = by_face / np.median(by_face)
+    return tuple(sizes.tolist()) if np.abs(sizes - 1).max() > ODD else ()

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 from boxcal.detect.stops import Stop
 from boxcal.detect.tags.averaging import AveragedCorners
 from boxcal.detect.tags.box_at_stops import BoxAtStops, KnownBox
-from boxcal.detect.tags.built_box import print_sizes
-from boxcal.detect.tags.print_size import scaled_prints
+from boxcal.detect.tags.print_size import print_sizes, scaled_prints
 from boxcal.target.box import Target
 
 MOST_LOST = 0.9

@@ -29,8 +29,9 @@ from boxcal.calib.likelihood.levenberg_marquardt import (
     rewhitened,
 )
 from boxcal.calib.likelihood.log_sum import log_sum
-from boxcal.calib.likelihood.normal_equations import eliminate, eliminate_chain
+from boxcal.calib.likelihood.normal_equations import eliminate
 from boxcal.calib.likelihood.problem import with_kind
+from boxcal.calib.likelihood.stop_elimination import eliminate_chain
 from boxcal.calib.simulate.drive import DriveOptions, exact_correspondences, simulate_drive
 from boxcal.calib.simulate.robot import khepera
 from boxcal.detect.correspondences import Correspondences

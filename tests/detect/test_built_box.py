@@ -17,7 +17,8 @@ from boxcal.detect.alignment.box_pose import CameraPrior, fit_box
 from boxcal.detect.extract import extract
 from boxcal.detect.tags import box_at_stops
 from boxcal.detect.tags.box_at_stops import BoxAtStops
-from boxcal.detect.tags.built_box import built_box, by_shape, shaped
+from boxcal.detect.tags.box_shape import by_shape, shaped
+from boxcal.detect.tags.built_box import built_box
 from boxcal.detect.tags.stop_measurement import StopMeasurement, measure_stop
 from boxcal.target.arrays import Array, Ids
 from boxcal.target.box import CORNERS, FACES, Target

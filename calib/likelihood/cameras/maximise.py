@@ -6,7 +6,7 @@ from boxcal.calib.likelihood.cameras.equations import About, Levels, about
 from boxcal.calib.likelihood.cameras.problem import Together
 from boxcal.calib.likelihood.cameras.state import RobotState, stepped
 from boxcal.calib.likelihood.levenberg_marquardt import CONVERGED, Weights, equations, leg_information
-from boxcal.calib.likelihood.normal_equations import solve
+from boxcal.calib.likelihood.stop_elimination import solve
 from boxcal.target.arrays import Array
 
 _MOST_STEPS = 60

@@ -12,12 +12,12 @@ from boxcal.calib.likelihood.cameras.state import RobotState
 from boxcal.calib.likelihood.components import largest_change
 from boxcal.calib.likelihood.leg_spread import spread_of, spread_weights
 from boxcal.calib.likelihood.levenberg_marquardt import Linearization, Weights, equations, leg_information
-from boxcal.calib.likelihood.normal_equations import solve
 from boxcal.calib.likelihood.options import EstimateOptions
 from boxcal.calib.likelihood.outliers import LegMemory, LegTests, flag_legs, leg_tests
 from boxcal.calib.likelihood.problem import Problem
 from boxcal.calib.likelihood.slip_profile import SlipProfile, fixed_profile, slip_profile
 from boxcal.calib.likelihood.state import State
+from boxcal.calib.likelihood.stop_elimination import solve
 from boxcal.calib.likelihood.systematic_errors import systematic_covariance
 from boxcal.calib.likelihood.variance_components import noise_scale, updated
 from boxcal.target.arrays import Array

@@ -14,8 +14,9 @@ from boxcal.calib.likelihood.moving.clock import LATE, RATE
 from boxcal.calib.likelihood.moving.levels import Settled
 from boxcal.calib.likelihood.moving.solve import sigmas
 from boxcal.calib.likelihood.moving.system import system
-from boxcal.calib.likelihood.normal_equations import Normal, solve_chain
+from boxcal.calib.likelihood.normal_equations import Normal
 from boxcal.calib.likelihood.state import READINGS
+from boxcal.calib.likelihood.stop_elimination import solve_chain
 from boxcal.target.arrays import Array, Ids
 
 _FREE_S = 1.0

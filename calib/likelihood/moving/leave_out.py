@@ -18,8 +18,9 @@ from boxcal.calib.likelihood.moving.levels import Settled
 from boxcal.calib.likelihood.moving.solve import sigmas
 from boxcal.calib.likelihood.moving.system import System, system
 from boxcal.calib.likelihood.moving.weave import Woven
-from boxcal.calib.likelihood.normal_equations import Normal, Solution, solve_chain
+from boxcal.calib.likelihood.normal_equations import Normal
 from boxcal.calib.likelihood.picture_blocks import picture_blocks
+from boxcal.calib.likelihood.stop_elimination import Solution, solve_chain
 from boxcal.target.arrays import Array, Ids
 
 CHANCE = 1e-3

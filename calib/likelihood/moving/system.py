@@ -15,18 +15,11 @@ from boxcal.calib.likelihood.leg_residuals import (
 )
 from boxcal.calib.likelihood.levenberg_marquardt import Linearization, Weights, picture_equations
 from boxcal.calib.likelihood.moving.weave import Woven
-from boxcal.calib.likelihood.normal_equations import (
-    Eliminated,
-    EliminatedChain,
-    Normal,
-    Solution,
-    eliminate,
-    eliminate_chain,
-    solve_shared,
-)
+from boxcal.calib.likelihood.normal_equations import Eliminated, Normal, eliminate
 from boxcal.calib.likelihood.priors import shared_values
 from boxcal.calib.likelihood.problem import Problem
 from boxcal.calib.likelihood.state import READINGS
+from boxcal.calib.likelihood.stop_elimination import EliminatedChain, Solution, eliminate_chain, solve_shared
 from boxcal.target.arrays import Array, Mask
 
 
