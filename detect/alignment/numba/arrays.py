@@ -4,38 +4,38 @@ from typing import Any
 
 import numpy as np
 
-from boxcal.detect.alignment.numba.kernel import kernel
+from boxcal.detect.alignment.numba.kernel import loops
 
 
-@kernel(inner=True)
+@loops()
 def clear(a: Any) -> None:
     """Set all entries of an array (n,) to zero."""
     for k in range(len(a)):
         a[k] = 0.0
 
 
-@kernel(inner=True)
+@loops()
 def clear_rows(a: Any) -> None:
     """Set all entries of an array (n, m) to zero."""
     for k in range(len(a)):
         clear(a[k])
 
 
-@kernel(inner=True)
+@loops()
 def put(a: Any, b: Any) -> None:
     """Copy b into a, (n,) each."""
     for k in range(len(a)):
         a[k] = b[k]
 
 
-@kernel(inner=True)
+@loops()
 def put_rows(a: Any, b: Any) -> None:
     """Copy b into a, (n, m) each."""
     for k in range(len(a)):
         put(a[k], b[k])
 
 
-@kernel(inner=True)
+@loops()
 def finite(a: Any) -> bool:
     """Return whether all entries of an array (n,) are finite."""
     good = True
@@ -44,7 +44,7 @@ def finite(a: Any) -> bool:
     return good
 
 
-@kernel(inner=True)
+@loops()
 def median(a: Any, room: Any) -> Any:
     """Return the median of a (n,), sorted in room (n,) by Shell's method."""
     n = len(a)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from boxcal.detect.alignment.numba.arrays import put
-from boxcal.detect.alignment.numba.kernel import kernel
+from boxcal.detect.alignment.numba.kernel import kernel, loops
 from boxcal.detect.alignment.numba.radial_camera import depth, local_undistortion, square
 from boxcal.detect.alignment.radial_camera import CENTRE_X, CENTRE_Y, PER_RADIUS
 from boxcal.detect.alignment.registration.begin import (
@@ -71,7 +71,7 @@ def _begin(lens: Any, tag: Any, corners: Any, given: Any, side_px: Any, out: Any
         _stride(mean, side_px, len(given) > 0, out.stride[k])
 
 
-@kernel(inner=True)
+@loops()
 def _chart(lens: Any, corners: Any, normalisation: Any, normalised: Any) -> None:
     """Fill a tag's centre and scale, and its corners on the chart about the centre."""
     x = 0.25 * (corners[0, 0] + corners[1, 0] + corners[2, 0] + corners[3, 0])
@@ -91,7 +91,7 @@ def _chart(lens: Any, corners: Any, normalisation: Any, normalised: Any) -> None
         normalised[c, 1] = (dy * f - (y - lens[CENTRE_Y])) * scale
 
 
-@kernel(inner=True)
+@loops()
 def _to_square(quad: Any, side: Any, h: Any) -> None:
     """Fill the homography of a quadrilateral to a square, as ``homography.to_square`` does."""
     x0, y0, x1, y1 = quad[0, 0], quad[0, 1], quad[1, 0], quad[1, 1]
@@ -113,7 +113,7 @@ def _to_square(quad: Any, side: Any, h: Any) -> None:
     h[6], h[7] = (d * r - e * g) / last, (b * g - a * r) / last
 
 
-@kernel(inner=True)
+@loops()
 def _sides(corners: Any) -> Any:
     """Return the shortest, the mean and the longest side."""
     shortest, total, longest = np.inf, 0.0, 0.0
@@ -124,7 +124,7 @@ def _sides(corners: Any) -> Any:
     return shortest, 0.25 * total, longest
 
 
-@kernel(inner=True)
+@loops()
 def _box(corners: Any, reach: Any, width: Any, height: Any, out: Any) -> None:
     """Fill first and last column, first and last row of what a tag takes, enlarged about its centre."""
     for i in range(2):
@@ -137,7 +137,7 @@ def _box(corners: Any, reach: Any, width: Any, height: Any, out: Any) -> None:
         out[2 * i + 1] = int(min(max(np.ceil(centre + reach * (high - centre)) + 1, 0.0), limit))
 
 
-@kernel(inner=True)
+@loops()
 def _stride(side: Any, side_px: Any, edges: Any, out: Any) -> None:
     """Fill which pixels of a tag with sides of a length are used."""
     at = 1

@@ -4,12 +4,12 @@ from typing import Any
 
 import numpy as np
 
-from boxcal.detect.alignment.numba.kernel import kernel
+from boxcal.detect.alignment.numba.kernel import loops
 from boxcal.detect.alignment.numba.pixels import BLOCK
 from boxcal.detect.alignment.registration.block_motion import BLOCKS
 
 
-@kernel(inner=True)
+@loops()
 def fill_blocks(batch: Any, k: Any, pixels: Any, n: Any, jac: Any, sums: Any) -> None:  # noqa: PLR0917
     """Add to the sums (9, 5) over blocks of one tag."""
     modules = batch.cells.shape[1] - 2
@@ -30,7 +30,7 @@ def fill_blocks(batch: Any, k: Any, pixels: Any, n: Any, jac: Any, sums: Any) ->
         block[4] += gy * r
 
 
-@kernel(inner=True)
+@loops()
 def motion_of_tag(sums: Any, noise2: Any, out: Any) -> None:
     """Fill the three figures of a tag's blocks (9, 5), whose residuals have the variance ``noise2``."""
     out[0], out[1], out[2] = 0.0, 0.0, 0.0

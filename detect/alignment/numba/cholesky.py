@@ -4,10 +4,10 @@ from typing import Any
 
 import numpy as np
 
-from boxcal.detect.alignment.numba.kernel import kernel
+from boxcal.detect.alignment.numba.kernel import loops
 
 
-@kernel(inner=True)
+@loops()
 def factor(A: Any) -> None:
     """Replace the lower triangle of A (n, n) by that of its factor L, ``A = L L^T``."""
     for i in range(len(A)):
@@ -21,7 +21,7 @@ def factor(A: Any) -> None:
                 A[i, j] = total / A[j, j]
 
 
-@kernel(inner=True)
+@loops()
 def solve_lower(L: Any, b: Any, x: Any) -> None:
     """Fill x (n,) with the solution of ``L x = b``."""
     for i in range(len(L)):
@@ -31,7 +31,7 @@ def solve_lower(L: Any, b: Any, x: Any) -> None:
         x[i] = total / L[i, i]
 
 
-@kernel(inner=True)
+@loops()
 def solve_factored(L: Any, b: Any, x: Any) -> None:
     """Fill x (n,) with the solution of ``L L^T x = b``."""
     solve_lower(L, b, x)
@@ -42,7 +42,7 @@ def solve_factored(L: Any, b: Any, x: Any) -> None:
         x[i] = total / L[i, i]
 
 
-@kernel(inner=True)
+@loops()
 def solve_positive(A: Any, b: Any, x: Any) -> None:
     """Fill x (n,) with the solution of ``A x = b``; A is overwritten by its factor."""
     factor(A)

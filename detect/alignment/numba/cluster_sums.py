@@ -10,7 +10,7 @@ import numpy as np
 from boxcal.detect.alignment.numba.cholesky import factor, solve_factored
 from boxcal.detect.alignment.numba.finish import moves_of
 from boxcal.detect.alignment.numba.image_model import ROWS, add_products
-from boxcal.detect.alignment.numba.kernel import kernel
+from boxcal.detect.alignment.numba.kernel import kernel, loops
 from boxcal.detect.alignment.numba.pixels import BLOCK, COLUMN, ORDER, ROW
 from boxcal.detect.alignment.registration.image_model import CLUSTERS
 from boxcal.detect.alignment.registration.parameters import KURTOSIS, PARAMETERS
@@ -83,7 +83,7 @@ def fill_squares(  # noqa: PLR0917 - arrays in, arrays out
         add_products(rows, normals[k], gradients[k])
 
 
-@kernel(inner=True, fastmath=ORDER)
+@loops(fastmath=ORDER)
 def _fill_moved(normals: Any, gradients: Any, B: Any, W: Any, moved: Any, white: Any) -> None:  # noqa: PLR0917
     """Fill squares' normal matrices times moves (14, 36 * 8), gradients times moves (36 * 8), and variances (8,)."""
     for square in range(_SQUARES):

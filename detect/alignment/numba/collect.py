@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from boxcal.detect.alignment.numba.kernel import kernel
+from boxcal.detect.alignment.numba.kernel import kernel, loops
 from boxcal.detect.alignment.numba.pixels import BLOCK, COLUMN, ROW, fill_up, widths
 from boxcal.detect.alignment.numba.radial_camera import depth, local_undistortion, square
 from boxcal.detect.alignment.radial_camera import A1, A2, A3, CENTRE_X, CENTRE_Y, LOG_ASPECT, PER_RADIUS, SKEW
@@ -54,7 +54,7 @@ def collect(batch: Any, k: Any, differences: Any, pixels: Any) -> int:
     return n
 
 
-@kernel(inner=True)
+@loops()
 def place_all(batch: Any, k: Any, pixels: Any, n: Any) -> None:
     """Fill the places of the first n pixels."""
     for part in range((n + BLOCK - 1) // BLOCK):
@@ -86,7 +86,7 @@ def _fill_spans(lens: Any, h: Any, normalisation: Any, box: Any, low: Any, high:
         spans[row, 1] = int(np.floor(max(last, float(box[0]))))
 
 
-@kernel(inner=True)
+@loops()
 def _away(lens: Any, normalisation: Any, box: Any) -> float:
     """Return how far a tag's chart moves its box's corners at most, px."""
     bx, by, D = local_undistortion(lens, normalisation)
@@ -99,7 +99,7 @@ def _away(lens: Any, normalisation: Any, box: Any) -> float:
     return most
 
 
-@kernel(inner=True)
+@loops()
 def _meet(box: Any, stride: Any, spans: Any, pixels: Any) -> Any:
     """Fill where the spans' pixels on the lattice are, then those beside it on diagonals; return how many."""
     every, every_near, n = stride[0], stride[2], 0
@@ -123,7 +123,7 @@ def _meet(box: Any, stride: Any, spans: Any, pixels: Any) -> Any:
     return on_lattice, n
 
 
-@kernel(inner=True, fastmath=_IN_PLACE)
+@loops(fastmath=_IN_PLACE)
 def place(lens: Any, theta: Any, normalisation: Any, block: Any) -> None:
     """Fill x, y, u and v of a block of pixels, from the tag's centre so that single precision does."""
     h0, h1, h2, h3 = np.float32(theta[0]), np.float32(theta[1]), np.float32(theta[2]), np.float32(theta[3])
@@ -164,7 +164,7 @@ def _counting(differences: Any, side: Any) -> Any:
     return counts
 
 
-@kernel(inner=True, fastmath=_IN_PLACE)
+@loops(fastmath=_IN_PLACE)
 def _look(block: Any, side: Any, limits: Any, on_lattice: Any, by_u: Any, by_v: Any) -> None:  # noqa: PLR0917
     """Fill what decides whether pixels of a block count, see :func:`_counting`; on the tag the first few always do."""
     low, high, near_u, near_v = limits

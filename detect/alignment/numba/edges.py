@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from boxcal.detect.alignment.numba.kernel import kernel
+from boxcal.detect.alignment.numba.kernel import loops
 from boxcal.detect.alignment.numba.pixels import BLOCK
 
 OF_EDGE = 7 * BLOCK
@@ -29,7 +29,7 @@ _32ND = np.float32(-1 / 32)
 _E2, _E3, _E4, _E5, _E6 = (np.float32(x) for x in (1 / 2, 1 / 6, 1 / 24, 1 / 120, 1 / 720))
 
 
-@kernel(inner=True, fastmath=True)
+@loops(fastmath=True)
 def module_differences(cells: Any, out: Any) -> None:
     """Fill a tag's modules (row 0, rows of modules one after the other) and their differences along u, v and both."""
     side = cells.shape[0]
@@ -43,7 +43,7 @@ def module_differences(cells: Any, out: Any) -> None:
         out[3, k] = out[1, k + side] - out[1, k]
 
 
-@kernel(inner=True, fastmath=True)
+@loops(fastmath=True)
 def blur_geometry(theta: Any, sigma: Any, blur: Any, at: Any, geometry: Any) -> None:
     """Fill 1 / w, 1 / s_u, 1 / s_v and the correlation of the blur on the tag."""
     h0, h1, h3, h4 = np.float32(theta[0]), np.float32(theta[1]), np.float32(theta[3]), np.float32(theta[4])
@@ -64,7 +64,7 @@ def blur_geometry(theta: Any, sigma: Any, blur: Any, at: Any, geometry: Any) -> 
         geometry[_3 + p] = min(max((ux * vx + uy * vy) * u * v, -limit), limit)
 
 
-@kernel(inner=True, fastmath=True)
+@loops(fastmath=True)
 def edge(place: Any, inverse: Any, first: Any, e: Any, k: Any, out: Any) -> None:  # noqa: PLR0917
     """Fill what a module edge does to each pixel of a block, a row for each of the seven figures."""
     shift, k24 = np.float32(e), np.float32(k) * _F24TH
@@ -91,7 +91,7 @@ def edge(place: Any, inverse: Any, first: Any, e: Any, k: Any, out: Any) -> None
         out[_6 + p] = a2 * density
 
 
-@kernel(inner=True, fastmath=True)
+@loops(fastmath=True)
 def across(weight: Any, edge: Any, sums: Any) -> None:
     """Add an edge along u, times the difference of the modules there, to the sums along a row of modules."""
     for p in range(BLOCK):
@@ -105,7 +105,7 @@ def across(weight: Any, edge: Any, sums: Any) -> None:
         sums[_6 + p] += c * edge[_6 + p]
 
 
-@kernel(inner=True, fastmath=True)
+@loops(fastmath=True)
 def down(sums: Any, edge: Any, rho: Any, total: Any) -> None:
     """Add an edge along v, times the sums along u of the differences there, to P and its derivatives."""
     for p in range(BLOCK):
@@ -121,7 +121,7 @@ def down(sums: Any, edge: Any, rho: Any, total: Any) -> None:
         total[_4 + p] += e0 * s3 + e3 * s0
 
 
-@kernel(inner=True, fastmath=True)
+@loops(fastmath=True)
 def jacobian(light: Any, at: Any, geometry: Any, total: Any, response_slope: Any, out: Any) -> None:  # noqa: PLR0917
     """Fill the rows of the Jacobian; ``response_slope`` is 0 behind the last pixel."""
     gain, slope_x, slope_y, kappa = (

@@ -6,7 +6,7 @@ import numpy as np
 
 from boxcal.detect.alignment.numba.arrays import put_rows
 from boxcal.detect.alignment.numba.cholesky import factor, solve_lower
-from boxcal.detect.alignment.numba.kernel import kernel
+from boxcal.detect.alignment.numba.kernel import kernel, loops
 from boxcal.detect.alignment.numba.radial_camera import depth, local_undistortion, square, to_pixel
 from boxcal.detect.alignment.radial_camera import LOG_ASPECT, PER_RADIUS, SKEW
 from boxcal.detect.alignment.registration.finish import KURTOSIS_PRIOR, Finished
@@ -66,7 +66,7 @@ def _finish(  # noqa: PLR0917 - arrays in, arrays out
                         cov[k, c, i, j] = total * noise2
 
 
-@kernel(inner=True)
+@loops()
 def _worst(blocks: Any, side: Any, least: Any) -> float:
     """Return the largest mean residual of squares of modules that have pixels enough."""
     most = 0.0
@@ -83,7 +83,7 @@ def _worst(blocks: Any, side: Any, least: Any) -> float:
     return most
 
 
-@kernel(inner=True)
+@loops()
 def _corner(lens: Any, h: Any, normalisation: Any, u: Any, v: Any, out: Any) -> None:  # noqa: PLR0917
     """Fill the pixel of a place on the tag: H inverted by its adjugate, then bent as the reference does."""
     out[0], out[1] = np.nan, np.nan
@@ -99,7 +99,7 @@ def _corner(lens: Any, h: Any, normalisation: Any, u: Any, v: Any, out: Any) -> 
     out[0], out[1] = to_pixel(lens, ex, ey, D + bx * ex + by * ey)
 
 
-@kernel(inner=True)
+@loops()
 def moves_of(lens: Any, h: Any, normalisation: Any, corner: Any, out: Any) -> None:
     """Fill how a corner, px, moves with the homography: it stays where its modules are."""
     bx, by, D = local_undistortion(lens, normalisation)

@@ -14,7 +14,7 @@ from boxcal.detect.alignment.numba.cluster_sums import fill_squares
 from boxcal.detect.alignment.numba.collect import collect, place_all
 from boxcal.detect.alignment.numba.edges import module_differences
 from boxcal.detect.alignment.numba.image_model import ROWS, add_products, differentiate
-from boxcal.detect.alignment.numba.kernel import kernel
+from boxcal.detect.alignment.numba.kernel import kernel, loops
 from boxcal.detect.alignment.numba.pixels import add_blocks, initial_intensity, room, thin
 from boxcal.detect.alignment.registration.finish import KURTOSIS_PRIOR
 from boxcal.detect.alignment.registration.gauss_newton import (
@@ -142,7 +142,7 @@ def _solve(  # noqa: PLR0917
     solve_positive(A, b, step)
 
 
-@kernel(inner=True)
+@loops()
 def _hold(theta: Any, step: Any) -> None:
     """Hold a step back where it would leave what the model can follow."""
     for i in range(PARAMETERS):

@@ -12,7 +12,7 @@ import numpy as np
 
 from boxcal.detect.alignment.numba.arrays import clear, put
 from boxcal.detect.alignment.numba.edges import OF_EDGE, across, blur_geometry, down, edge, jacobian
-from boxcal.detect.alignment.numba.kernel import kernel
+from boxcal.detect.alignment.numba.kernel import kernel, loops
 from boxcal.detect.alignment.numba.pixels import BLOCK, widths
 from boxcal.detect.alignment.registration.parameters import PARAMETERS
 
@@ -27,7 +27,7 @@ _UNDER_1 = np.float32(1 - 2**-20)
 """The light that saturates, and still lies within the last step of a table."""
 
 
-@kernel(inner=True, fastmath=True)
+@loops(fastmath=True)
 def _residuals(  # noqa: PLR0917
     at: Any, light: Any, batch: Any, total: Any, used: Any, shown: Any, places: Any, response_slope: Any, out: Any,
     stats: Any,
@@ -68,7 +68,7 @@ def _residuals(  # noqa: PLR0917
     stats[5] += p2
 
 
-@kernel(inner=True, fastmath=True)
+@loops(fastmath=True)
 def _through_table(response: Any, shown: Any, response_slope: Any, step: Any, places: Any) -> None:
     """Replace light by grey levels, and fill the response curve's slopes there; the last two are room for as many."""
     last, most = np.float32(len(response) - 1), np.int32(len(response) - 2)
@@ -87,7 +87,7 @@ def _through_table(response: Any, shown: Any, response_slope: Any, step: Any, pl
         response_slope[p] = rise * last if t > _F0 and t < last * _UNDER_1 else _F0
 
 
-@kernel(inner=True, fastmath=True)
+@loops(fastmath=True)
 def _gather(table: Any, corner: Any, beyond: Any, weight: Any) -> None:
     """Fill weights from a table, so far beyond the first modules in reach."""
     shift = np.uint64(beyond)  # numba looks whether other numbers are negative, and counts from the end
@@ -160,7 +160,7 @@ def differentiate(batch: Any, tag: Any, table: Any, pixels: Any, n: Any, stats: 
     return jac
 
 
-@kernel(inner=True, fastmath=True)
+@loops(fastmath=True)
 def _begin_total(flat: Any, sums: Any, total: Any) -> None:
     """Fill P and its derivatives by u, v, log sigma and kurtosis as the edges along u alone make them."""
     for p in range(BLOCK):
@@ -171,7 +171,7 @@ def _begin_total(flat: Any, sums: Any, total: Any) -> None:
         total[4 * BLOCK + p] = sums[3 * BLOCK + p]
 
 
-@kernel(inner=True, fastmath=True)
+@loops(fastmath=True)
 def add_products(jac: Any, normal: Any, gradient: Any) -> None:
     """Fill the normal matrix and the gradient, four products of rows at a time."""
     for i in range(0, PARAMETERS, 2):

@@ -95,6 +95,15 @@ def kernel(*, inner: bool = False, **options: Any) -> Decorator:
     return compiled_in(cache_folder(), inner=inner, **options)
 
 
+def loops(**options: Any) -> Decorator:
+    """Compile what only compiled code calls and what makes no arrays, only views: references are not counted.
+
+    numba counts references by calls into its runtime, for each array that is handed over and for each part of one.
+    Where a function nevertheless makes an array, numba refuses to compile it. For the options see :func:`kernel`.
+    """
+    return kernel(inner=True, _nrt=False, **options)
+
+
 def compiled_in(folder: Path | None, *, inner: bool = False, **options: Any) -> Decorator:
     """Return a decorator as :func:`kernel` does, of code that is kept in a folder, if there is one."""
     wrappers: dict[str, Any] = {"no_cpython_wrapper": inner, "no_cfunc_wrapper": True}

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from boxcal.detect.alignment.numba.kernel import kernel
+from boxcal.detect.alignment.numba.kernel import kernel, loops
 from boxcal.detect.alignment.registration.image_model import LEAST_CONTRAST, MIDDLE
 
 BLOCK = 64
@@ -23,7 +23,7 @@ def room(box: Any) -> Any:
     return np.empty((max(box[1] - box[0], 0) * max(box[3] - box[2], 0) // BLOCK + 1, OF_PIXEL * BLOCK), np.float32)
 
 
-@kernel(inner=True, fastmath=ORDER)
+@loops(fastmath=ORDER)
 def widths(theta: Any, normalisation: Any) -> Any:
     """Return the blur's deviations along u and v at the tag's centre, modules."""
     sigma = np.exp(theta[12]) * normalisation[2]
@@ -32,7 +32,7 @@ def widths(theta: Any, normalisation: Any) -> Any:
     return sigma * np.sqrt(u0 * u0 + u1 * u1), sigma * np.sqrt(v0 * v0 + v1 * v1)
 
 
-@kernel(inner=True)
+@loops()
 def fill_up(pixels: Any, n: Any) -> None:
     """Fill what n pixels leave free of their last block with the first pixel."""
     block = pixels[n // BLOCK]
@@ -76,7 +76,7 @@ def initial_intensity(batch: Any, k: Any, pixels: Any, n: Any) -> None:
         theta[8], theta[9] = black, max(white - black, LEAST_CONTRAST)
 
 
-@kernel(inner=True)
+@loops()
 def _light_of(response: Any, grey: Any) -> Any:
     """Return the light that a response curve makes a grey level of."""
     last = len(response) - 1
@@ -94,7 +94,7 @@ def _light_of(response: Any, grey: Any) -> Any:
     return (low + (grey - response[low]) / (response[high] - response[low])) / last
 
 
-@kernel(inner=True, fastmath=ORDER)
+@loops(fastmath=ORDER)
 def add_blocks(pixels: Any, n: Any, jac: Any, blocks: Any) -> None:
     """Add the residuals of collected pixels to the sums over modules."""
     side = blocks.shape[0]

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from boxcal.detect.alignment.numba.kernel import kernel
+from boxcal.detect.alignment.numba.kernel import loops
 from boxcal.detect.alignment.radial_camera import (
     A1,
     A2,
@@ -21,7 +21,7 @@ from boxcal.detect.alignment.radial_camera import (
 )
 
 
-@kernel(inner=True)
+@loops()
 def depth(lens: Any, q: Any) -> tuple[float, float, float]:
     """Return g at the squared radius q, its slope and ``g - d dg/dd``, as the reference of the same name does."""
     a1, a2, a3 = lens[A1], lens[A2], lens[A3]
@@ -32,13 +32,13 @@ def depth(lens: Any, q: Any) -> tuple[float, float, float]:
     )
 
 
-@kernel(inner=True)
+@loops()
 def square(lens: Any, dx: Any, dy: Any) -> tuple[float, float]:
     """Return a pixel from the centre as a camera with square pixels without skew would have it."""
     return dx - lens[SKEW] * dy, np.exp(lens[LOG_ASPECT]) * dy
 
 
-@kernel(inner=True)
+@loops()
 def local_undistortion(lens: Any, normalisation: Any) -> tuple[float, float, float]:
     """Return b and D of the chart about a tag's centre, see :func:`boxcal.detect.alignment.radial_camera.chart`."""
     dx, dy = square(lens, normalisation[0] - lens[CENTRE_X], normalisation[1] - lens[CENTRE_Y])
@@ -46,7 +46,7 @@ def local_undistortion(lens: Any, normalisation: Any) -> tuple[float, float, flo
     return slope * dx, slope * dy, D
 
 
-@kernel(inner=True)
+@loops()
 def to_pixel(lens: Any, x: Any, y: Any, z: Any) -> tuple[float, float]:
     """Return the pixel that sees along a ray, NaN if none does; the reference is ``radial_camera.to_pixels``."""
     rho = np.hypot(x, y) * lens[PER_RADIUS]
