@@ -27,6 +27,12 @@ class Backend:
         Of :mod:`boxcal.calib.likelihood.corner_sums`.
     moved_points
         Of :mod:`boxcal.calib.likelihood.moved_points`.
+    add_legs
+        Of :mod:`boxcal.calib.likelihood.leg_sums`.
+    inverses, scaled_inverses, scaled_determinants
+        Of :mod:`boxcal.calib.likelihood.small_matrices`.
+    without_local
+        Of :mod:`boxcal.calib.likelihood.local_elimination`.
     """
 
     eliminate_stops: Callable[..., Any]
@@ -37,6 +43,11 @@ class Backend:
     corner_sums: Callable[..., tuple[Any, ...]]
     group_sums: Callable[..., Any]
     moved_points: Callable[..., Any]
+    add_legs: Callable[..., None]
+    inverses: Callable[..., tuple[Any, Any]]
+    scaled_inverses: Callable[..., tuple[Any, Any, float]]
+    scaled_determinants: Callable[..., tuple[Any, Any, float]]
+    without_local: Callable[..., tuple[Any, Any, float, float]]
 
 
 def backend() -> Backend:
@@ -55,10 +66,15 @@ def numpy_backend() -> Backend:
         corner_rows,
         corner_sums,
         leg_propagation,
+        leg_sums,
+        local_elimination,
         moved_points,
+        small_matrices,
     )
 
-    return _of(chain, leg_propagation, corner_rows, corner_sums, moved_points)
+    return _of(
+        chain, leg_propagation, corner_rows, corner_sums, moved_points, leg_sums, small_matrices, local_elimination
+    )
 
 
 @cache
@@ -72,12 +88,30 @@ def numba_backend() -> Backend:
 
 def loops() -> Backend:
     """Return compiled code; each function is compiled, or read from the cache, when it is first called."""
-    from boxcal.calib.likelihood.compiled import chain, corner_sums, corners, legs, moved_points  # noqa: PLC0415 - slow to import
+    from boxcal.calib.likelihood.compiled import (  # noqa: PLC0415 - slow to import
+        chain,
+        corner_sums,
+        corners,
+        leg_sums,
+        legs,
+        local_elimination,
+        moved_points,
+        small_matrices,
+    )
 
-    return _of(chain, legs, corners, corner_sums, moved_points)
+    return _of(chain, legs, corners, corner_sums, moved_points, leg_sums, small_matrices, local_elimination)
 
 
-def _of(chain: ModuleType, legs: ModuleType, corners: ModuleType, sums: ModuleType, points: ModuleType) -> Backend:
+def _of(  # noqa: PLR0917 - one for each
+    chain: ModuleType,
+    legs: ModuleType,
+    corners: ModuleType,
+    sums: ModuleType,
+    points: ModuleType,
+    of_legs: ModuleType,
+    small: ModuleType,
+    local: ModuleType,
+) -> Backend:
     return Backend(
         eliminate_stops=chain.eliminate_stops,
         substitute_back=chain.substitute_back,
@@ -87,4 +121,9 @@ def _of(chain: ModuleType, legs: ModuleType, corners: ModuleType, sums: ModuleTy
         corner_sums=sums.corner_sums,
         group_sums=sums.group_sums,
         moved_points=points.moved_points,
+        add_legs=of_legs.add_legs,
+        inverses=small.inverses,
+        scaled_inverses=small.scaled_inverses,
+        scaled_determinants=small.scaled_determinants,
+        without_local=local.without_local,
     )

@@ -8,7 +8,7 @@ import numpy as np
 from boxcal.target.arrays import Array
 
 
-def eliminate_stops(D: Array, E: Array, right: Array) -> tuple[Array, Array, Array]:
+def eliminate_stops(D: Array, E: Array, right: Array) -> tuple[Array, Array, Array, Array]:
     """Eliminate the stops in order, each from the next; ``right`` is changed in place.
 
     Parameters
@@ -26,6 +26,8 @@ def eliminate_stops(D: Array, E: Array, right: Array) -> tuple[Array, Array, Arr
         Inverses of the blocks where they are eliminated, and these times E.
     back : (K, P, 5, m)
         Pivots times right-hand sides.
+    log_det : (K,)
+        Logarithms of the determinants of the stops' equations.
 
     Raises
     ------
@@ -42,7 +44,7 @@ def eliminate_stops(D: Array, E: Array, right: Array) -> tuple[Array, Array, Arr
             Gt = np.swapaxes(G, -1, -2)
             block = D[:, i + 1] - Gt @ E[:, i]
             right[:, i + 1] -= Gt @ right[:, i]
-    return pivots, gains, pivots @ right
+    return pivots, gains, pivots @ right, -np.sum(np.linalg.slogdet(pivots)[1], axis=1)
 
 
 def substitute_back(gains: Array, back: Array) -> None:

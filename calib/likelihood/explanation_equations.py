@@ -17,8 +17,8 @@ from boxcal.calib.likelihood.corner_sums import by_stop
 from boxcal.calib.likelihood.explanation import Explanation, stacked
 from boxcal.calib.likelihood.fit import Tested
 from boxcal.calib.likelihood.leg_residuals import FIRST_STOP, SECOND_STOP, LegResiduals, leg_columns, leg_equations
-from boxcal.calib.likelihood.levenberg_marquardt import leg_information, picture_equations
-from boxcal.calib.likelihood.normal_equations import Normal, eliminate
+from boxcal.calib.likelihood.levenberg_marquardt import leg_information, reduced_picture_equations
+from boxcal.calib.likelihood.normal_equations import Normal
 from boxcal.calib.likelihood.picture_blocks import group_blocks
 from boxcal.calib.likelihood.problem import PER_STOP, Problem
 from boxcal.calib.likelihood.state import State
@@ -126,7 +126,7 @@ def explanation_equations(
     """Return the equations about a solution for variance components and levels of slip (K,), m/sqrt(m)."""
     problem, at = fit.problem, fit.at
     n, M, P, w = len(problem.names), len(new.right), len(problem.drive), components.noise_scale**-2
-    pictures, e = eliminate(picture_equations(problem, at, components)[0])
+    pictures, e, _ = reduced_picture_equations(problem, at, components)
     information = leg_information(problem, at.legs, fit.weights, slip)
     normal = pictures.plus(leg_equations(problem, at.legs, information))
     with_local = w * new.with_local * components.local_sigma
@@ -179,7 +179,7 @@ def _swept(normal: Normal, with_stop: Array) -> tuple[Array, Array]:
     right = np.empty((*normal.c.shape, n + M + 1))  # contiguous, as compiled code was made for
     right[..., :n], right[..., n:-1] = np.swapaxes(normal.B, -1, -2), np.swapaxes(with_stop, -1, -2)
     right[..., -1] = normal.c
-    _, _, back = backend().eliminate_stops(normal.D, normal.E, right)
+    _, _, back, _ = backend().eliminate_stops(normal.D, normal.E, right)
     K, columns = len(right), right.shape[-1]
     return right.reshape(K, -1, columns), back.reshape(K, -1, columns)
 

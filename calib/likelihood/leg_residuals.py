@@ -6,13 +6,14 @@ import numpy as np
 
 from boxcal.calib.geometry.parameters import WHEELS
 from boxcal.calib.geometry.so3_se3 import wrap
+from boxcal.calib.likelihood.backend import backend
 from boxcal.calib.likelihood.explanation import Columns
 from boxcal.calib.likelihood.leg_model import LegModel, leg_model
 from boxcal.calib.likelihood.normal_equations import Normal
 from boxcal.calib.likelihood.problem import PER_STOP, Problem
 from boxcal.calib.likelihood.state import State
 from boxcal.calib.likelihood.stop_elimination import Bordered
-from boxcal.target.arrays import Array, Ids
+from boxcal.target.arrays import Array
 
 LEG_UNKNOWNS = 3 + 2 * PER_STOP
 """A leg depends on rR, rL, b and on the unknowns of its two stops."""
@@ -93,13 +94,18 @@ _NEGLIGIBLE = 1e-20
 
 def leg_equations(problem: Problem, legs: LegResiduals, information: Array) -> Normal:
     """Return the legs' normal equations for information matrices (..., N, 3, 3)."""
-    H, g = _products(legs, information)
     batch, n, P = information.shape[:-3], len(problem.names), len(problem.drive)
-    A, a, B = np.zeros((*batch, n, n)), np.zeros((*batch, n)), np.zeros((*batch, P, n, PER_STOP))
-    D, c = np.zeros((*batch, P, PER_STOP, PER_STOP)), np.zeros((*batch, P, PER_STOP))
+    A, a, right = np.zeros((*batch, n, n)), np.zeros((*batch, n)), np.zeros((*batch, P, PER_STOP, n + 1))
+    D = np.zeros((*batch, P, PER_STOP, PER_STOP))
     E = np.zeros_like(D)
-    _add(problem, (H, g), (A, a, D, E), np.swapaxes(B, -1, -2), c)
-    return Normal(A=A, B=B, D=D, E=E, a=a, c=c)
+    K = int(np.prod(batch, dtype=np.int64))
+    _add(
+        problem,
+        legs,
+        information.reshape(K, -1, 3, 3),
+        tuple(x.reshape(K, *x.shape[len(batch) :]) for x in (A, a, D, E, right)),
+    )
+    return Normal(A=A, B=np.swapaxes(right[..., :n], -1, -2), D=D, E=E, a=a, c=right[..., n])
 
 
 def with_legs(problem: Problem, others: Normal, legs: LegResiduals, information: Array) -> Bordered:
@@ -110,13 +116,13 @@ def with_legs(problem: Problem, others: Normal, legs: LegResiduals, information:
     K, (P, n) = len(information), others.B.shape[-3:-1]
 
     def many(part: Array, *shape: int) -> Array:
-        return np.array(np.broadcast_to(part, (K, *shape)))
+        return np.array(np.broadcast_to(part, (K, *shape)), order="C")
 
     right = np.empty((K, P, PER_STOP, n + 1))
     right[..., :n], right[..., n] = np.swapaxes(others.B, -1, -2), others.c
     A, a = many(others.A, n, n), many(others.a, n)
     D, E = many(others.D, P, PER_STOP, PER_STOP), many(others.E, P, PER_STOP, PER_STOP)
-    _add(problem, _products(legs, information), (A, a, D, E), right[..., :n], right[..., n])
+    _add(problem, legs, information, (A, a, D, E, right))
     return Bordered(A=A, a=a, D=D, E=E, right=right)
 
 
@@ -125,38 +131,10 @@ def leg_squares(legs: LegResiduals, information: Array) -> Array:
     return np.asarray(np.einsum("...ni,...nij,...nj->...", legs.residual, information, legs.residual))
 
 
-def _products(legs: LegResiduals, information: Array) -> tuple[Array, Array]:
-    """Return each leg's normal equations, (..., N, 13 + k, 13 + k), and right-hand sides, (..., N, 13 + k)."""
-    J = legs.jacobian
+def _add(problem: Problem, legs: LegResiduals, information: Array, to: tuple[Array, ...]) -> None:
+    """Add legs' equations to A, a, D, E of K systems, and to their stops by shared unknowns, in place."""
+    J, shared = legs.jacobian, np.arange(WHEELS.start, WHEELS.stop)
     if legs.J_explained.shape[2]:
         J = np.concatenate([J, legs.J_explained], axis=2)
-    JtN = np.swapaxes(J, 1, 2) @ information
-    return JtN @ J, (JtN @ legs.residual[:, :, None])[..., 0]
-
-
-def _add(
-    problem: Problem, products: tuple[Array, Array], to: tuple[Array, Array, Array, Array], right: Array, c: Array
-) -> None:
-    """Add legs' equations to A, a, D, E, to stops by shared unknowns (..., P, 5, n) and to their right-hand sides c."""
-    (H, g), (A, a, D, E), K = products, to, products[0].shape[-1] - LEG_UNKNOWNS
-    blocks = [(WHEELS, slice(0, 3))]
-    if K:
-        blocks.append((problem.explained, slice(LEG_UNKNOWNS, LEG_UNKNOWNS + K)))
-    for at, part in blocks:
-        a[..., at] += g[..., part].sum(axis=-2)
-        for other, part_2 in blocks:
-            A[..., at, other] += H[..., part, part_2].sum(axis=-3)
-    for first, part in ((0, FIRST_STOP), (1, SECOND_STOP)):
-        stops = _run(problem.leg_stop + first)
-        for at, shared in blocks:
-            right[..., stops, :, at] += H[..., part, shared]
-        D[..., stops, :, :] += H[..., part, part]
-        c[..., stops, :] += g[..., part]
-    E[..., _run(problem.leg_stop), :, :] += H[..., FIRST_STOP, SECOND_STOP]
-
-
-def _run(places: Ids) -> Ids | slice:
-    """Return ascending places as a slice where they follow each other, which takes a fraction of the time."""
-    if len(places) and places[-1] - places[0] == len(places) - 1:
-        return slice(int(places[0]), int(places[-1]) + 1)
-    return places
+        shared = np.append(shared, np.arange(problem.explained.start, problem.explained.stop))
+    backend().add_legs(J, legs.residual, information, problem.leg_stop, shared, to)

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from boxcal.calib.geometry.two_by_two import inverses, products
+from boxcal.calib.likelihood.backend import backend
 from boxcal.calib.likelihood.components import VarianceComponents
 from boxcal.calib.likelihood.corner_residuals import Corners, corner_equations, corner_residuals
 from boxcal.calib.likelihood.explanation import Columns, explained_columns
@@ -15,7 +16,7 @@ from boxcal.calib.likelihood.leg_residuals import (
     leg_residuals,
     leg_squares,
 )
-from boxcal.calib.likelihood.normal_equations import Local, Normal
+from boxcal.calib.likelihood.normal_equations import Eliminated, Local, Normal
 from boxcal.calib.likelihood.priors import add_priors
 from boxcal.calib.likelihood.problem import Problem
 from boxcal.calib.likelihood.state import State, retract
@@ -122,7 +123,8 @@ def _with_corners(problem: Problem, at: Linearization, corners: Corners, weight:
 
 def leg_information(problem: Problem, legs: LegResiduals, weights: Weights, slip: Array) -> Array:
     """Return the legs' information matrices, (..., N, 3, 3), for slip (...)."""
-    return np.asarray(np.linalg.inv(leg_covariance(problem, legs.model, slip)) * weights.legs[:, None, None])
+    inverse, _ = backend().inverses(leg_covariance(problem, legs.model, slip))
+    return np.asarray(inverse * weights.legs[:, None, None])
 
 
 def picture_equations(
@@ -135,9 +137,7 @@ def picture_equations(
     """
     w = components.noise_scale**-2
     corners, local = at.corner_normal, at.corner_local
-    values = np.column_stack([at.state.lean, at.state.growth])
-    s = np.broadcast_to(components.local_sigma if local_sigma is None else local_sigma, values.shape)
-    unit = np.divide(values, s, out=np.zeros_like(values), where=s > 0)
+    s, unit = _local_units(at, components, local_sigma)
     own = Local(
         D=w * local.D * (s[:, :, None] * s[:, None, :]) + np.eye(s.shape[1]),
         by_shared=w * local.by_shared * s[:, None, :],
@@ -149,6 +149,40 @@ def picture_equations(
     )
     prior_squares = add_priors(problem, at.state, components.prior_sigma(problem), normal)
     return normal, float(w * at.corner_squares.sum() + prior_squares + np.sum(unit**2))
+
+
+def reduced_picture_equations(
+    problem: Problem, at: Linearization, components: VarianceComponents, local_sigma: Array | None = None
+) -> tuple[Normal, Eliminated, float]:
+    """Return the equations of corners and priors without their local unknowns, how to find these, and the squares.
+
+    What :func:`picture_equations` and :func:`boxcal.calib.likelihood.normal_equations.eliminate` give, in one pass.
+    """
+    w = components.noise_scale**-2
+    corners, local = at.corner_normal, at.corner_local
+    s, unit = _local_units(at, components, local_sigma)
+    (A, right, D, a), found, decrease, log_det = backend().without_local(
+        (corners.A, corners.B, corners.D, corners.a, corners.c),
+        (local.D, local.by_shared, local.by_chain, local.c),
+        w,
+        s,
+        unit,
+    )
+    n = len(a)
+    normal = Normal(A=A, B=np.swapaxes(right[..., :n], 1, 2), D=D, E=corners.E, a=a, c=right[..., n])
+    prior_squares = add_priors(problem, at.state, components.prior_sigma(problem), normal)
+    inverse, by_shared, by_chain, c = found
+    eliminated = Eliminated(
+        inverse=inverse, by_shared=by_shared, by_chain=by_chain, c=c, decrease=decrease, log_det=log_det
+    )
+    return normal, eliminated, float(w * at.corner_squares.sum() + prior_squares + np.sum(unit**2))
+
+
+def _local_units(at: Linearization, components: VarianceComponents, local_sigma: Array | None) -> tuple[Array, Array]:
+    """Return the standard deviations of the local unknowns, (P, q), and their values in these."""
+    values = np.column_stack([at.state.lean, at.state.growth])
+    s = np.broadcast_to(components.local_sigma if local_sigma is None else local_sigma, values.shape)
+    return s, np.divide(values, s, out=np.zeros_like(values), where=s > 0)
 
 
 def equations(

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from boxcal.calib.likelihood.backend import backend
 from boxcal.target.arrays import Array
 
 
@@ -125,7 +126,7 @@ def eliminate(normal: Normal) -> tuple[Normal, Eliminated]:
             decrease=0.0,
             log_det=0.0,
         )
-    inverse = np.asarray(np.linalg.inv(local.D), dtype=np.float64)
+    inverse, log_det = backend().inverses(local.D)
     by_shared = inverse @ np.swapaxes(local.by_shared, -1, -2)
     by_chain = inverse @ np.swapaxes(local.by_chain, -1, -2)
     c = (inverse @ local.c[..., None])[..., 0]
@@ -145,6 +146,6 @@ def eliminate(normal: Normal) -> tuple[Normal, Eliminated]:
         by_chain=by_chain,
         c=c,
         decrease=float(np.sum(c * local.c)),
-        log_det=-float(np.sum(np.linalg.slogdet(inverse)[1])),
+        log_det=float(np.sum(log_det)),
     )
     return reduced, eliminated

@@ -23,6 +23,7 @@ from boxcal.calib.likelihood.levenberg_marquardt import (
     maximise,
     moved,
     picture_equations,
+    reduced_picture_equations,
     reweighted,
     rewhitened,
 )
@@ -38,7 +39,7 @@ from boxcal.calib.likelihood.outliers import (
 from boxcal.calib.likelihood.problem import Problem
 from boxcal.calib.likelihood.slip_profile import SlipProfile, fixed_profile, quiet_slip, slip_profile
 from boxcal.calib.likelihood.state import State
-from boxcal.calib.likelihood.stop_elimination import solve
+from boxcal.calib.likelihood.stop_elimination import solve_chain
 from boxcal.calib.likelihood.systematic_errors import systematic_covariance
 from boxcal.calib.likelihood.variance_components import (
     first_components,
@@ -221,7 +222,8 @@ def _components(  # noqa: PLR0917 - a solution and what it is of
     steps: list[VarianceComponents] = [components]
     legs = leg_equations(problem, at.legs, leg_information(problem, at.legs, weights, np.array(components.slip)))
     for _ in range(_INNER):  # slip stays
-        solution = solve(picture_equations(problem, at, components)[0].plus(legs))
+        pictures, eliminated, _ = reduced_picture_equations(problem, at, components)
+        solution = solve_chain(pictures.plus(legs), eliminated)
         joint = solution.joint_covariances()
         new = updated(problem, at, components, solution, joint)
         if options.noise_scale is None:

@@ -13,11 +13,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from boxcal.calib.likelihood.backend import backend
 from boxcal.calib.likelihood.components import VarianceComponents
 from boxcal.calib.likelihood.information_inverse import determinant
 from boxcal.calib.likelihood.leg_residuals import LegResiduals, leg_covariance, leg_squares, with_legs
-from boxcal.calib.likelihood.levenberg_marquardt import Linearization, Weights, picture_equations
-from boxcal.calib.likelihood.normal_equations import Eliminated, Normal, eliminate
+from boxcal.calib.likelihood.levenberg_marquardt import Linearization, Weights, reduced_picture_equations
+from boxcal.calib.likelihood.normal_equations import Eliminated, Normal
 from boxcal.calib.likelihood.problem import Problem
 from boxcal.calib.likelihood.stop_elimination import (
     Bordered,
@@ -297,15 +298,15 @@ class _System(NamedTuple):
 
 
 def _system(problem: Problem, at: Linearization, components: VarianceComponents, weights: Weights) -> _System:
-    pictures, squares = picture_equations(problem, at, components)
-    return _System(problem, at.legs, weights.legs, *eliminate(pictures), squares)
+    return _System(problem, at.legs, weights.legs, *reduced_picture_equations(problem, at, components))
 
 
 def _with_legs(system: _System, slip: Array) -> tuple[Bordered, Array]:
     """Return the equations at levels of slip (K,), and the legs' log determinants of noise plus all squares (K,)."""
     cov = leg_covariance(system.problem, system.legs.model, slip)
-    information = np.linalg.inv(cov) * system.weight[:, None, None]
+    inverse, log_det = backend().inverses(cov)
+    information = inverse * system.weight[:, None, None]
     squares = leg_squares(system.legs, information)
-    log_noise = np.sum(np.linalg.slogdet(cov)[1] * (system.weight > 0), axis=-1)
+    log_noise = np.sum(log_det * (system.weight > 0), axis=-1)
     equations = with_legs(system.problem, system.pictures, system.legs, information)
     return equations, log_noise + squares + system.squares

@@ -186,20 +186,20 @@ def eliminate_chain(equations: Normal | Bordered) -> EliminatedChain:
     e = bordered(equations) if isinstance(equations, Normal) else equations
     right, compute = e.right, backend()
     n, batch = right.shape[-1] - 1, right.shape[:-3]
-    pivots, gains, back = (
-        part.reshape(*batch, *part.shape[1:])
+    pivots, gains, back, log_det = (
+        part.reshape((*batch, *part.shape[1:]))
         for part in compute.eliminate_stops(_as_batch(e.D, 3), _as_batch(e.E, 3), _as_batch(right, 3))
     )
-    flat = right[..., :n].reshape(*batch, -1, n)
+    flat = right.reshape(*batch, -1, n + 1)
     reduced = np.swapaxes(flat, -1, -2) @ back.reshape(*batch, -1, n + 1)
     return EliminatedChain(
-        information=e.A - reduced[..., :n],
-        right=e.a - reduced[..., n],
+        information=e.A - reduced[..., :n, :n],
+        right=e.a - reduced[..., :n, n],
         back=back,
         pivots=pivots,
         gains=gains,
-        decrease=np.einsum("...pk,...pk->...", right[..., n], back[..., n]),
-        log_det=-np.sum(np.linalg.slogdet(pivots)[1], axis=-1),
+        decrease=reduced[..., n, n],
+        log_det=log_det,
     )
 
 

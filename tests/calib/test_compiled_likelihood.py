@@ -5,7 +5,16 @@ from boxcal.calib.diagnosis.explained_estimate import estimate_explained
 from boxcal.calib.geometry.diff_drive import Legs
 from boxcal.calib.likelihood import EstimateOptions
 from boxcal.calib.likelihood.backend import backend, numba_backend, numpy_backend
-from boxcal.calib.likelihood.compiled import chain, corner_sums, corners, legs, moved_points
+from boxcal.calib.likelihood.compiled import (
+    chain,
+    corner_sums,
+    corners,
+    leg_sums,
+    legs,
+    local_elimination,
+    moved_points,
+    small_matrices,
+)
 from boxcal.calib.likelihood.compiled.compilation import compile_all
 from boxcal.calib.likelihood.problem import build_problem
 from boxcal.calib.likelihood.wheel_path import wheel_path
@@ -30,10 +39,10 @@ def test_compiled_chain_is_the_reference(systems, stops):
     found = []
     for compute in (COMPILED, REFERENCE):
         left = right.copy()
-        pivots, gains, back = compute.eliminate_stops(D, E, left)
+        pivots, gains, back, log_det = compute.eliminate_stops(D, E, left)
         forward = back.copy()
         compute.substitute_back(gains, back)
-        found.append((pivots, gains, forward, back, left, *compute.chain_covariances(pivots, gains)))
+        found.append((pivots, gains, forward, back, left, log_det, *compute.chain_covariances(pivots, gains)))
     for ours, reference in zip(*found, strict=True):
         np.testing.assert_allclose(ours, reference, rtol=1e-11, atol=1e-13)
 
@@ -86,6 +95,69 @@ def test_compiled_motion_of_points_is_the_reference():
     np.testing.assert_allclose(COMPILED.moved_points(*given), REFERENCE.moved_points(*given), rtol=1e-13, atol=1e-14)
 
 
+@pytest.mark.parametrize("explained", [0, 2])
+def test_compiled_equations_of_legs_are_the_reference(explained):
+    """Of two drives one behind the other, with unknowns of explanations among the shared ones or without."""
+    rng = np.random.default_rng(5)
+    K, N, P, n = 3, 4, 6, 12
+    jacobian, residual = rng.normal(size=(N, 3, 13 + explained)), rng.normal(size=(N, 3))
+    half = rng.normal(size=(K, N, 3, 3))
+    stops, shared = np.array([0, 1, 3, 4]), np.r_[5:8, 9 : 9 + explained]
+    shapes = (K, n, n), (K, n), (K, P, 5, 5), (K, P, 5, 5), (K, P, 5, n + 1)
+    begun = tuple(rng.normal(size=shape) for shape in shapes)
+    both = []
+    for compute in (COMPILED, REFERENCE):
+        to = tuple(part.copy() for part in begun)
+        compute.add_legs(jacobian, residual, half @ np.swapaxes(half, -1, -2), stops, shared, to)
+        both.append(to)
+    for ours, reference in zip(*both, strict=True):
+        np.testing.assert_allclose(ours, reference, rtol=1e-11, atol=1e-12)
+
+
+def _definite(rng, *shape):
+    half = rng.normal(size=(*shape, shape[-1] + 3))
+    return half @ np.swapaxes(half, -1, -2)
+
+
+def test_compiled_inverses_and_determinants_are_the_reference():
+    rng = np.random.default_rng(6)
+    scale = 10.0 ** rng.uniform(-4, 4, 8)
+    S, right = _definite(rng, 2, 8) * scale[:, None] * scale, rng.normal(size=(2, 8))
+    for name, given in (("inverses", (_definite(rng, 3, 2, 4),)), ("scaled_inverses", (S,)),
+                        ("scaled_determinants", (S, right))):  # fmt: skip
+        copies = [part.copy() for part in given]
+        for ours, reference in zip(getattr(COMPILED, name)(*given), getattr(REFERENCE, name)(*given), strict=True):
+            np.testing.assert_allclose(ours, reference, rtol=1e-9, err_msg=name)
+        for part, before in zip(given, copies, strict=True):
+            np.testing.assert_array_equal(part, before)
+
+
+@pytest.mark.parametrize("compute", [COMPILED, REFERENCE], ids=["compiled", "reference"])
+def test_matrices_without_an_inverse_are_told(compute):
+    with pytest.raises(np.linalg.LinAlgError):
+        compute.inverses(np.zeros((2, 3, 3)))
+    indefinite = np.array([[1.0, 2.0], [2.0, 1.0]])
+    assert compute.scaled_inverses(indefinite)[2] <= 0
+    assert compute.scaled_determinants(indefinite, np.ones(2))[2] <= 0
+
+
+def test_compiled_elimination_of_local_unknowns_is_the_reference():
+    """One of them without any freedom."""
+    rng = np.random.default_rng(7)
+    P, n, q = 4, 6, 3
+    whole = _definite(rng, P, n + 5 + q)
+    A, B, D = whole[:, :n, :n].sum(axis=0), whole[:, :n, n : n + 5], whole[:, n : n + 5, n : n + 5]
+    local = whole[:, n + 5 :, n + 5 :], whole[:, :n, n + 5 :], whole[:, n : n + 5, n + 5 :], rng.normal(size=(P, q))
+    sigma = rng.uniform(0.5, 2, (P, q))
+    sigma[:, 1] = 0.0
+    given = (A, B, D, rng.normal(size=n), rng.normal(size=(P, 5))), local, 0.7, sigma, rng.normal(size=(P, q))
+    ours, reference = COMPILED.without_local(*given), REFERENCE.without_local(*given)
+    for mine, theirs in zip(
+        (*ours[0], *ours[1], *ours[2:]), (*reference[0], *reference[1], *reference[2:]), strict=True
+    ):
+        np.testing.assert_allclose(mine, theirs, rtol=1e-10, atol=1e-11)
+
+
 @pytest.mark.parametrize("still", [False, True], ids=["both wheels roll", "a wheel stands on two legs"])
 @pytest.mark.parametrize("added", [False, True], ids=["radii only", "explained travel"])
 def test_compiled_legs_are_the_reference(still, added):
@@ -117,6 +189,11 @@ def test_nothing_is_compiled_in_use_beyond_what_is_prepared():
         corner_sums.fill_sums,
         corner_sums.fill_equations,
         moved_points.move,
+        leg_sums.add_to,
+        small_matrices.sweep_all,
+        small_matrices.sweep_scaled,
+        small_matrices.factor_scaled,
+        local_elimination.eliminate_local,
     )
     drive = simulate_drive(khepera(), make_target(), DriveOptions(stops=8, slip=3e-4), np.random.default_rng(1))
     seen = exact_correspondences(khepera(), make_target(), drive, 0.2, np.random.default_rng(2))

@@ -8,30 +8,13 @@ from typing import Any
 import numpy as np
 
 from boxcal.calib.likelihood.compiled.kernel import kernel
-
-
-@kernel(inner=True)
-def _sweep(A: Any) -> bool:
-    """Replace A (k, k) by its inverse, by Gauss-Jordan elimination; A is positive definite, so no pivot is sought."""
-    k = A.shape[0]
-    for i in range(k):
-        pivot = A[i, i]
-        if pivot == 0.0 or not np.isfinite(pivot):
-            return False
-        A[i, i] = 1.0
-        for m in range(k):
-            A[i, m] /= pivot
-        for r in range(k):
-            if r != i:
-                f = A[r, i]
-                A[r, i] = 0.0
-                for m in range(k):
-                    A[r, m] -= f * A[i, m]
-    return True
+from boxcal.calib.likelihood.compiled.small_matrices import sweep
 
 
 @kernel()
-def _eliminate(D: Any, E: Any, right: Any, pivots: Any, gains: Any, back: Any) -> bool:  # noqa: PLR0912, PLR0917
+def _eliminate(  # noqa: PLR0912, PLR0917
+    D: Any, E: Any, right: Any, pivots: Any, gains: Any, back: Any, log_det: Any
+) -> bool:
     K, P, k, columns = right.shape
     work = np.empty((k, k))
     for q in range(K):
@@ -47,8 +30,10 @@ def _eliminate(D: Any, E: Any, right: Any, pivots: Any, gains: Any, back: Any) -
                             work[i, m] -= f * E[q, p - 1, j, m]
                         for m in range(columns):
                             right[q, p, i, m] -= f * right[q, p - 1, j, m]
-            if not _sweep(work):
+            log_pivot, _ = sweep(work)
+            if np.isnan(log_pivot):
                 return False
+            log_det[q] += log_pivot
             for i in range(k):
                 for j in range(k):
                     f = work[i, j]
@@ -61,12 +46,12 @@ def _eliminate(D: Any, E: Any, right: Any, pivots: Any, gains: Any, back: Any) -
     return True
 
 
-def eliminate_stops(D: Any, E: Any, right: Any) -> tuple[Any, Any, Any]:
+def eliminate_stops(D: Any, E: Any, right: Any) -> tuple[Any, Any, Any, Any]:
     """Eliminate the stops in order: see :func:`boxcal.calib.likelihood.chain.eliminate_stops`."""
-    pivots, gains, back = np.empty(D.shape), np.zeros(D.shape), np.zeros(right.shape)
-    if not _eliminate(D, E, right, pivots, gains, back):
+    pivots, gains, back, log_det = np.empty(D.shape), np.zeros(D.shape), np.zeros(right.shape), np.zeros(len(D))
+    if not _eliminate(D, E, right, pivots, gains, back, log_det):
         raise np.linalg.LinAlgError("Singular matrix")
-    return pivots, gains, back
+    return pivots, gains, back, log_det
 
 
 @kernel()

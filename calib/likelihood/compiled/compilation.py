@@ -65,7 +65,7 @@ def compile_all() -> None:
     compute = loops()
     D = np.eye(5)[None, None]
     right = np.ones((1, 1, 5, 2))
-    pivots, gains, back = compute.eliminate_stops(D, D, right)
+    pivots, gains, back, _ = compute.eliminate_stops(D, D, right)
     compute.substitute_back(gains, back)
     compute.chain_covariances(pivots, gains)
     path = wheel_path([Legs(dphi_R=np.ones(1), dphi_L=np.ones(1), ends=(0, 1))])
@@ -79,6 +79,15 @@ def compile_all() -> None:
     compute.moved_points(np.ones((1, 3, 3)), np.ones((1, 3)), np.zeros(1, dtype=np.int64), np.ones((1, 3)))
     rows, first = (np.ones((1, 2, 3)), one, np.ones(1)), np.zeros(1, dtype=np.int64)
     compute.corner_sums(rows, first, first, 1, np.ones((1, 3, 4)), np.ones((1, 3, 2)))
+    to = np.zeros((1, 3, 3)), np.zeros((1, 3)), np.zeros((1, 2, 5, 5)), np.zeros((1, 2, 5, 5)), np.zeros((1, 2, 5, 4))
+    compute.add_legs(np.ones((1, 3, 13)), np.ones((1, 3)), np.ones((1, 1, 3, 3)), first, np.arange(3), to)
+    compute.inverses(D)
+    compute.scaled_inverses(D)
+    compute.scaled_determinants(D, np.ones((1, 1, 5)))
+    chain = np.eye(2), np.ones((1, 2, 5)), D[0], np.ones(2), np.ones((1, 5))
+    compute.without_local(
+        chain, (D[0, :, :4, :4], np.ones((1, 2, 4)), np.ones((1, 5, 4)), np.ones((1, 4))), 1.0, *np.ones((2, 1, 4))
+    )
 
 
 if __name__ == "__main__":

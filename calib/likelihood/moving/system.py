@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from boxcal.calib.likelihood.backend import backend
 from boxcal.calib.likelihood.components import VarianceComponents
 from boxcal.calib.likelihood.information_inverse import determinant
 from boxcal.calib.likelihood.leg_residuals import (
@@ -13,9 +14,9 @@ from boxcal.calib.likelihood.leg_residuals import (
     leg_squares,
     with_legs,
 )
-from boxcal.calib.likelihood.levenberg_marquardt import Linearization, Weights, picture_equations
+from boxcal.calib.likelihood.levenberg_marquardt import Linearization, Weights, reduced_picture_equations
 from boxcal.calib.likelihood.moving.weave import Woven
-from boxcal.calib.likelihood.normal_equations import Eliminated, Normal, eliminate
+from boxcal.calib.likelihood.normal_equations import Eliminated, Normal
 from boxcal.calib.likelihood.priors import shared_values
 from boxcal.calib.likelihood.problem import Problem
 from boxcal.calib.likelihood.state import READINGS
@@ -131,14 +132,14 @@ def system(  # noqa: PLR0917 - a state and what holds there
     slip, jitter_s
         The levels.
     """
-    pictures, squares = picture_equations(problem, at, components, local_sigma)
+    reduced, eliminated, squares = reduced_picture_equations(problem, at, components, local_sigma)
     allowed = np.array([woven.allowed.get(name, 0.0) for name in problem.names])
     weight = np.divide(allowed, problem.prior**2, out=np.zeros_like(allowed), where=allowed != 0)  # of the whole value
-    pictures = replace(pictures, a=pictures.a - weight)
+    reduced = replace(reduced, a=reduced.a - weight)
     squares += float(weight @ (allowed + 2 * shared_values(problem, at.state)))
-    reduced, eliminated = eliminate(pictures)
     C = leg_covariance(problem, at.legs.model, slip)
-    information = np.linalg.inv(C) * weights.legs[:, None, None]
+    inverse, log_det = backend().inverses(C)
+    information = inverse * weights.legs[:, None, None]
     readings, reading_squares, log_readings = _readings(problem, woven, at, jitter_s)
     without_legs = replace(reduced, D=reduced.D + readings[0], c=reduced.c + readings[1])
     return System(
@@ -148,7 +149,7 @@ def system(  # noqa: PLR0917 - a state and what holds there
         eliminated=eliminated,
         leg_information=information,
         squares=squares + leg_squares(at.legs, information) + reading_squares,
-        log_noise=np.sum(np.linalg.slogdet(C)[1] * (weights.legs > 0), axis=-1) + log_readings,
+        log_noise=np.sum(log_det * (weights.legs > 0), axis=-1) + log_readings,
         local_sigma=local_sigma,
         slip=slip,
         jitter_s=jitter_s,
@@ -223,9 +224,10 @@ def _readings(
     cov = np.tile(np.eye(2), (K, P, 1, 1))
     cov += jitter_s[:, None, None, None] ** 2 * (rates[:, :, None] * rates[:, None, :])
     cov += (bend**2)[:, :, None] * np.eye(2)
-    more = np.linalg.inv(cov) - np.eye(2)
+    inverse, log_det = backend().inverses(cov)
+    more = inverse - np.eye(2)
     e = at.state.encoder_errors
     D, c = np.zeros((K, P, 5, 5)), np.zeros((K, P, 5))
     D[:, :, READINGS, READINGS] = more
     c[:, :, READINGS] = -np.einsum("kpij,pj->kpi", more, e)
-    return (D, c), np.einsum("pi,kpij,pj->k", e, more, e), np.sum(np.linalg.slogdet(cov)[1], axis=1)
+    return (D, c), np.einsum("pi,kpij,pj->k", e, more, e), np.sum(log_det, axis=1)
