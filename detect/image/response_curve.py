@@ -9,6 +9,7 @@ from functools import cache
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from boxcal.detect.alignment.registration.align import align
 from boxcal.detect.alignment.registration.parameters import BLACK, CONTRAST, GRADIENT_X, GRADIENT_Y, KURTOSIS
@@ -24,8 +25,11 @@ Response = Literal["auto", "linear", "srgb"]
 RESPONSES: tuple[Response, ...] = ("auto", "linear", "srgb")
 TAGS = 3
 SIDE_PX, STOP_PX = 16.0, 0.1
-CLEAR = 0.8
-"""A response curve that leaves this fraction of the other's squared residuals is the camera's."""
+CLEAR, CLEAR_ALONE = 0.8, 0.5
+"""A response curve that leaves this fraction of the other's squared residuals is the camera's; of one tag's, so clearly
+that no other need be asked."""
+FITTED = 0.8
+"""Least correlation of a tag that tells."""
 _ENTRIES = 1025
 
 
@@ -97,29 +101,46 @@ class ResponseEstimate:
 def estimate_response(frame: Frame, patterns: Patterns, tags: TagAlignments, response: Response) -> ResponseEstimate:
     """Return the response curve under which roughly aligned tags leave the smallest residuals, and the PSF's kurtosis.
 
-    A few of the largest tags are asked, about both curves or the given one; the answer is ``linear`` where neither is
-    clearly better, as then it makes no difference.
+    The largest tag is asked, about both curves or the given one, and a few others too where it does not tell clearly;
+    the answer is ``linear`` where neither is clearly better, as then it makes no difference.
     """
     diagonal = tags.corners_px[:, 2] - tags.corners_px[:, 0]
-    some = tags.take(np.argsort(-np.hypot(diagonal[:, 0], diagonal[:, 1]))[:TAGS])
-    left = {}
-    for name in ("linear", "srgb") if response == "auto" else (response,):
-        under = Frame(grey=frame.grey, response=response_table(name), lens=frame.lens)
-        start = with_response(some, frame.response, under.response)
-        left[name] = align(
-            under,
-            patterns,
-            some.rows,
-            some.corners_px,
-            start=start,
-            intensity_unknown=True,
-            side_px=SIDE_PX,
-            stop_px=STOP_PX,
-            covariance=False,
-            thinned=True,
-        )
-    fitted = np.min([tags.correlation for tags in left.values()], axis=0) > 0.8
-    residual = {name: float(np.sum(tags.noise[fitted] ** 2)) for name, tags in left.items()}
+    largest = np.argsort(-np.hypot(diagonal[:, 0], diagonal[:, 1]))[:TAGS]
+    names: tuple[str, ...] = ("linear", "srgb") if response == "auto" else (response,)
+    left = {name: _aligned_under(name, frame, patterns, tags.take(largest[:1])) for name in names}
+    fitted, residual = _residuals(left)
+    if len(largest) > 1 and not (fitted.any() and min(residual.values()) <= CLEAR_ALONE * max(residual.values())):
+        others = tags.take(largest[1:])
+        left = {name: one.joined(_aligned_under(name, frame, patterns, others)) for name, one in left.items()}
+    return _estimate(left)
+
+
+def _aligned_under(response: str, frame: Frame, patterns: Patterns, tags: TagAlignments) -> TagAlignments:
+    """Return roughly aligned tags aligned under a response curve, on few pixels."""
+    under = Frame(grey=frame.grey, response=response_table(response), lens=frame.lens)
+    return align(
+        under,
+        patterns,
+        tags.rows,
+        tags.corners_px,
+        start=with_response(tags, frame.response, under.response),
+        intensity_unknown=True,
+        side_px=SIDE_PX,
+        stop_px=STOP_PX,
+        covariance=False,
+        thinned=True,
+    )
+
+
+def _residuals(left: dict[str, TagAlignments]) -> tuple[NDArray[np.bool_], dict[str, float]]:
+    """Return which tags (N,) fit under all of some response curves, and what squared residuals those leave."""
+    fitted = np.min([tags.correlation for tags in left.values()], axis=0) > FITTED
+    return fitted, {name: float(np.sum(tags.noise[fitted] ** 2)) for name, tags in left.items()}
+
+
+def _estimate(left: dict[str, TagAlignments]) -> ResponseEstimate:
+    """Return what tags tell that were aligned under each of some response curves."""
+    fitted, residual = _residuals(left)
     best = min(left, key=lambda name: residual[name] * (1.0 if name == "linear" else 1.03))
     told = left[best].theta[fitted]
     imaging = ImagingParameters(
