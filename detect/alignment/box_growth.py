@@ -21,10 +21,9 @@ ALIGNED_SIGMA_PX = 0.05
 ROUNDS = 4
 TOLD_MODULES = 0.1
 """Median deviation of tags from the box, modules, up to which the box says which other tags ought to be seen."""
-PREDICTED_SIDE_PX = 48.0
-"""Of tags that the box predicts no more pixels are aligned than one with sides of this length has: sixteen times as
-many as of those that were read, since they are mostly seen at a slant. With a quarter of these a near box's second
-face was lost."""
+PREDICTED_SIDE_PX = 16.0
+"""Of tags that the box predicts at least as many pixels are aligned as one with sides of this length has, twice as many
+as of those that were read: modules seen at a slant are blurred into each other."""
 SQUARE = 0.02
 """Largest log aspect of a pixel that counts as square; cameras with square pixels keep to a few thousandths."""
 

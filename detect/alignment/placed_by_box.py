@@ -24,7 +24,8 @@ BELIEVED = 0.75
 """Fraction of them that must be there for the others of that face to be taken to be there, too; and of those of all
 faces: through a few tags of one face goes a box that is not as described, too, with other faces elsewhere."""
 SPREAD_MODULES, OFF_MODULES = 0.15, 0.1
-"""How uncertain such a tag's place may be, and how far from the box the aligned ones may lie, in the middle."""
+"""How uncertain such a tag's place may be, and how far from the box the aligned ones may lie, in the middle: in modules
+of each, as roughly aligned tags are the further off the larger they are."""
 
 
 def first_on_face(camera: CameraPrior | None) -> int:
@@ -66,17 +67,18 @@ def placed_surely(
     Parameters
     ----------
     target, patterns, fit
-        The box through the tags that were aligned.
+        The box through some tags that were aligned.
     believed, asked
-        Rows of tags that lie on the box, and of those that were aligned for the ones in question.
+        Rows of those tags, and of the ones that were aligned for those in question.
     rows
         The tags in question.
     """
-    if len(rows) == 0:
-        return np.zeros(0, dtype=np.bool_)
+    if len(rows) == 0 or len(believed) == 0:
+        return np.zeros(len(rows), dtype=np.bool_)
     uv, spread = fit.predict(target.tag_corners[rows].reshape(-1, 3))
     module = module_px(patterns, uv.reshape(-1, 4, 2))
-    if not median(fit.off_px) < OFF_MODULES * median(module):
+    off = fit.off_px / module_px(patterns, fit.places(target.tag_corners[believed].reshape(-1, 3)).reshape(-1, 4, 2))
+    if not median(off) < OFF_MODULES:
         return np.zeros(len(rows), dtype=np.bool_)
     faces = target.tag_faces
     tried = np.bincount(faces[asked], minlength=int(faces.max()) + 1)

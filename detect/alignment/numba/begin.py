@@ -68,7 +68,8 @@ def _begin(lens: Any, tag: Any, corners: Any, given: Any, side_px: Any, out: Any
         margin = min(max(gap - 2.5 * blur, 0.35), MARGIN_MODULES, 0.9 * gap)
         out.margin[k], out.module_px[k] = margin, longest / modules
         _box(known, 1 + 2.2 * margin / modules, width, height, out.bounding_boxes[k])
-        _stride(mean, side_px, len(given) > 0, out.stride[k])
+        edges = len(given) > 0
+        _stride(mean, mean * mean if edges else _area(known), side_px, edges, out.stride[k])
 
 
 @loops()
@@ -138,10 +139,18 @@ def _box(corners: Any, reach: Any, width: Any, height: Any, out: Any) -> None:
 
 
 @loops()
-def _stride(side: Any, side_px: Any, edges: Any, out: Any) -> None:
-    """Fill which pixels of a tag with sides of a length are used."""
+def _area(corners: Any) -> Any:
+    """Return the area of a quadrilateral."""
+    ax, ay = corners[2, 0] - corners[0, 0], corners[2, 1] - corners[0, 1]
+    bx, by = corners[3, 0] - corners[1, 0], corners[3, 1] - corners[1, 1]
+    return 0.5 * abs(ax * by - ay * bx)
+
+
+@loops()
+def _stride(side: Any, area: Any, side_px: Any, edges: Any, out: Any) -> None:
+    """Fill which pixels of a tag with sides of a mean length and that area are used."""
     at = 1
-    while at < len(FIBONACCI) - 1 and FIBONACCI[at + 1] <= (side / side_px) ** 2:
+    while at < len(FIBONACCI) - 1 and FIBONACCI[at + 1] <= area / (side_px * side_px):
         at += 1
     out[0], out[1] = FIBONACCI[at], FIBONACCI[at - 1]
     out[2] = int(min(max(side / EDGE_SIDE_PX, 1.0), 1000.0)) if edges else 1 << 40

@@ -76,7 +76,8 @@ def footprints(
     may be used as its neighbours' blur does not reach. Of large tags no more pixels are used than one with sides of
     ``side_px`` has, on a Fibonacci lattice: of m pixels one, in each row shifted by q. Unlike every second row and
     column it meets a module's edges at all phases, also where they run along the pixels. With ``edges``, of the pixels
-    that an edge blurs all count, or of very large tags every n-th.
+    that an edge blurs all count, or of very large tags every n-th, and the mean side says how large a tag is; without,
+    its area does, since there are no other pixels to tell the narrow way across a tag seen at a slant.
     """
     m = patterns.modules
     corners = np.where(np.isfinite(corners_px), corners_px, 0.0)
@@ -89,8 +90,9 @@ def footprints(
     bounding_boxes = np.empty((len(corners), 2, 2), dtype=np.int64)
     bounding_boxes[:, :, 0] = _within(np.floor(centre + reach * (corners.min(axis=1) - centre)), 0, limit)
     bounding_boxes[:, :, 1] = _within(np.ceil(centre + reach * (corners.max(axis=1) - centre)) + 1, 0, limit)
-    mean = side.mean(axis=1)
-    at = np.searchsorted(FIBONACCI, (mean / side_px) ** 2, side="right") - 1
+    mean, across = side.mean(axis=1), corners[:, 2:] - corners[:, :2]
+    area = 0.5 * np.abs(across[:, 0, 0] * across[:, 1, 1] - across[:, 0, 1] * across[:, 1, 0])
+    at = np.searchsorted(FIBONACCI, (mean**2 if edges else area) / side_px**2, side="right") - 1
     at = np.minimum(np.maximum(at, 1), len(FIBONACCI) - 1)
     stride = np.empty((len(at), 3), dtype=np.int64)
     stride[:, 0], stride[:, 1] = FIBONACCI[at], FIBONACCI[at - 1]
