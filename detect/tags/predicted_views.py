@@ -103,6 +103,7 @@ class ClockedViews:
     too_fast: float = np.inf
     in_vain: int = 0
     exposures: list[tuple[float, float]] = field(default_factory=list)
+    _motions: dict[int, Array] = field(init=False, default_factory=dict)
     _some: Array = field(init=False)
 
     def __post_init__(self) -> None:
@@ -141,11 +142,14 @@ class ClockedViews:
         ``uv`` is where they are if the clocks do not; nothing if the offset is known, if the box stands still in the
         picture, or if there are too many places.
         """
+        nowhere = np.zeros((0, len(rows), 4, 2))
+        if self.told_s or not len(rows):
+            return nowhere
         speed = float(np.linalg.norm(self._motion(taken_ns)))
-        apart = _APART * float(np.median(np.linalg.norm(uv - np.roll(uv, 1, axis=1), axis=2))) if len(rows) else 0.0
-        count = np.ceil(_DOUBT_S * speed / apart) if apart > 0 and not self.told_s else np.inf
+        apart = _APART * float(np.median(np.linalg.norm(uv - np.roll(uv, 1, axis=1), axis=2)))
+        count = np.ceil(_DOUBT_S * speed / apart) if apart > 0 else np.inf
         if not 0 < count <= _MOST_PLACES:
-            return np.zeros((0, len(rows), 4, 2))
+            return nowhere
         late_s = _DOUBT_S / count * np.arange(-count, count + 1)
         places, _ = self.views.tags(self.target.tag_corners[rows], taken_ns - np.rint(1e9 * late_s).astype(np.int64))
         return places
@@ -169,7 +173,9 @@ class ClockedViews:
         uv, facing = self.views.tags(self._some, np.concatenate(moments))
         count, some = len(taken), len(apart) * len(taken)
         in_view = self._in_view(uv[:some], facing[:some]).reshape(len(apart), count).min(axis=0)
-        speed = np.linalg.norm(_moved(uv[:count], uv[some:], facing[:count]), axis=1) / (_STEP_S * self.image_size[0])
+        motion = _moved(uv[:count], uv[some:], facing[:count]) / _STEP_S
+        self._motions |= zip(taken.tolist(), motion, strict=True)
+        speed = np.linalg.norm(motion, axis=1) / self.image_size[0]
         return np.asarray((in_view >= _ENOUGH_TAGS) & (speed <= self._fastest))
 
     @property
@@ -188,9 +194,11 @@ class ClockedViews:
             return np.asarray(np.sum(facing & inside & (side > _READABLE_PX**2), axis=1))
 
     def _motion(self, taken_ns: int) -> Array:
-        """Return how the box moves through the picture at a time, (2,) px/s."""
-        (here, after), (facing, _) = self.views.tags(self._some, taken_ns + np.array([0, round(1e9 * _STEP_S)]))
-        return np.asarray(_moved(here[None], after[None], facing[None])[0] / _STEP_S)
+        """Return how the box moves through the picture at a time, (2,) px/s: told once for each."""
+        if taken_ns not in self._motions:
+            (here, after), (facing, _) = self.views.tags(self._some, taken_ns + np.array([0, round(1e9 * _STEP_S)]))
+            self._motions[taken_ns] = _moved(here[None], after[None], facing[None])[0] / _STEP_S
+        return self._motions[taken_ns]
 
     def missed(self, t_ns: int) -> None:
         """Take in that a frame stamped ``t_ns`` showed no tags: others at that speed will not either."""
@@ -225,9 +233,9 @@ class ClockedViews:
             late_s += step_s
             if not abs(late_s) < _LONGEST_S:
                 return
+            off = here + step_s * speed - uv_px
             if abs(step_s) < _SLIGHT_S:
                 break
-        off = self._seen(t_ns, p_box, np.array([late_s]))[0] - uv_px
         if np.sqrt(np.mean(off**2)) < _AGREES * self.image_size[0]:
             self.told_ns.append(t_ns)
             self.told_s.append(late_s)
