@@ -27,7 +27,7 @@ class Backend:
         Of :mod:`boxcal.calib.likelihood.corner_sums`.
     moved_points
         Of :mod:`boxcal.calib.likelihood.moved_points`.
-    add_legs
+    add_legs, travelled
         Of :mod:`boxcal.calib.likelihood.leg_sums`.
     inverses, scaled_inverses, scaled_determinants
         Of :mod:`boxcal.calib.likelihood.small_matrices`.
@@ -44,6 +44,7 @@ class Backend:
     group_sums: Callable[..., Any]
     moved_points: Callable[..., Any]
     add_legs: Callable[..., None]
+    travelled: Callable[..., Any]
     inverses: Callable[..., tuple[Any, Any]]
     scaled_inverses: Callable[..., tuple[Any, Any, float]]
     scaled_determinants: Callable[..., tuple[Any, Any, float]]
@@ -122,6 +123,7 @@ def _of(  # noqa: PLR0917 - one for each
         group_sums=sums.group_sums,
         moved_points=points.moved_points,
         add_legs=of_legs.add_legs,
+        travelled=of_legs.travelled,
         inverses=small.inverses,
         scaled_inverses=small.scaled_inverses,
         scaled_determinants=small.scaled_determinants,

@@ -47,7 +47,7 @@ class Corners:
     valid: bool
 
 
-def corner_residuals(problem: Problem, state: State, columns: Columns) -> Corners:
+def corner_residuals(problem: Problem, state: State, columns: Columns, spare: int = 0) -> Corners:
     """Return the corners' residuals and derivatives.
 
     Parameters
@@ -56,6 +56,8 @@ def corner_residuals(problem: Problem, state: State, columns: Columns) -> Corner
         Data, and where.
     columns
         Of the explanations that are part of the model, there.
+    spare
+        Columns of zeros behind the others, for what differs from corner to corner.
     """
     target, stop = problem.target, problem.corner_stop
     p_box, R_box_face = target.landmarks(state.shape)
@@ -77,8 +79,8 @@ def corner_residuals(problem: Problem, state: State, columns: Columns) -> Corner
     uv = uv + problem.outward_px * (state.common_growth + state.growth)[stop, None]
     group, group_stop, group_face = _groups(stop, target.face)
     R_face_cam = np.swapaxes(R_box_face[group_face], 1, 2) @ R[group_stop]
-    residual, J = backend().corner_rows(problem, problem.uv_px - uv, by_lens, by_point, p_cam, group, R_face_cam)
-    J_shared, J_pose, J_local = _maps(problem, state, (motions, R, t), columns, (group_stop, group_face))
+    residual, J = backend().corner_rows(problem, problem.uv_px - uv, by_lens, by_point, p_cam, group, R_face_cam, spare)
+    J_shared, J_pose, J_local = _maps(problem, state, (motions, R, t), columns, (group_stop, group_face), spare)
     return Corners(
         residual=residual,
         jacobian=J,
@@ -109,18 +111,19 @@ def _groups(stop: Ids, face: Ids) -> tuple[Ids, Ids, Ids]:
     return group, keys // FACES, keys % FACES
 
 
-def _maps(
+def _maps(  # noqa: PLR0917 - a state and what is part of it
     problem: Problem,
     state: State,
     camera: tuple[CameraMotions, Array, Array],
     columns: Columns,
     groups: tuple[Ids, Ids],
+    spare: int,
 ) -> tuple[Array, Array, Array]:
     """Return what the shared unknowns, the poses and the local unknowns do in each group: see :class:`Corners`."""
     target, n_lens = problem.target, len(state.lens)
     motions, R_box_cam, p_box_cam = camera
     stop, face = groups
-    G, m, n = len(stop), n_lens + 7 + target.direct, len(problem.names)
+    G, m, n = len(stop), n_lens + 7 + target.direct + spare, len(problem.names)
     motion, growth, direct = slice(n_lens, n_lens + 6), n_lens + 6, n_lens + 7
     shared, own, local = np.zeros((G, m, n)), np.zeros((G, m, 3)), np.zeros((G, m, LOCAL))
     shared[:, np.arange(5), np.arange(5)] = 1.0

@@ -7,9 +7,16 @@ from boxcal.target.arrays import Array, Ids
 
 
 def corner_rows(  # noqa: PLR0917 - arrays in, arrays out
-    problem: Problem, error_px: Array, by_lens: Array, by_point: Array, p_cam: Array, group: Ids, R_face_cam: Array
+    problem: Problem,
+    error_px: Array,
+    by_lens: Array,
+    by_point: Array,
+    p_cam: Array,
+    group: Ids,
+    R_face_cam: Array,
+    spare: int = 0,
 ) -> tuple[Array, Array]:
-    """Return whitened residuals (L, 2) and the derivatives of the whitened predictions (L, 2, k + 7 + d).
+    """Return whitened residuals (L, 2) and the derivatives of the whitened predictions (L, 2, k + 7 + d + spare).
 
     Parameters
     ----------
@@ -25,11 +32,13 @@ def corner_rows(  # noqa: PLR0917 - arrays in, arrays out
         Group of each corner: those of one stop on one face.
     R_face_cam : (G, 3, 3)
         How the camera is turned against the face of each group.
+    spare
+        Columns of zeros behind those.
     """
     whiten, by_direct = problem.whiten, problem.target.by_direct
     whitened = whiten @ by_point
     k, d = by_lens.shape[2], by_direct.shape[2]
-    J = np.empty((len(error_px), 2, k + 7 + d))
+    J = np.empty((len(error_px), 2, k + 7 + d + spare))
     J[:, :, :k] = whiten @ by_lens
     x, y, z = p_cam[:, None, 0], p_cam[:, None, 1], p_cam[:, None, 2]
     bx, by, bz = whitened[:, :, 0], whitened[:, :, 1], whitened[:, :, 2]
@@ -40,5 +49,6 @@ def corner_rows(  # noqa: PLR0917 - arrays in, arrays out
     J[:, :, k + 3 : k + 6] = -whitened
     J[:, :, k + 6] = (whiten @ problem.outward_px[:, :, None])[:, :, 0]
     if d:
-        J[:, :, k + 7 :] = whitened @ (np.swapaxes(R_face_cam[group], 1, 2) @ by_direct)
+        J[:, :, k + 7 : k + 7 + d] = whitened @ (np.swapaxes(R_face_cam[group], 1, 2) @ by_direct)
+    J[:, :, k + 7 + d :] = 0.0
     return (whiten @ error_px[:, :, None])[:, :, 0], J

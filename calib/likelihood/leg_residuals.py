@@ -71,8 +71,7 @@ def leg_columns(problem: Problem, model: LegModel, columns: Columns) -> Array:
     k = next((part.shape[2] for part in (columns.travel, columns.legs, columns.corners) if part is not None), 0)
     out = np.zeros((len(problem.leg_stop), 3, k))
     if columns.travel is not None and len(out):
-        by_sample = model.by_travel.transpose(2, 1, 0) @ columns.travel
-        out += np.add.reduceat(by_sample, problem.path.starts, axis=0)
+        out += backend().travelled(model.by_travel, columns.travel, problem.path.starts)
     if columns.legs is not None:
         out += columns.legs
     return out

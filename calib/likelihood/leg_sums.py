@@ -1,4 +1,4 @@
-"""Normal equations of legs added to those of stops, in numpy: the reference that the compiled loop is held to."""
+"""Normal equations of legs added to those of stops, in numpy: the reference that the compiled loops are held to."""
 
 import numpy as np
 
@@ -42,3 +42,19 @@ def add_legs(  # noqa: PLR0917 - arrays in, arrays out
         D[:, stops + first] += H[:, :, at[:, None], at]
     one, other = np.arange(STOP) + WHEELS, np.arange(STOP) + WHEELS + STOP
     E[:, stops] += H[:, :, one[:, None], other]
+
+
+def travelled(by_travel: Array, travel: Array, starts: Ids) -> Array:
+    """Return how legs' displacements change with unknowns that change what the wheels roll in each sample, (N, 3, k).
+
+    Parameters
+    ----------
+    by_travel : (2, 3, S)
+        Displacement of its leg by the distance that the right and the left wheel rolled in each sample.
+    travel : (S, 2, k), m
+        That distance by the unknowns.
+    starts : (N,)
+        First sample of each leg.
+    """
+    by_sample = by_travel.transpose(2, 1, 0) @ travel
+    return np.asarray(np.add.reduceat(by_sample, starts, axis=0))

@@ -66,10 +66,10 @@ def test_compiled_rows_of_corners_are_the_reference(direct):
     L = len(problem.uv_px)
     parts = [rng.normal(size=shape) for shape in ((L, 2), (L, 2, 5), (L, 2, 3), (L, 3))]
     parts += [rng.integers(0, 4, L), rng.normal(size=(4, 3, 3))]
-    for ours, reference in zip(
-        COMPILED.corner_rows(problem, *parts), REFERENCE.corner_rows(problem, *parts), strict=True
-    ):
-        np.testing.assert_allclose(ours, reference, rtol=1e-12, atol=1e-12)
+    for spare in (0, 1):
+        both = (compute.corner_rows(problem, *parts, spare) for compute in (COMPILED, REFERENCE))
+        for ours, reference in zip(*both, strict=True):
+            np.testing.assert_allclose(ours, reference, rtol=1e-12, atol=1e-12)
 
 
 @pytest.mark.parametrize("left_out", [False, True])
@@ -112,6 +112,16 @@ def test_compiled_equations_of_legs_are_the_reference(explained):
         both.append(to)
     for ours, reference in zip(*both, strict=True):
         np.testing.assert_allclose(ours, reference, rtol=1e-11, atol=1e-12)
+
+
+def test_compiled_sums_over_samples_are_the_reference():
+    rng = np.random.default_rng(8)
+    given = (
+        rng.normal(size=(2, 3, 30)),
+        rng.normal(size=(30, 2, 4)) * (rng.random((30, 2, 4)) < 0.3),
+        np.array([0, 4, 19]),
+    )
+    np.testing.assert_allclose(COMPILED.travelled(*given), REFERENCE.travelled(*given), rtol=1e-12, atol=1e-13)
 
 
 def _definite(rng, *shape):
@@ -190,6 +200,7 @@ def test_nothing_is_compiled_in_use_beyond_what_is_prepared():
         corner_sums.fill_equations,
         moved_points.move,
         leg_sums.add_to,
+        leg_sums.add_travelled,
         small_matrices.sweep_all,
         small_matrices.sweep_scaled,
         small_matrices.factor_scaled,

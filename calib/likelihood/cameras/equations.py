@@ -119,7 +119,7 @@ def rescaled(found: About, scales: Sequence[float]) -> About:
 
 
 def _camera(robot: Together, part: Part, state: State, number: int) -> CameraEquations:
-    own = corner_residuals(part.problem, state, Columns())
+    own = corner_residuals(part.problem, state, Columns(), spare=0 if part.course is None else 1)
     if part.course is None:
         corners = _among_all(robot, part, own, number)
         equations = corner_equations(robot.problem, corners, part.corners)

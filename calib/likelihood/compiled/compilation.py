@@ -81,6 +81,7 @@ def compile_all() -> None:
     compute.corner_sums(rows, first, first, 1, np.ones((1, 3, 4)), np.ones((1, 3, 2)))
     to = np.zeros((1, 3, 3)), np.zeros((1, 3)), np.zeros((1, 2, 5, 5)), np.zeros((1, 2, 5, 5)), np.zeros((1, 2, 5, 4))
     compute.add_legs(np.ones((1, 3, 13)), np.ones((1, 3)), np.ones((1, 1, 3, 3)), first, np.arange(3), to)
+    compute.travelled(np.ones((2, 3, 1)), np.ones((1, 2, 1)), first)
     compute.inverses(D)
     compute.scaled_inverses(D)
     compute.scaled_determinants(D, np.ones((1, 1, 5)))

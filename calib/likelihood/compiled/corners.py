@@ -10,12 +10,19 @@ from boxcal.target.arrays import Array, Ids
 
 
 def corner_rows(  # noqa: PLR0917 - as the reference
-    problem: Problem, error_px: Array, by_lens: Array, by_point: Array, p_cam: Array, group: Ids, R_face_cam: Array
+    problem: Problem,
+    error_px: Array,
+    by_lens: Array,
+    by_point: Array,
+    p_cam: Array,
+    group: Ids,
+    R_face_cam: Array,
+    spare: int = 0,
 ) -> tuple[Array, Array]:
     """Return what :func:`boxcal.calib.likelihood.corner_rows.corner_rows` does."""
     by_direct = problem.target.by_direct
     residual = np.empty(error_px.shape)
-    J = np.empty((len(error_px), 2, by_lens.shape[2] + 7 + by_direct.shape[2]))
+    J = np.empty((len(error_px), 2, by_lens.shape[2] + 7 + by_direct.shape[2] + spare))
     seen = tuple(np.ascontiguousarray(part) for part in (problem.whiten, error_px, problem.outward_px))
     derivatives = tuple(np.ascontiguousarray(part) for part in (by_lens, by_point, by_direct))
     poses = np.ascontiguousarray(p_cam), np.ascontiguousarray(R_face_cam)
@@ -25,7 +32,7 @@ def corner_rows(  # noqa: PLR0917 - as the reference
 
 @kernel()
 def fill_rows(group: Any, seen: Any, derivatives: Any, poses: Any, residual: Any, J: Any) -> None:  # noqa: PLR0917
-    """Fill residuals (L, 2) and rows (L, 2, k + 7 + d) of the corners of each group; ``group`` (L,)."""
+    """Fill residuals (L, 2) and rows (L, 2, k + 7 + d + spare) of the corners of each group; ``group`` (L,)."""
     whiten, error, outward = seen
     by_lens, by_point, by_direct = derivatives
     p_cam, R = poses
@@ -50,3 +57,5 @@ def fill_rows(group: Any, seen: Any, derivatives: Any, poses: Any, residual: Any
             uz = R[g, 2, 0] * bx + R[g, 2, 1] * by + R[g, 2, 2] * bz
             for m in range(d):
                 row[k + 7 + m] = ux * by_direct[n, 0, m] + uy * by_direct[n, 1, m] + uz * by_direct[n, 2, m]
+            for m in range(k + 7 + d, len(row)):
+                row[m] = 0.0

@@ -1,4 +1,4 @@
-"""Normal equations of legs, compiled: see :mod:`boxcal.calib.likelihood.leg_sums`."""
+"""Normal equations of legs and sums over their samples, compiled: see :mod:`boxcal.calib.likelihood.leg_sums`."""
 
 from typing import Any
 
@@ -46,3 +46,23 @@ def add_to(legs: Any, stops: Any, shared: Any, to: Any) -> None:  # noqa: PLR091
             for u in range(STOP):
                 for v in range(STOP):
                     E[q, stop, u, v] += H[WHEELS + u, WHEELS + STOP + v]
+
+
+def travelled(by_travel: Any, travel: Any, starts: Any) -> Any:
+    """Return how displacements change: see :func:`boxcal.calib.likelihood.leg_sums.travelled`."""
+    out = np.zeros((len(starts), 3, travel.shape[2]))
+    add_travelled(np.ascontiguousarray(by_travel), np.ascontiguousarray(travel), np.append(starts, len(travel)), out)
+    return out
+
+
+@kernel()
+def add_travelled(by_travel: Any, travel: Any, starts: Any, out: Any) -> None:
+    """Add to out (N, 3, k); most entries of travel are zero."""
+    for n in range(len(out)):
+        for s in range(starts[n], starts[n + 1]):
+            for w in range(2):
+                for k in range(travel.shape[2]):
+                    way = travel[s, w, k]
+                    if way != 0.0:
+                        for i in range(3):
+                            out[n, i, k] += by_travel[w, i, s] * way

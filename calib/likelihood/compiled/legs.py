@@ -60,11 +60,12 @@ _SMALL2 = 2.5e-3
 @kernel()
 def _propagate(starts: Any, dphi: Any, u: Any, b: float, sums: Any, by_travel: Any, by_sideways: Any) -> None:  # noqa: PLR0917
     """Fill what one pass over the samples of each leg gives; u (S, 2) is the distance that the wheels rolled."""
+    per_b = 1 / b
     for n in range(starts.shape[0] - 1):
         x, y, th = 0.0, 0.0, 0.0
         heading_c, heading_s = 1.0, 0.0
         for s in range(starts[n], starts[n + 1]):
-            ds, dth = (u[s, 0] + u[s, 1]) / 2, (u[s, 0] - u[s, 1]) / b
+            ds, dth = (u[s, 0] + u[s, 1]) / 2, (u[s, 0] - u[s, 1]) * per_b
             h = dth / 2
             cosine, sinc, dsinc = _arc(h)
             # Halfway through the sample's arc, then at its end: a turn by h each.
@@ -80,29 +81,36 @@ def _propagate(starts: Any, dphi: Any, u: Any, b: float, sums: Any, by_travel: A
             by_travel[1, 0, s] = 0.5 * ds * (dsinc * c - sinc * si) + y
             by_travel[1, 1, s] = 0.5 * ds * (dsinc * si + sinc * c) - x
         sums[n, DISPLACEMENT], sums[n, DISPLACEMENT + 1], sums[n, DISPLACEMENT + 2] = x, y, th
+        rolled_R, rolled_L, b_x, b_y, b_t = 0.0, 0.0, 0.0, 0.0, 0.0
+        Rx, Ry, Rt, Lx, Ly, Lt = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        xx, xy, xt, yy, yt, tt = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
         for s in range(starts[n], starts[n + 1]):
-            turn_x, turn_y = (by_travel[1, 0, s] - y) / b, (by_travel[1, 1, s] + x) / b
+            turn_x, turn_y = (by_travel[1, 0, s] - y) * per_b, (by_travel[1, 1, s] + x) * per_b
             half_x, half_y = by_travel[0, 0, s] / 2, by_travel[0, 1, s] / 2
-            by_travel[0, 0, s], by_travel[0, 1, s], by_travel[0, 2, s] = half_x + turn_x, half_y + turn_y, 1 / b
-            by_travel[1, 0, s], by_travel[1, 1, s], by_travel[1, 2, s] = half_x - turn_x, half_y - turn_y, -1 / b
-            dth = (u[s, 0] - u[s, 1]) / b
+            px, py, qx, qy, t = half_x + turn_x, half_y + turn_y, half_x - turn_x, half_y - turn_y, per_b
+            by_travel[0, 0, s], by_travel[0, 1, s], by_travel[0, 2, s] = px, py, t
+            by_travel[1, 0, s], by_travel[1, 1, s], by_travel[1, 2, s] = qx, qy, -t
+            dth = (u[s, 0] - u[s, 1]) * per_b
             right, left = abs(u[s, 0]), abs(u[s, 1])
-            sums[n, ROLLED] += right
-            sums[n, ROLLED + 1] += left
-            sums[n, D_WHEELS + 2] -= turn_x * dth
-            sums[n, D_WHEELS + 5] -= turn_y * dth
-            sums[n, D_WHEELS + 8] -= dth / b
-            weight_R, weight_L = right + DRAGGED * left, left + DRAGGED * right
-            aside = SIDEWAYS * (right + left)
-            for i in range(3):
-                sums[n, D_WHEELS + 3 * i] += by_travel[0, i, s] * dphi[s, 0]
-                sums[n, D_WHEELS + 3 * i + 1] += by_travel[1, i, s] * dphi[s, 1]
-                for j in range(3):
-                    sums[n, SLIP + 3 * i + j] += (
-                        weight_R * by_travel[0, i, s] * by_travel[0, j, s]
-                        + weight_L * by_travel[1, i, s] * by_travel[1, j, s]
-                        + aside * by_sideways[i, s] * by_sideways[j, s]
-                    )
+            rolled_R, rolled_L = rolled_R + right, rolled_L + left
+            b_x, b_y, b_t = b_x - turn_x * dth, b_y - turn_y * dth, b_t - t * dth
+            Rx, Ry, Rt = Rx + px * dphi[s, 0], Ry + py * dphi[s, 0], Rt + t * dphi[s, 0]
+            Lx, Ly, Lt = Lx + qx * dphi[s, 1], Ly + qy * dphi[s, 1], Lt - t * dphi[s, 1]
+            w, v, aside = right + DRAGGED * left, left + DRAGGED * right, SIDEWAYS * (right + left)
+            side_x, side_y = by_sideways[0, s], by_sideways[1, s]
+            xx += w * px * px + v * qx * qx + aside * side_x * side_x
+            xy += w * px * py + v * qx * qy + aside * side_x * side_y
+            yy += w * py * py + v * qy * qy + aside * side_y * side_y
+            xt += (w * px - v * qx) * t
+            yt += (w * py - v * qy) * t
+            tt += (w + v) * t * t
+        sums[n, ROLLED], sums[n, ROLLED + 1] = rolled_R, rolled_L
+        for i, values in enumerate(((Rx, Lx, b_x), (Ry, Ly, b_y), (Rt, Lt, b_t))):
+            for j in range(3):
+                sums[n, D_WHEELS + 3 * i + j] = values[j]
+        for i, values in enumerate(((xx, xy, xt), (xy, yy, yt), (xt, yt, tt))):
+            for j in range(3):
+                sums[n, SLIP + 3 * i + j] = values[j]
 
 
 @kernel()
@@ -148,7 +156,7 @@ def propagate(path: Any, wheels: Any, at_start: Any, at_end: Any, added: Any) ->
     _corrected(raw, starts, np.ascontiguousarray(at_start), np.ascontiguousarray(at_end), radius, ends, dphi, u)
     if added is not None:
         u += added
-    sums, by_travel, by_sideways = np.zeros((N, SUMS)), np.zeros((2, 3, S)), np.zeros((3, S))
+    sums, by_travel, by_sideways = np.zeros((N, SUMS)), np.empty((2, 3, S)), np.zeros((3, S))
     _propagate(starts, dphi, u, float(wheels[2]), sums, by_travel, by_sideways)
     displacement, d_wheels, slip, rolled = np.split(sums, (D_WHEELS, SLIP, ROLLED), axis=1)
     d_wheels, slip = d_wheels.reshape(N, 3, 3), slip.reshape(N, 3, 3)

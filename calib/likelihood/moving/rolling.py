@@ -47,7 +47,7 @@ def with_rolling(problem: Problem, state: State, corners: Corners, course: Array
     Parameters
     ----------
     problem, state, corners
-        The corners about a state, all rows seen at once.
+        The corners about a state, all rows seen at once, with one spare column: it is filled.
     course : (P, 3, 2)
         How the wheels turn at each stop and frame: see :mod:`boxcal.calib.likelihood.moving.course`; 0 at stops.
     height : px
@@ -59,26 +59,16 @@ def with_rolling(problem: Problem, state: State, corners: Corners, course: Array
     readout = float(state.explained[-1])
     since = readout * row
     by_motion, rolling = corners.jacobian[rows, :, n : n + 6], _rolling(corners, state, rows)
-    column, moved = np.zeros(corners.residual.shape), np.zeros(corners.residual.shape)
+    moved = np.zeros(corners.residual.shape)
     twist = _twists(state, rolling, rates_after(course, since))
-    column[rows] = (by_motion @ twist[:, :, None])[:, :, 0] * row[:, None]
+    corners.jacobian[rows, :, -1] = (by_motion @ twist[:, :, None])[:, :, 0] * row[:, None]
+    corners.J_shared[:, -1, -1] = 1.0
     way = _twists(state, rolling, turned(course, since))
     if abs(readout) > _SHORT_S:
         moved[rows] = (problem.whiten[rows] @ _moved(problem, state, rows, way)[:, :, None])[:, :, 0]
     else:
         moved[rows] = (by_motion @ way[:, :, None])[:, :, 0]
-    G, m, n_shared = corners.J_shared.shape
-    J_shared = np.zeros((G, m + 1, n_shared))
-    J_shared[:, :m], J_shared[:, m, -1] = corners.J_shared, 1.0
-    below = ((0, 0), (0, 1), (0, 0))
-    return replace(
-        corners,
-        residual=corners.residual - moved,
-        jacobian=np.concatenate([corners.jacobian, column[:, :, None]], axis=2),
-        J_shared=J_shared,
-        J_pose=np.pad(corners.J_pose, below),
-        J_local=np.pad(corners.J_local, below),
-    )
+    return replace(corners, residual=corners.residual - moved)
 
 
 def motions_px_s(problem: Problem, corners: Corners, state: State, course: Array) -> Array:

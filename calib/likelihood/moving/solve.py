@@ -156,7 +156,7 @@ def _linearized(
 ) -> AboutFrames:
     """Return the likelihood about a state, rows of moving frames (course and height) read one after the other."""
     columns: Columns = explained_columns(problem, state)
-    corners = corner_residuals(problem, state, columns)
+    corners = corner_residuals(problem, state, columns, spare=1)
     corners = with_rolling(problem, state, corners, *frames)
     modes = slip_modes(problem, state, corners, frames, within)
     corners, (normal, local, squares), slipped = equations_with_slip(problem, corners, weights.corners, modes)

@@ -5,7 +5,9 @@ length: each leg falls into parts, and the slip of each is the noise of what the
 """
 
 from collections.abc import Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, field, replace
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -144,7 +146,7 @@ def weave(drive: Correspondences, kept: Ids, frames: Ids, late_s: Array | float)
     order = np.argsort([s.first_sample for s in (*stops, *seen)], kind="stable")
     nothing = np.zeros((len(stops), ORDERS, 2))
     return Woven(
-        drives=(replace(drive, wheels=more, stops=tuple((*stops, *seen)[k] for k in order), moving=()),),
+        drives=(_with(drive, wheels=more, stops=tuple((*stops, *seen)[k] for k in order), moving=()),),
         drive=np.zeros(len(order), dtype=np.int64),
         frame=np.concatenate([np.full(len(stops), -1), np.asarray(frames)[rows]]).astype(np.int64)[order],
         since_s=np.concatenate([np.zeros(len(stops)), since_middle_s(drive, np.asarray(frames)[rows])])[order],
@@ -167,7 +169,18 @@ def _between_stops(drive: Correspondences, kept: Ids, at: Array, t0: int) -> Mas
 def _shifted(stop: StopObservation, inserted: Ids) -> StopObservation:
     """Return a stop with its samples numbered anew, samples inserted before those at some numbers."""
     before = int(np.searchsorted(inserted, stop.first_sample, side="right"))
-    return replace(stop, first_sample=stop.first_sample + before, last_sample=stop.last_sample + before)
+    return _with(stop, first_sample=stop.first_sample + before, last_sample=stop.last_sample + before)
+
+
+Kept = TypeVar("Kept", Correspondences, StopObservation)
+
+
+def _with(whole: Kept, **changes: Any) -> Kept:
+    """Return a copy with some fields otherwise, whose landmarks are not checked again: they were when it was made."""
+    out = copy(whole)
+    for name, value in changes.items():
+        object.__setattr__(out, name, value)
+    return out
 
 
 def _as_stop(drive: Correspondences, number: int, sample: int, phi: Array, t_ns: int) -> StopObservation:

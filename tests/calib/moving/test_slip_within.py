@@ -52,7 +52,7 @@ def _rolling() -> tuple[State, Corners, Array]:
     explained = joint.state.explained.copy()
     explained[-1] = READOUT_S
     state = replace(joint.state, explained=explained)
-    corners = corner_residuals(joint.problem, state, explained_columns(joint.problem, state))
+    corners = corner_residuals(joint.problem, state, explained_columns(joint.problem, state), spare=1)
     frames = (joint.woven.course, joint.height)
     corners = with_rolling(joint.problem, state, corners, *frames)
     return state, corners, slip_modes(joint.problem, state, corners, frames, joint.within)
