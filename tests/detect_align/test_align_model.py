@@ -7,14 +7,14 @@ from numba import njit
 
 from boxcal.detect.alignment.backend import numba_backend, numpy_backend
 from boxcal.detect.alignment.homography import from_square, least_squares_homography, map_points, to_square
-from boxcal.detect.alignment.numba.collect import collect, place_all
-from boxcal.detect.alignment.numba.edges import module_differences
-from boxcal.detect.alignment.numba.pixels import room
+from boxcal.detect.alignment.numba.collect import collect, room_for
+from boxcal.detect.alignment.numba.pixels import OF_PIXEL
+from boxcal.detect.alignment.numba.place import place_all
 from boxcal.detect.alignment.registration import image_model as model
 from boxcal.detect.alignment.registration import psf as blur
 from boxcal.detect.alignment.registration.align import align
 from boxcal.detect.alignment.registration.finish import finish
-from boxcal.detect.alignment.registration.gauss_newton import LEAST_THINNED
+from boxcal.detect.alignment.registration.gauss_newton import LEAST_THINNED, THINNED
 from boxcal.detect.alignment.registration.parameters import BLACK, CONTRAST, LOG_PSF, PARAMETERS
 from boxcal.detect.alignment.registration.tag_batch import ROUND, Frame
 from boxcal.detect.image.response_curve import response_table
@@ -66,26 +66,28 @@ def test_compiled_sums_are_those_of_the_reference(response, side, lens):
 
 
 @njit(nogil=True, error_model="numpy")
-def _collected(batch, k):
-    table = np.zeros((4, batch.cells.shape[1] ** 2), np.float32)
-    module_differences(batch.cells[batch.rows[k]], table)
-    pixels = room(batch.bounding_boxes[k])
-    n = collect(batch, k, table, pixels)
-    place_all(batch, k, pixels, n)
-    return pixels, n
+def _collected(batch, k, thinned):
+    room = room_for(batch.bounding_boxes, batch.cells.shape[1])
+    n, few = collect(batch, k, thinned, room)
+    place_all(room.figures, room.pixels, n)
+    return room.pixels, n, few
 
 
 @pytest.mark.parametrize("stride", [(1, 1, 1), (1, 1, 1 << 40), (5, 3, 1 << 40), (5, 3, 1), (8, 5, 2), (13, 8, 3)])
 @pytest.mark.parametrize("lens", [LENS, BENT], ids=["plain", "fisheye"])
-@pytest.mark.parametrize("roll_deg", [0.0, 40.0])
-def test_compiled_pixels_are_those_of_the_reference(roll_deg, lens, stride):
+@pytest.mark.parametrize(("roll_deg", "thinned"), [(0.0, False), (40.0, True)])
+def test_compiled_pixels_are_those_of_the_reference(roll_deg, thinned, lens, stride):
     batch = some_tags(33.0, lens=lens, roll_deg=roll_deg)
     wide = batch.bounding_boxes + np.array([-9, 9, -9, 9])
     batch = replace(batch, stride=np.tile(stride, (3, 1)), bounding_boxes=np.maximum(wide, 0))
     for k in range(len(batch)):
         plain = model.differentiate(batch, k)
-        blocks, n = _collected(batch.arrays(), k)
-        x, y, u, v, grey, column, row = blocks.reshape(-1, 7, 64).transpose(1, 0, 2).reshape(7, -1)[:, :n]
+        blocks, n, few = _collected(batch.arrays(), k, thinned)
+        figures = blocks.reshape(-1, OF_PIXEL, 64).transpose(1, 0, 2).reshape(OF_PIXEL, -1)[:, :n]
+        x, y, u, v, grey, column, row = figures[:7]
+        first = (column + 2 * row) % THINNED == 0
+        assert few == (first.sum() if thinned and n >= LEAST_THINNED else n)
+        assert few == n or first[:few].all()
         assert n == len(plain.columns) > 30
         fast, expected = np.lexsort((column, row)), np.lexsort((plain.columns, plain.lines))
         np.testing.assert_array_equal(column[fast], plain.columns[expected])

@@ -1,89 +1,139 @@
 """The pixels of a tag, collected in blocks: once for several steps, as they stay nearly the same.
 
 First every pixel of the tag's box is written down that the lattice or a diagonal meets; then blocks of them are placed
-on the tag and looked at together, as vector instructions, and those that count move up.
+on the tag and looked at together, as vector instructions, and those that count are written down again. A pixel is
+written down as one number, the row from the box's first on times 65536 plus the column from the box's first on.
 """
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from boxcal.detect.alignment.numba.kernel import kernel, loops
-from boxcal.detect.alignment.numba.pixels import BLOCK, COLUMN, ROW, fill_up, widths
+from boxcal.detect.alignment.numba.pixels import BLOCK, COLUMN, GREY, OF_PIXEL, ROW, U, V, widths
+from boxcal.detect.alignment.numba.place import FIGURES, IN_PLACE, fill_figures, place
 from boxcal.detect.alignment.numba.radial_camera import depth, local_undistortion, square
-from boxcal.detect.alignment.radial_camera import A1, A2, A3, CENTRE_X, CENTRE_Y, LOG_ASPECT, PER_RADIUS, SKEW
+from boxcal.detect.alignment.radial_camera import CENTRE_X, CENTRE_Y, PER_RADIUS
+from boxcal.detect.alignment.registration.gauss_newton import LEAST_THINNED, THINNED
 from boxcal.detect.alignment.registration.image_model import NEAR_SIGMAS
 
-_Y, _U, _V, _GREY = (k * BLOCK for k in range(1, 5))
-"""Where rows of a block begin after the first."""
-_IN_PLACE = {"contract", "arcp", "nsz"}
-"""What compiled places may change: not the order of sums, so that far from the image's corner none loses digits."""
+_SHORT = 65535
+"""What the column takes of a pixel's number."""
+_RUN = 16
+"""Pixels of a row that are written down together."""
+_LEFT, _RIGHT, _ABOVE, _BELOW, _ALWAYS = (np.uint32(1 << k) for k in range(5))
+"""Edges of a module at which black and white meet; pixels may count near to one, or always."""
+_NEVER = np.uint32(0)
 _F0, _F05, _F1 = np.float32(0), np.float32(0.5), np.float32(1)
-_I0, _I1, _I2 = np.int32(0), np.int32(1), np.int32(2)
+_I0, _I1 = np.int32(0), np.int32(1)
+
+
+class Room(NamedTuple):
+    """Room to collect the pixels of a tag in, one after the other.
+
+    Attributes
+    ----------
+    pixels : (B, OF_PIXEL * 64)
+        Blocks, see :mod:`boxcal.detect.alignment.numba.pixels`.
+    met, kept : (P,)
+        Pixels as numbers.
+    spans : (R, 2)
+        First and last column of each row of a tag's box.
+    edges : (S,)
+        Edges of each module at which black and white meet.
+    at, wanted : (64,)
+        Of each pixel of a block a place in a table, and what must be there.
+    figures : (24,)
+        What places on a tag are made of, see :mod:`boxcal.detect.alignment.numba.place`.
+    """
+
+    pixels: NDArray[np.float32]
+    met: NDArray[np.int32]
+    kept: NDArray[np.int32]
+    spans: NDArray[np.int64]
+    edges: NDArray[np.uint32]
+    at: NDArray[np.uint32]
+    wanted: NDArray[np.uint32]
+    figures: NDArray[np.float32]
 
 
 @kernel(inner=True)
-def collect(batch: Any, k: Any, differences: Any, pixels: Any) -> int:
-    """Fill blocks with grey levels, columns and rows of the pixels of tag k that count; return how many.
+def room_for(boxes: Any, modules: Any) -> Room:
+    """Return room for the pixels of any of some tags with bounding boxes (N, 4), of so many modules, ring included."""
+    most, rows = 0, 0
+    for k in range(len(boxes)):
+        width, height = max(boxes[k, 1] - boxes[k, 0], 0), max(boxes[k, 3] - boxes[k, 2], 0)
+        most, rows = max(most, width * height), max(rows, height)
+    return Room(
+        np.empty((most // BLOCK + 1, OF_PIXEL * BLOCK), np.float32),
+        np.empty(2 * most + BLOCK, np.int32),  # those on the lattice may be met twice
+        np.empty(most + BLOCK, np.int32),
+        np.empty((rows, 2), np.int64),
+        np.empty(modules * modules, np.uint32),
+        np.empty(BLOCK, np.uint32),
+        np.empty(BLOCK, np.uint32),
+        np.empty(FIGURES, np.float32),
+    )
 
-    ``differences`` are the modules', see :func:`boxcal.detect.alignment.numba.edges.module_differences`.
+
+@loops()
+def collect(batch: Any, k: Any, thinned: Any, room: Any) -> Any:
+    """Fill blocks with grey levels, columns and rows of the pixels of tag k that count, and what places are made of.
+
+    Return how many, and how many of them come first that a thinned step takes: all unless it is to be thinned.
     """
-    side, margin, box = batch.cells.shape[1], batch.margin[k], batch.bounding_boxes[k]
-    spans = np.empty((max(box[3] - box[2], 0), 2), np.int64)
-    _fill_spans(batch.lens, batch.theta[k], batch.normalisation[k], box, -margin, side - 2 + margin, spans)
-    on_lattice, met = _meet(box, batch.stride[k], spans, pixels)
-    fill_up(pixels, met)
-    wide_u, wide_v = widths(batch.theta[k], batch.normalisation[k])
+    side, margin, box, stride = batch.cells.shape[1], batch.margin[k], batch.bounding_boxes[k], batch.stride[k]
+    theta, normalisation = batch.theta[k], batch.normalisation[k]
+    fill_figures(batch.lens, theta, normalisation, room.figures)
+    _fill_spans(batch.lens, theta, normalisation, box, -margin, side - 2 + margin, room.spans)
+    _fill_edges(batch.cells[batch.rows[k]], room.edges)
+    on_lattice, met = _meet(box, stride, room.spans, room.met)
+    wide_u, wide_v = widths(theta, normalisation)
     limits = (
         np.float32(-margin), np.float32(side - 2 + margin), np.float32(NEAR_SIGMAS * wide_u),
         np.float32(NEAR_SIGMAS * wide_v),
     )  # fmt: skip
-    counts, by_u, by_v, n = _counting(differences, side), np.empty(BLOCK, np.uint32), np.empty(BLOCK, np.uint32), 0
-    for part in range((met + BLOCK - 1) // BLOCK):
-        block = pixels[part]
-        place(batch.lens, batch.theta[k], batch.normalisation[k], block)
-        _look(block, side, limits, on_lattice - part * BLOCK, by_u, by_v)
-        for p in range(min(BLOCK, met - part * BLOCK)):
-            into, at = pixels[n >> 6], n & 63
-            into[COLUMN + at], into[ROW + at] = block[COLUMN + p], block[ROW + p]
-            n += counts[by_u[p]] | counts[by_v[p]]
-    for p in range(n):
-        block, at = pixels[p >> 6], p & 63
-        block[_GREY + at] = batch.grey[np.uint32(block[ROW + at]), np.uint32(block[COLUMN + at])]
-    fill_up(pixels, n)
-    return n
+    n, block, left, top = 0, room.pixels[0], np.float32(box[0]), np.float32(box[2])
+    every, along, offset = np.float32(stride[0]), np.float32(stride[1]), np.float32(box[2] * stride[1] % stride[0])
+    for first in range(0, met, BLOCK):
+        numbers = room.met[first : first + BLOCK]
+        _unpack(numbers, box, block)
+        place(room.figures, block)
+        lattice = (left, top, every, along, offset, np.int32(on_lattice - first))
+        _look(block, side, limits, lattice, room.at, room.wanted)
+        for p in range(min(BLOCK, met - first)):
+            room.kept[np.uint64(n)] = numbers[p]
+            n += (room.edges[room.at[p]] & room.wanted[p]) != _NEVER
+    few, kept = n, room.kept
+    if thinned and n >= LEAST_THINNED:
+        few, kept = _thinned_first(room.kept, n, box, room.met), room.met
+    _fill_pixels(batch.grey, kept, n, box, room.pixels)
+    return n, few
 
 
 @loops()
-def place_all(batch: Any, k: Any, pixels: Any, n: Any) -> None:
-    """Fill the places of the first n pixels."""
-    for part in range((n + BLOCK - 1) // BLOCK):
-        place(batch.lens, batch.theta[k], batch.normalisation[k], pixels[part])
-
-
-@kernel(inner=True)
 def _fill_spans(lens: Any, h: Any, normalisation: Any, box: Any, low: Any, high: Any, spans: Any) -> None:  # noqa: PLR0917
     """Fill from which column to which a tag with a margin can reach in each row of its box."""
-    sides = np.empty((4, 3))
     away = _away(lens, normalisation, box) + 0.01
+    for row in range(box[3] - box[2]):
+        spans[row, 0], spans[row, 1] = box[0], box[1]
     for side in range(4):
         u, sign, limit = 3 * (side // 2), 1 - 2 * (side % 2), low if side % 2 == 0 else high
         a, b, c = sign * (h[u] - limit * h[6]), sign * (h[u + 1] - limit * h[7]), sign * (h[u + 2] - limit)
         # a column and a row from the tag's centre lie within where the sum of their multiples and this is positive
-        sides[side, 0], sides[side, 1] = a, b
-        sides[side, 2] = c / normalisation[2] + (abs(a) + abs(b)) * away
-    for row in range(len(spans)):
-        first, last = float(box[0]), float(box[1])
-        for side in range(4):
-            a, rest = sides[side, 0], sides[side, 1] * (box[2] + row - normalisation[1]) + sides[side, 2]
+        rest = c / normalisation[2] + (abs(a) + abs(b)) * away
+        first, each = rest + b * (box[2] - normalisation[1]), b
+        if a != 0:
+            first, each = normalisation[0] - first / a, -b / a
+        for row in range(box[3] - box[2]):
+            at = min(max(first + each * row, box[0] - 1.0), box[1] + 1.0) if a != 0 else first + each * row
             if a > 0:
-                first = max(first, normalisation[0] - rest / a)
+                spans[row, 0] = max(spans[row, 0], int(np.ceil(at)))
             elif a < 0:
-                last = min(last, normalisation[0] - rest / a + 1)
-            elif not rest > 0:
-                last = first
-        spans[row, 0] = int(np.ceil(min(first, float(box[1]))))
-        spans[row, 1] = int(np.floor(max(last, float(box[0]))))
+                spans[row, 1] = min(spans[row, 1], int(np.floor(at)) + 1)
+            elif not at > 0:
+                spans[row, 1] = spans[row, 0]
 
 
 @loops()
@@ -100,84 +150,116 @@ def _away(lens: Any, normalisation: Any, box: Any) -> float:
 
 
 @loops()
-def _meet(box: Any, stride: Any, spans: Any, pixels: Any) -> Any:
-    """Fill where the spans' pixels on the lattice are, then those beside it on diagonals; return how many."""
+def _fill_edges(cells: Any, edges: Any) -> None:
+    """Fill at which edges of each module black and white meet: none before the white ring and behind it."""
+    side = cells.shape[0]
+    for j in range(side):
+        for i in range(side):
+            here, told = cells[j, i], _ALWAYS
+            told |= _LEFT if i > 0 and cells[j, i - 1] != here else _NEVER
+            told |= _RIGHT if i + 1 < side and cells[j, i + 1] != here else _NEVER
+            told |= _ABOVE if j > 0 and cells[j - 1, i] != here else _NEVER
+            told |= _BELOW if j + 1 < side and cells[j + 1, i] != here else _NEVER
+            edges[j * side + i] = told
+
+
+@loops()
+def _meet(box: Any, stride: Any, spans: Any, met: Any) -> Any:
+    """Write down the spans' pixels on the lattice, then those on diagonals; return how many on it, and in all."""
     every, every_near, n = stride[0], stride[2], 0
-    for row in range(box[2], box[3]):
-        first, last = spans[row - box[2]]
-        for column in range(first + (box[0] + row * stride[1] - first) % every, last, every):
-            block, at = pixels[n >> 6], n & 63
-            block[COLUMN + at], block[ROW + at] = column, row
-            n += 1
-    on_lattice, further = n, every_near % every
-    for row in range(box[2], box[3] if every > 1 else box[2]):
-        first, last = spans[row - box[2]]
-        first += (every_near - (first + row) % every_near) % every_near
-        beside = (first - box[0] - row * stride[1]) % every
-        for column in range(first, last, every_near):
-            block, at = pixels[n >> 6], n & 63
-            block[COLUMN + at], block[ROW + at] = column, row
-            n += beside != 0
-            beside += further
-            beside -= every if beside >= every else 0
+    for row in range(box[3] - box[2]):
+        first, last = spans[row, 0] - box[0], spans[row, 1] - box[0]
+        first += _modulo((box[2] + row) * stride[1] - first, every)
+        n = _write_run(row, first, last, every, met, n)
+    on_lattice = n
+    for row in range(box[3] - box[2] if every > 1 else 0):
+        first, last = spans[row, 0] - box[0], spans[row, 1] - box[0]
+        first += _modulo(-(box[0] + first + box[2] + row), every_near)
+        n = _write_run(row, first, last, every_near, met, n)
     return on_lattice, n
 
 
-@loops(fastmath=_IN_PLACE)
-def place(lens: Any, theta: Any, normalisation: Any, block: Any) -> None:
-    """Fill x, y, u and v of a block of pixels, from the tag's centre so that single precision does."""
-    h0, h1, h2, h3 = np.float32(theta[0]), np.float32(theta[1]), np.float32(theta[2]), np.float32(theta[3])
-    h4, h5, h6, h7 = np.float32(theta[4]), np.float32(theta[5]), np.float32(theta[6]), np.float32(theta[7])
-    tag_x, tag_y, scale = normalisation[0], normalisation[1], np.float32(normalisation[2])
-    whole_x, whole_y = np.float32(np.floor(tag_x)), np.float32(np.floor(tag_y))
-    rest_x, rest_y = np.float32(tag_x - np.floor(tag_x)), np.float32(tag_y - np.floor(tag_y))
-    from_x, from_y = np.float32(tag_x - lens[CENTRE_X]), np.float32(tag_y - lens[CENTRE_Y])
-    bx, by, D = local_undistortion(lens, normalisation)
-    bx, by, D_1 = np.float32(bx), np.float32(by), np.float32(D - 1)
-    a1, a2, a3 = np.float32(lens[A1]), np.float32(lens[A2]), np.float32(lens[A3])
-    per_px2, skew = np.float32(lens[PER_RADIUS] * lens[PER_RADIUS]), np.float32(lens[SKEW])
-    aspect = np.float32(np.exp(lens[LOG_ASPECT]))
+@loops()
+def _modulo(a: Any, b: Any) -> Any:
+    """Return a modulo b, both of far fewer than 50 bits: dividing integers takes twice as long."""
+    return a - b * int(np.floor((a + 0.5) / b))
+
+
+@loops()
+def _write_run(row: Any, first: Any, last: Any, every: Any, met: Any, n: Any) -> Any:  # noqa: PLR0917
+    """Write down each so-manyth pixel of a row from the first to before the last; return how many there are now.
+
+    Whole runs are written, what is too much is written over by the next.
+    """
+    if last <= first:
+        return n
+    count, one = 1 + int((last - first - 0.5) / every), np.int32(every)
+    for begin in range(0, count, _RUN):
+        run, value = met[n + begin : n + begin + _RUN], np.int32((row << 16) + first + begin * every)
+        for i in range(_RUN):
+            run[i] = value + np.int32(i) * one
+    return n + count
+
+
+@loops()
+def _unpack(numbers: Any, box: Any, block: Any) -> None:
+    """Fill the columns and rows of a block of pixels."""
+    left, top = np.float32(box[0]), np.float32(box[2])
     for p in range(BLOCK):
-        ex, ey = (block[COLUMN + p] - whole_x) - rest_x, (block[ROW + p] - whole_y) - rest_y
-        dx, dy = ex + from_x, ey + from_y
-        sx, sy = dx - skew * dy, aspect * dy
-        q = (sx * sx + sy * sy) * per_px2
-        # the chart's factor less one, D / (g - b d) - 1
-        more = D_1 + bx * sx + by * sy + q * (a1 + q * (a2 + q * a3))
-        more /= _F1 + D_1 - more
-        x, y = (ex + dx * more) * scale, (ey + dy * more) * scale
-        w = _F1 / (h6 * x + h7 * y + _F1)
-        block[p] = x
-        block[_Y + p] = y
-        block[_U + p] = (h0 * x + h1 * y + h2) * w
-        block[_V + p] = (h3 * x + h4 * y + h5) * w
+        number = numbers[p]
+        block[COLUMN + p] = left + np.float32(np.int32(number & _SHORT))
+        block[ROW + p] = top + np.float32(np.int32(number >> 16))
 
 
-@kernel(inner=True)
-def _counting(differences: Any, side: Any) -> Any:
-    """Return whether pixels count: never, always, and near each edge along u and along v."""
-    counts = np.empty(2 + 2 * side * side, np.bool_)
-    counts[0], counts[1] = False, True
-    for edge in range(side * side):
-        counts[2 + edge] = differences[1, edge] != _F0
-        counts[2 + side * side + edge] = differences[2, edge] != _F0
-    return counts
+@loops(fastmath=IN_PLACE)
+def _look(block: Any, side: Any, limits: Any, lattice: Any, at: Any, wanted: Any) -> None:  # noqa: PLR0917
+    """Fill the modules of a block's pixels, and at which of their edges must be one for them to count.
 
-
-@loops(fastmath=_IN_PLACE)
-def _look(block: Any, side: Any, limits: Any, on_lattice: Any, by_u: Any, by_v: Any) -> None:  # noqa: PLR0917
-    """Fill what decides whether pixels of a block count, see :func:`_counting`; on the tag the first few always do."""
+    The first few of the block are on the lattice and count on the tag; others on the lattice never do.
+    """
     low, high, near_u, near_v = limits
-    width, all_edges, first = np.int32(side), np.int32(side * side), np.int32(on_lattice)
+    left, top, every, along, offset, on_lattice = lattice
+    width, last, by_every = np.int32(side), np.int32(side * side - 1), _F1 / every
     for p in range(BLOCK):
-        u, v = block[_U + p], block[_V + p]
+        u, v = block[U + p], block[V + p]
+        whole_u, whole_v = np.floor(u), np.floor(v)
+        rest_u, rest_v = u - whole_u, v - whole_v
+        at[p] = min(max(np.int32(np.int32(whole_v + _F1) * width + np.int32(whole_u + _F1)), _I0), last)
+        by_u, by_v = _LEFT if rest_u < _F05 else _RIGHT, _ABOVE if rest_v < _F05 else _BELOW
+        by_u = by_u if min(rest_u, _F1 - rest_u) < near_u else _NEVER
+        by_v = by_v if min(rest_v, _F1 - rest_v) < near_v else _NEVER
+        step = (block[COLUMN + p] - left) - along * (block[ROW + p] - top) - offset
+        near = np.uint32(by_u | by_v) if step != every * np.floor((step + _F05) * by_every) else _NEVER
+        told = _ALWAYS if np.int32(p) < on_lattice else near
         inside = (u > low) & (u < high) & (v > low) & (v < high)
-        edge_u, edge_v = np.floor(u + _F05), np.floor(v + _F05)
-        # before the white ring and behind it no edge is one between black and white
-        column, row = np.int32(np.floor(u) + _F1), np.int32(np.floor(v) + _F1)
-        at_u = min(max(row * width + np.int32(edge_u), _I0), all_edges - _I1)
-        at_v = min(max(np.int32(edge_v) * width + column, _I0), all_edges - _I1)
-        lattice = _I1 if np.int32(p) < first else _I0
-        near = _I2 + at_u if abs(u - edge_u) < near_u else lattice
-        by_u[p] = (lattice if lattice > _I0 else near) if inside else _I0
-        by_v[p] = _I2 + all_edges + at_v if inside & (abs(v - edge_v) < near_v) else _I0
+        wanted[p] = told if inside else _NEVER
+
+
+@loops()
+def _thinned_first(kept: Any, n: Any, box: Any, into: Any) -> int:
+    """Put those of n pixels first of which column and twice the row together ``THINNED`` divides; return how many."""
+    shift, few = box[0] + 2 * box[2], 0
+    for p in range(n):
+        number = kept[p]
+        into[np.uint64(few)] = number
+        few += ((number & _SHORT) + 2 * (number >> 16) + shift) % THINNED == 0
+    m = few
+    for p in range(n):
+        number = kept[p]
+        into[np.uint64(m)] = number
+        m += ((number & _SHORT) + 2 * (number >> 16) + shift) % THINNED != 0
+    return few
+
+
+@loops()
+def _fill_pixels(grey: Any, kept: Any, n: Any, box: Any, pixels: Any) -> None:
+    """Fill grey levels, columns and rows of n pixels, and what is left of the last block as the first pixel."""
+    left, top = box[0], box[2]
+    for p in range(n, (n + BLOCK - 1) // BLOCK * BLOCK):
+        kept[p] = kept[0]
+    for first in range(0, n, BLOCK):
+        block, numbers = pixels[first // BLOCK], kept[first : first + BLOCK]
+        _unpack(numbers, box, block)
+        for p in range(BLOCK):
+            number = numbers[p]
+            block[GREY + p] = grey[np.uint64((number >> 16) + top), np.uint64((number & _SHORT) + left)]

@@ -31,16 +31,17 @@ _E2, _E3, _E4, _E5, _E6 = (np.float32(x) for x in (1 / 2, 1 / 6, 1 / 24, 1 / 120
 
 @loops(fastmath=True)
 def module_differences(cells: Any, out: Any) -> None:
-    """Fill a tag's modules (row 0, rows of modules one after the other) and their differences along u, v and both."""
+    """Fill each of a tag's modules and its differences to the next along u, along v and along both, (4 S,).
+
+    Modules are in rows one after the other; the four figures of one lie together, so that they are read at once.
+    """
     side = cells.shape[0]
     for j in range(side):
         for i in range(side):
-            out[0, j * side + i] = cells[j, i]
-    for k in range(side * side - 1):
-        out[1, k] = out[0, k + 1] - out[0, k]
-    for k in range(side * side - side):
-        out[2, k] = out[0, k + side] - out[0, k]
-        out[3, k] = out[1, k + side] - out[1, k]
+            right, below, at = min(i + 1, side - 1), min(j + 1, side - 1), 4 * (j * side + i)
+            here, along_u, along_v = cells[j, i], cells[j, right], cells[below, i]
+            out[at], out[at + 1], out[at + 2] = here, along_u - here, along_v - here
+            out[at + 3] = cells[below, right] - along_u - along_v + here
 
 
 @loops(fastmath=True)
@@ -92,41 +93,37 @@ def edge(place: Any, inverse: Any, first: Any, e: Any, k: Any, out: Any) -> None
 
 
 @loops(fastmath=True)
-def across(weight: Any, edge: Any, sums: Any) -> None:
-    """Add an edge along u, times the difference of the modules there, to the sums along a row of modules."""
-    for p in range(BLOCK):
-        c = weight[p]
-        sums[p] += c * edge[p]
-        sums[_1 + p] += c * edge[_1 + p]
-        sums[_2 + p] += c * edge[_2 + p]
-        sums[_3 + p] += c * edge[_3 + p]
-        sums[_4 + p] += c * edge[_4 + p]
-        sums[_5 + p] += c * edge[_5 + p]
-        sums[_6 + p] += c * edge[_6 + p]
+def cross(weights: Any, along: Any, down: Any, rho: Any, first: Any, total: Any) -> None:  # noqa: PLR0917
+    """Add to P and its derivatives what the modules about the crossing of an edge along u and one along v make.
 
-
-@loops(fastmath=True)
-def down(sums: Any, edge: Any, rho: Any, total: Any) -> None:
-    """Add an edge along v, times the sums along u of the differences there, to P and its derivatives."""
+    ``weights`` are a module and its differences, see :func:`module_differences`; ``first`` says of both edges whether
+    they are the first in reach. The first module counts once, and each edge's own differences once.
+    """
+    first_u, first_v = first
+    if first_u and first_v:
+        for p in range(BLOCK):
+            total[p], total[_1 + p], total[_2 + p] = weights[4 * p], _F0, _F0
+            total[_3 + p], total[_4 + p] = _F0, _F0
+    once_u, once_v = _F1 if first_v else _F0, _F1 if first_u else _F0
     for p in range(BLOCK):
-        s0, s1, s2, s3 = sums[p], sums[_1 + p], sums[_2 + p], sums[_3 + p]
-        s4, s5, s6 = sums[_4 + p], sums[_5 + p], sums[_6 + p]
-        e0, e1, e2, e3 = edge[p], edge[_1 + p], edge[_2 + p], edge[_3 + p]
-        e4, e5, e6 = edge[_4 + p], edge[_5 + p], edge[_6 + p]
-        r = rho[p]
-        total[p] += e0 * s0 + r * (e4 * s4 + _F05 * r * e5 * s5)
-        total[_1 + p] += e0 * s1 - r * e4 * s5
-        total[_2 + p] += e1 * s0 - r * e5 * s4
-        total[_3 + p] += e0 * s2 + e2 * s0 + r * (e4 * s6 + e6 * s4)
-        total[_4 + p] += e0 * s3 + e3 * s0
+        r, both = rho[p], weights[4 * p + 3]
+        e0, e1, e2, e3 = down[p], down[_1 + p], down[_2 + p], down[_3 + p]
+        e4, e5, e6 = down[_4 + p], down[_5 + p], down[_6 + p]
+        s0, s1, s2, s3 = along[p], along[_1 + p], along[_2 + p], along[_3 + p]
+        s4, s5, s6 = along[_4 + p], along[_5 + p], along[_6 + p]
+        u, v = once_u * weights[4 * p + 1] + both * e0, once_v * weights[4 * p + 2] + both * s0
+        tilt = r * both
+        total[p] += u * s0 + once_v * weights[4 * p + 2] * e0 + tilt * (e4 * s4 + _F05 * r * e5 * s5)
+        total[_1 + p] += u * s1 - tilt * e4 * s5
+        total[_2 + p] += v * e1 - tilt * e5 * s4
+        total[_3 + p] += u * s2 + v * e2 + tilt * (e4 * s6 + e6 * s4)
+        total[_4 + p] += u * s3 + v * e3
 
 
 @loops(fastmath=True)
 def jacobian(light: Any, at: Any, geometry: Any, total: Any, response_slope: Any, out: Any) -> None:  # noqa: PLR0917
     """Fill the rows of the Jacobian; ``response_slope`` is 0 behind the last pixel."""
-    gain, slope_x, slope_y, kappa = (
-        np.float32(light[1]), np.float32(light[2]), np.float32(light[3]), np.float32(light[4])
-    )  # fmt: skip
+    _, gain, slope_x, slope_y, kappa = light
     for p in range(BLOCK):
         x, y, live, value = at[p], at[_1 + p], response_slope[p], total[p]
         factor, per_w = (gain + slope_x * x + slope_y * y) * live, geometry[p]

@@ -11,21 +11,20 @@ from boxcal.detect.alignment.numba.arrays import clear, clear_rows, finite, put,
 from boxcal.detect.alignment.numba.block_motion import fill_blocks
 from boxcal.detect.alignment.numba.cholesky import solve_positive
 from boxcal.detect.alignment.numba.cluster_sums import fill_squares
-from boxcal.detect.alignment.numba.collect import collect, place_all
+from boxcal.detect.alignment.numba.collect import collect, room_for
 from boxcal.detect.alignment.numba.edges import module_differences
-from boxcal.detect.alignment.numba.image_model import ROWS, add_products, differentiate
+from boxcal.detect.alignment.numba.image_model import ROWS, add_products, differentiate, room_to_work, sum_of_squares
 from boxcal.detect.alignment.numba.kernel import kernel, loops
-from boxcal.detect.alignment.numba.pixels import add_blocks, initial_intensity, room, thin
+from boxcal.detect.alignment.numba.pixels import BLOCK, add_residuals, initial_intensity
+from boxcal.detect.alignment.numba.place import fill_figures, place_all
 from boxcal.detect.alignment.registration.finish import KURTOSIS_PRIOR
 from boxcal.detect.alignment.registration.gauss_newton import (
     KURTOSIS_RANGE,
-    LEAST_THINNED,
     LOG_SIGMA_RANGE,
     LONGEST_LOG,
     LONGEST_MODULES,
     MOST_EXPLAINED,
     MUCH,
-    THINNED,
     StepRules,
 )
 from boxcal.detect.alignment.registration.image_model import Sums, no_sums
@@ -65,27 +64,33 @@ def accumulate(batch: Batch) -> Sums:
 def _iterate(batch: Any, sums: Any, normalised: Any, module_px: Any, rules: Any, parts: Any) -> None:  # noqa: PLR0917
     """Take the steps of each tag, or fill its sums alone: all in one, as it compiles once."""
     normal, gradient, stats, theta = sums.normal, sums.gradient, sums.stats, batch.theta
-    step, table = np.zeros(PARAMETERS), np.zeros((4, batch.cells.shape[1] ** 2), np.float32)
+    side = batch.cells.shape[1]
+    step, differences = np.zeros(PARAMETERS), np.empty(4 * side * side, np.float32)
+    blocks = sums.blocks.reshape((len(theta), 2 * side * side))
+    room, work = room_for(batch.bounding_boxes, side), room_to_work()
     for k in range(len(batch.rows)):
         if not finite(theta[k]):
             continue
-        pixels, n, since = room(batch.bounding_boxes[k]), 0, np.inf
-        module_differences(batch.cells[batch.rows[k]], table)
+        n, few, since = 0, 0, np.inf
+        module_differences(batch.cells[batch.rows[k]], differences)
         jac = np.empty((ROWS, 0), np.float32)
         for number in range(rules.iterations):
             clear_rows(normal[k])
             clear(gradient[k])
             clear(stats[k])
             if since > _FAR_MODULES:
-                n = collect(batch, k, table, pixels)
+                n, few = collect(batch, k, rules.thinned and number == 0, room)
                 since = 0.0
-            place_all(batch, k, pixels, n)
+            fill_figures(batch.lens, theta[k], batch.normalisation[k], room.figures)
+            place_all(room.figures, room.pixels, n)
             if rules.guess and number == 0:
-                initial_intensity(batch, k, pixels, n)
-            thinned = number == 0 and rules.thinned and n >= LEAST_THINNED
-            used, m = thin(pixels, n, THINNED) if thinned else (pixels, n)
-            jac = differentiate(batch, k, table, used, m, stats[k])
+                initial_intensity(batch, k, room.pixels, n)
+            thinned = number == 0 and few < n
+            m = few if thinned else n
+            jac = np.empty((ROWS, (m + BLOCK - 1) // BLOCK * BLOCK), np.float32)
+            differentiate(batch, k, differences, room.pixels, m, work, jac)
             add_products(jac, normal[k], gradient[k])
+            stats[k, 0], stats[k, 1] = m, sum_of_squares(jac[PARAMETERS])
             if rules.sums_only:
                 break
             information = max(stats[k, 1], 1e-9) / max(stats[k, 0] - PARAMETERS, 1.0) / KURTOSIS_PRIOR**2
@@ -106,9 +111,9 @@ def _iterate(batch: Any, sums: Any, normalised: Any, module_px: Any, rules: Any,
             still = moved * module_px[k] < rules.stop_px and not (converging or thinned)
             if number >= len(rules.free) - 1 and still:
                 break
-        add_blocks(pixels, n, jac, sums.blocks[k])
+        add_residuals(room.pixels, n, side, room.at, blocks[k], stats[k])
         if k < len(parts.at) and parts.at[k] >= 0:
-            _sum_parts(batch, k, pixels, n, jac, step, parts)
+            _sum_parts(batch, k, room.pixels, n, jac, step, parts)
 
 
 @kernel(inner=True)
@@ -157,22 +162,18 @@ def _hold(theta: Any, step: Any) -> None:
     step[KURTOSIS] = min(max(kurtosis, KURTOSIS_RANGE[0]), KURTOSIS_RANGE[1]) - theta[KURTOSIS]
 
 
-@kernel(inner=True)
+@loops()
 def _step_on(theta: Any, step: Any, normalised: Any) -> float:
     """Take the step; return how far that moves a corner at most, in modules."""
     most = 0.0
-    before = np.empty((4, 2))
-    for turn in range(2):
-        for c in range(4):
-            x, y = normalised[c, 0], normalised[c, 1]
-            w = theta[6] * x + theta[7] * y + 1
-            u = (theta[0] * x + theta[1] * y + theta[2]) / w
-            v = (theta[3] * x + theta[4] * y + theta[5]) / w
-            if turn == 0:
-                before[c, 0], before[c, 1] = u, v
-            else:
-                most = max(most, abs(u - before[c, 0]), abs(v - before[c, 1]))
-        if turn == 0:
-            for i in range(PARAMETERS):
-                theta[i] += step[i]
+    for i in range(PARAMETERS):
+        theta[i] += step[i]
+    for c in range(4):
+        x, y = normalised[c, 0], normalised[c, 1]
+        w, w0 = theta[6] * x + theta[7] * y + 1, (theta[6] - step[6]) * x + (theta[7] - step[7]) * y + 1
+        for i in range(2):
+            j = 3 * i
+            now = (theta[j] * x + theta[j + 1] * y + theta[j + 2]) / w
+            before = ((theta[j] - step[j]) * x + (theta[j + 1] - step[j + 1]) * y + theta[j + 2] - step[j + 2]) / w0
+            most = max(most, abs(now - before))
     return most

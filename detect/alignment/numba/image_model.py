@@ -6,71 +6,105 @@ A tag's pixels are first collected (:mod:`boxcal.detect.alignment.numba.pixels`)
 (:mod:`boxcal.detect.alignment.numba.edges`).
 """
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from boxcal.detect.alignment.numba.arrays import clear, put
-from boxcal.detect.alignment.numba.edges import OF_EDGE, across, blur_geometry, down, edge, jacobian
+from boxcal.detect.alignment.numba.arrays import put
+from boxcal.detect.alignment.numba.edges import OF_EDGE, blur_geometry, cross, edge, jacobian
 from boxcal.detect.alignment.numba.kernel import kernel, loops
-from boxcal.detect.alignment.numba.pixels import BLOCK, widths
+from boxcal.detect.alignment.numba.pixels import BLOCK, GREY, RESIDUAL, U, V, Y, widths
 from boxcal.detect.alignment.registration.parameters import PARAMETERS
 
 ROWS = 16
 """Rows of the Jacobian: the parameters, the residual, and one that stays zero."""
+_RESIDUALS = PARAMETERS * BLOCK
+_PER_SU, _PER_SV, _RHO, _FIRST_U, _FIRST_V = (k * BLOCK for k in range(1, 6))
+"""Where rows of what a block's pixels see of the blur begin after the first."""
 _NEAR = 3.5
 _MOST = 16
 """Edges across a tag, at most."""
-_F0, _F05, _F1 = np.float32(0), np.float32(0.5), np.float32(1)
-_I0, _U1 = np.int32(0), np.uint64(1)
+_F0, _F05, _F1, _F4 = np.float32(0), np.float32(0.5), np.float32(1), np.float32(4)
+_I0, _U1, _U2, _U3 = np.int32(0), np.uint64(1), np.uint64(2), np.uint64(3)
 _UNDER_1 = np.float32(1 - 2**-20)
 """The light that saturates, and still lies within the last step of a table."""
 
 
-@loops(fastmath=True)
-def _residuals(  # noqa: PLR0917
-    at: Any, light: Any, batch: Any, total: Any, used: Any, shown: Any, places: Any, response_slope: Any, out: Any,
-    stats: Any,
-) -> None:  # fmt: skip
-    """Fill the residuals of a block and the response curve's slope, both 0 behind the used pixels; add to the sums.
+class Work(NamedTuple):
+    """Room for what is made of a block of pixels, a row of 64 for each figure one after the other.
 
-    ``shown`` and ``places`` are room for as many figures.
+    Attributes
+    ----------
+    geometry : (6 * 64,)
+        1 / w, 1 / s_u, 1 / s_v, correlation of the blur on the tag, first edges in reach along u and along v.
+    corner : (64,)
+        Place of the modules before these edges in a table of four figures each.
+    edges_u, edge_v : (16 * 7 * 64,), (7 * 64,)
+        Edges along u and one along v, see :func:`boxcal.detect.alignment.numba.edges.edge`.
+    weights : (4 * 64,)
+        Modules and their differences; those of one pixel lie together.
+    shown, response_slope : (64,)
+        Light, and then grey levels; the response curve's slope.
+    total : (5 * 64,)
+        P and its derivatives.
+    rows : (16 * 64,)
+        Of the Jacobian.
     """
-    offset, gain, slope_x, slope_y, kappa = (
-        np.float32(light[0]), np.float32(light[1]), np.float32(light[2]), np.float32(light[3]), np.float32(light[4])
-    )  # fmt: skip
+
+    geometry: NDArray[np.float32]
+    corner: NDArray[np.uint32]
+    edges_u: NDArray[np.float32]
+    edge_v: NDArray[np.float32]
+    weights: NDArray[np.float32]
+    shown: NDArray[np.float32]
+    response_slope: NDArray[np.float32]
+    total: NDArray[np.float32]
+    rows: NDArray[np.float32]
+
+
+@kernel(inner=True)
+def room_to_work() -> Work:
+    """Return room for what is made of a block of pixels."""
+    return Work(
+        np.empty(6 * BLOCK, np.float32),
+        np.empty(BLOCK, np.uint32),
+        np.empty(_MOST * OF_EDGE, np.float32),
+        np.empty(OF_EDGE, np.float32),
+        np.empty(4 * BLOCK, np.float32),
+        np.empty(BLOCK, np.float32),
+        np.empty(BLOCK, np.float32),
+        np.empty(5 * BLOCK, np.float32),
+        np.zeros(ROWS * BLOCK, np.float32),
+    )
+
+
+@loops(fastmath=True)
+def _residuals(at: Any, light: Any, used: Any, linear: Any, response: Any, work: Any) -> None:  # noqa: PLR0917
+    """Fill the residuals of a block and the response curve's slope, both 0 behind the used pixels."""
+    offset, gain, slope_x, slope_y, kappa = light
+    total, shown, response_slope, residual = work.total, work.shown, work.response_slope, work.rows[_RESIDUALS:]
     for p in range(BLOCK):
         value = total[p]
-        shown[p] = offset + gain * value + (slope_x * at[p] + slope_y * at[BLOCK + p]) * (value + kappa)
-    if batch.linear:
+        shown[p] = offset + gain * value + (slope_x * at[p] + slope_y * at[Y + p]) * (value + kappa)
+    if linear:
         for p in range(BLOCK):
             lit = shown[p]
             shown[p] = min(max(lit, _F0), _F1)
             response_slope[p] = _F1 if lit >= _F0 and lit < _F1 else _F0
     else:
-        _through_table(batch.response, shown, response_slope, out, places)
-    r2, y1, y2, p1, p2 = _F0, _F0, _F0, _F0, _F0
+        _through_table(response, shown, response_slope, work.corner, work.weights)
     for p in range(BLOCK):
-        live = _F1 if p < used else _F0
-        value, predicted = at[4 * BLOCK + p] * live, shown[p] * live
-        r = value - predicted
-        out[p] = r
+        live = _F1 if np.int32(p) < used else _F0
+        r = (at[GREY + p] - shown[p]) * live
+        residual[p] = r
         response_slope[p] *= live
-        r2 += r * r
-        y1 += value
-        y2 += value * value
-        p1 += predicted
-        p2 += predicted * predicted
-    stats[1] += r2
-    stats[2] += y1
-    stats[3] += y2
-    stats[4] += p1
-    stats[5] += p2
+    put(at[RESIDUAL : RESIDUAL + BLOCK], residual[:BLOCK])
 
 
 @loops(fastmath=True)
-def _through_table(response: Any, shown: Any, response_slope: Any, step: Any, places: Any) -> None:
-    """Replace light by grey levels, and fill the response curve's slopes there; the last two are room for as many."""
+def _through_table(response: Any, shown: Any, response_slope: Any, places: Any, pairs: Any) -> None:
+    """Replace light by grey levels, and fill the response curve's slopes there; the last two are room, two a pixel."""
     last, most = np.float32(len(response) - 1), np.int32(len(response) - 2)
     for p in range(BLOCK):
         t = min(max(shown[p], _F0), _UNDER_1) * last
@@ -78,97 +112,83 @@ def _through_table(response: Any, shown: Any, response_slope: Any, step: Any, pl
         places[p] = min(max(np.int32(t), _I0), most)  # what is not finite has no place in the table
     for p in range(BLOCK):  # apart, as no vector instruction reads a table
         i = np.uint64(places[p])
-        shown[p] = response[i]
-        step[p] = response[i + _U1]
+        low, high = response[i], response[i + _U1]
+        pairs[2 * p], pairs[2 * p + 1] = low, high
     for p in range(BLOCK):
-        t, low = response_slope[p], shown[p]
-        rise = step[p] - low
+        t, low = response_slope[p], pairs[2 * p]
+        rise = pairs[2 * p + 1] - low
         shown[p] = low + (t - np.floor(t)) * rise
         response_slope[p] = rise * last if t > _F0 and t < last * _UNDER_1 else _F0
 
 
 @loops(fastmath=True)
-def _gather(table: Any, corner: Any, beyond: Any, weight: Any) -> None:
-    """Fill weights from a table, so far beyond the first modules in reach."""
-    shift = np.uint64(beyond)  # numba looks whether other numbers are negative, and counts from the end
+def _gather(differences: Any, corner: Any, beyond: Any, weights: Any) -> None:
+    """Fill modules with their differences, so far beyond the first modules in reach: four figures at once."""
+    shift = np.uint64(4 * beyond)  # numba looks whether other numbers are negative, and counts from the end
     for p in range(BLOCK):
-        weight[p] = table[np.uint64(corner[p]) + shift]
-
-
-@kernel(inner=True, fastmath=True)
-def differentiate(batch: Any, tag: Any, table: Any, pixels: Any, n: Any, stats: Any) -> Any:  # noqa: PLR0917
-    """Return the Jacobian of collected pixels, (16, 64 B), residuals in row 14; add to the sums of residuals.
-
-    ``table`` holds the tag's modules and their differences.
-    """
-    theta, normalisation, side = batch.theta[tag], batch.normalisation[tag], batch.cells.shape[1]
-    modules = side - 2
-    wide_u, wide_v = widths(theta, normalisation)
-    # edges in reach of a normalisation, by the blur at the tag's centre
-    count_u = min(int(2 * _NEAR * wide_u) + 1, modules + 1, _MOST)
-    count_v = min(int(2 * _NEAR * wide_v) + 1, modules + 1, _MOST)
-    sigma = np.exp(theta[12]) * normalisation[2]
-    kappa = theta[8] / theta[9] if abs(theta[9]) > 1e-9 else 0.0
-    light = (theta[8], theta[9], theta[10], theta[11], kappa)
-    parts = (n + BLOCK - 1) // BLOCK
-    jac, rows = np.empty((ROWS, parts * BLOCK), np.float32), np.empty(ROWS * BLOCK, np.float32)
-    clear(rows[(ROWS - 1) * BLOCK :])
-    geometry = np.empty(4 * BLOCK, np.float32)
-    first_u, first_v = np.empty(BLOCK, np.float32), np.empty(BLOCK, np.float32)
-    corner = np.empty(BLOCK, np.uint32)
-    edges_u, edge_v = np.empty(count_u * OF_EDGE, np.float32), np.empty(OF_EDGE, np.float32)
-    weight, response_slope = np.empty(BLOCK, np.float32), np.empty(BLOCK, np.float32)
-    sums, total = np.empty(7 * BLOCK, np.float32), np.empty(5 * BLOCK, np.float32)
-    flat, along_u, along_v, along_both = table[0], table[1], table[2], table[3]
-    half_u, half_v = _F1 - _F05 * np.float32(count_u), _F1 - _F05 * np.float32(count_v)
-    last_u, last_v = np.float32(modules + 1 - count_u), np.float32(modules + 1 - count_v)
-    width, farthest = np.float32(side), np.int32(last_v * np.float32(side) + last_u)
-    per_su, per_sv, rho = geometry[BLOCK : 2 * BLOCK], geometry[2 * BLOCK : 3 * BLOCK], geometry[3 * BLOCK :]
-    for part in range(parts):
-        at, used = pixels[part], min(BLOCK, n - part * BLOCK)
-        u, v = at[2 * BLOCK : 3 * BLOCK], at[3 * BLOCK : 4 * BLOCK]
-        for p in range(BLOCK):
-            i = min(max(np.floor(u[p] + half_u), _F0), last_u)
-            j = min(max(np.floor(v[p] + half_v), _F0), last_v)
-            first_u[p] = i
-            first_v[p] = j
-            corner[p] = min(max(np.int32(j * width + i), _I0), farthest)
-        blur_geometry(theta, sigma, batch.blur, at, geometry)
-        clear(sums)
-        for e in range(count_u):
-            along = edges_u[e * OF_EDGE : (e + 1) * OF_EDGE]
-            edge(u, per_su, first_u, e, theta[13], along)
-            _gather(along_u, corner, e, weight)
-            across(weight, along, sums)
-        _gather(flat, corner, 0, weight)
-        _begin_total(weight, sums, total)
-        for f in range(count_v):
-            edge(v, per_sv, first_v, f, theta[13], edge_v)
-            clear(sums)
-            for e in range(count_u):
-                _gather(along_both, corner, f * side + e, weight)
-                across(weight, edges_u[e * OF_EDGE : (e + 1) * OF_EDGE], sums)
-            _gather(along_v, corner, f * side, weight)
-            for p in range(BLOCK):
-                sums[p] += weight[p]
-            down(sums, edge_v, rho, total)
-        _residuals(at, light, batch, total, used, weight, corner, response_slope, rows[PARAMETERS * BLOCK :], stats)
-        jacobian(light, at, geometry, total, response_slope, rows)
-        for row in range(ROWS):
-            put(jac[row, part * BLOCK : (part + 1) * BLOCK], rows[row * BLOCK : (row + 1) * BLOCK])
-    stats[0] += n
-    return jac
+        at = np.uint64(corner[p]) + shift
+        a, b, c, d = differences[at], differences[at + _U1], differences[at + _U2], differences[at + _U3]
+        weights[4 * p], weights[4 * p + 1], weights[4 * p + 2], weights[4 * p + 3] = a, b, c, d
 
 
 @loops(fastmath=True)
-def _begin_total(flat: Any, sums: Any, total: Any) -> None:
-    """Fill P and its derivatives by u, v, log sigma and kurtosis as the edges along u alone make them."""
+def differentiate(batch: Any, tag: Any, differences: Any, pixels: Any, n: Any, work: Any, jac: Any) -> None:  # noqa: PLR0917
+    """Fill the Jacobian (16, 64 B) of placed pixels, residuals in row 14, zero in row 15.
+
+    For ``differences`` see :func:`boxcal.detect.alignment.numba.edges.module_differences`.
+    """
+    theta, side = batch.theta[tag], batch.cells.shape[1]
+    modules = side - 2
+    wide_u, wide_v = widths(theta, batch.normalisation[tag])
+    # edges in reach of a normalisation, by the blur at the tag's centre
+    count_u = min(int(2 * _NEAR * wide_u) + 1, modules + 1, _MOST)
+    count_v = min(int(2 * _NEAR * wide_v) + 1, modules + 1, _MOST)
+    sigma = np.exp(theta[12]) * batch.normalisation[tag, 2]
+    kappa = theta[8] / theta[9] if abs(theta[9]) > 1e-9 else 0.0
+    light = (
+        np.float32(theta[8]),
+        np.float32(theta[9]),
+        np.float32(theta[10]),
+        np.float32(theta[11]),
+        np.float32(kappa),
+    )
+    geometry, corner, weights, total, rows = work.geometry, work.corner, work.weights, work.total, work.rows
+    per_su, per_sv, rho = geometry[_PER_SU:_PER_SV], geometry[_PER_SV:_RHO], geometry[_RHO:_FIRST_U]
+    first_u, first_v = geometry[_FIRST_U:_FIRST_V], geometry[_FIRST_V:]
+    for part in range((n + BLOCK - 1) // BLOCK):
+        at, used = pixels[part], np.int32(min(BLOCK, n - part * BLOCK))
+        u, v = at[U : U + BLOCK], at[V : V + BLOCK]
+        blur_geometry(theta, sigma, batch.blur, at, geometry)
+        _first_in_reach(at, modules, count_u, count_v, first_u, first_v, corner)
+        for e in range(count_u):
+            edge(u, per_su, first_u, e, theta[13], work.edges_u[e * OF_EDGE : (e + 1) * OF_EDGE])
+        for f in range(count_v):
+            edge(v, per_sv, first_v, f, theta[13], work.edge_v)
+            for e in range(count_u):
+                _gather(differences, corner, f * side + e, weights)
+                along = work.edges_u[e * OF_EDGE : (e + 1) * OF_EDGE]
+                cross(weights, along, work.edge_v, rho, (e == 0, f == 0), total)
+        _residuals(at, light, used, batch.linear, batch.response, work)
+        jacobian(light, at, geometry, total, work.response_slope, rows)
+        for row in range(ROWS):
+            put(jac[row, part * BLOCK : (part + 1) * BLOCK], rows[row * BLOCK : (row + 1) * BLOCK])
+
+
+@loops(fastmath=True)
+def _first_in_reach(  # noqa: PLR0917
+    at: Any, modules: Any, count_u: Any, count_v: Any, first_u: Any, first_v: Any, corner: Any
+) -> None:
+    """Fill the first edges in reach of a block's pixels, and the place of the modules before them in a table."""
+    half_u, half_v = _F1 - _F05 * np.float32(count_u), _F1 - _F05 * np.float32(count_v)
+    last_u, last_v = np.float32(modules + 1 - count_u), np.float32(modules + 1 - count_v)
+    width = np.float32(modules + 2)
+    farthest = np.int32(_F4 * (last_v * width + last_u))
     for p in range(BLOCK):
-        total[p] = flat[p] + sums[p]
-        total[BLOCK + p] = sums[BLOCK + p]
-        total[2 * BLOCK + p] = _F0
-        total[3 * BLOCK + p] = sums[2 * BLOCK + p]
-        total[4 * BLOCK + p] = sums[3 * BLOCK + p]
+        i = min(max(np.floor(at[U + p] + half_u), _F0), last_u)
+        j = min(max(np.floor(at[V + p] + half_v), _F0), last_v)
+        first_u[p] = i
+        first_v[p] = j
+        corner[p] = min(max(np.int32(_F4 * (j * width + i)), _I0), farthest)
 
 
 @loops(fastmath=True)
@@ -188,3 +208,12 @@ def add_products(jac: Any, normal: Any, gradient: Any) -> None:
             else:
                 normal[i, j], normal[i, j + 1], normal[i + 1, j], normal[i + 1, j + 1] = a, b, c, d
                 normal[j, i], normal[j + 1, i], normal[j, i + 1], normal[j + 1, i + 1] = a, b, c, d
+
+
+@loops(fastmath=True)
+def sum_of_squares(row: Any) -> Any:
+    """Return the sum of the squares of a row of the Jacobian."""
+    total = _F0
+    for p in range(len(row)):
+        total += row[p] * row[p]
+    return total

@@ -44,7 +44,7 @@ class BatchArrays(NamedTuple):
     """A frame and its tags as compiled code takes them, see :class:`Frame` and :class:`Batch`."""
 
     grey: NDArray[np.float32]
-    response: Array
+    response: NDArray[np.float32]
     linear: bool
     lens: Array
     blur: Array
@@ -108,7 +108,7 @@ class Batch:
         frame = self.frame
         return BatchArrays(
             grey=np.ascontiguousarray(frame.grey),
-            response=frame.response,
+            response=frame.response.astype(np.float32),
             linear=frame.linear,
             lens=frame.lens,
             blur=frame.blur,
