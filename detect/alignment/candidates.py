@@ -106,10 +106,7 @@ def find_candidates(
 
 def _quads(image: NDArray[np.uint8], window_px: int) -> Array:
     """Return the outlines of dark quadrilaterals, (N, 4, 2) px, clockwise as seen."""
-    binary = cv2.adaptiveThreshold(
-        image, 1, cv2.ADAPTIVE_THRESH_MEAN_C, cv2.THRESH_BINARY_INV, window_px, _THRESHOLD_OFFSET
-    )
-    dark = np.asarray(binary, dtype=np.uint8)
+    dark = _dark(image, window_px)
     corners: Array = backend().four_sided(dark, int(3 * MIN_SIDE_PX), 2 * sum(image.shape))[:MAX_QUADS]
     if len(corners) == 0:
         return corners
@@ -121,6 +118,14 @@ def _quads(image: NDArray[np.uint8], window_px: int) -> Array:
     corners = corners[good]
     # contours run through the centres of dark pixels; the edge lies half a pixel further out
     return _grown(corners, 0.5)
+
+
+def _dark(image: NDArray[np.uint8], window_px: int) -> NDArray[np.uint8]:
+    """Return 1 where an image is darker than its neighbourhood: as ``cv2.adaptiveThreshold``, in half of its time."""
+    border = cv2.BORDER_REPLICATE | cv2.BORDER_ISOLATED
+    mean = np.asarray(cv2.boxFilter(image, -1, (window_px, window_px), borderType=border), dtype=np.uint8)
+    below = cv2.subtract(mean, image, dst=mean)
+    return np.asarray(cv2.threshold(below, _THRESHOLD_OFFSET - 1, 1, cv2.THRESH_BINARY, dst=below)[1], dtype=np.uint8)
 
 
 def _area(corners: Array) -> Array:
