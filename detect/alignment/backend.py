@@ -33,6 +33,10 @@ class Backend:
         For what the model leaves out, :func:`boxcal.detect.alignment.registration.sandwich_sums.sandwich_sums`.
     levenberg_marquardt, predict
         The rigid box, :mod:`boxcal.detect.alignment.box_refinement`.
+    widths, convex
+        Shapes of tags, :mod:`boxcal.detect.alignment.tag_shape`.
+    undistort_locally
+        Pixels on charts of a lens, :func:`boxcal.detect.alignment.radial_camera.undistort_locally`.
     """
 
     name: str
@@ -44,6 +48,9 @@ class Backend:
     sandwich_sums: Callable[..., Any]
     levenberg_marquardt: Callable[..., Any]
     predict: Callable[..., Any]
+    widths: Callable[..., Any]
+    convex: Callable[..., Any]
+    undistort_locally: Callable[..., Any]
 
 
 @cache
@@ -55,7 +62,12 @@ def backend() -> Backend:
 @cache
 def numpy_backend() -> Backend:
     """Return the reference in numpy."""
-    from boxcal.detect.alignment import box_refinement, outlines  # noqa: PLC0415 - these modules import this one
+    from boxcal.detect.alignment import (  # noqa: PLC0415 - these modules import this one
+        box_refinement,
+        outlines,
+        radial_camera,
+        tag_shape,
+    )
     from boxcal.detect.alignment.registration import (  # noqa: PLC0415
         begin,
         finish,
@@ -74,6 +86,9 @@ def numpy_backend() -> Backend:
         sandwich_sums=sandwich_sums.sandwich_sums,
         levenberg_marquardt=box_refinement.levenberg_marquardt,
         predict=box_refinement.predict,
+        widths=tag_shape.widths,
+        convex=tag_shape.convex,
+        undistort_locally=radial_camera.undistort_locally,
     )
 
 
@@ -86,11 +101,16 @@ def numba_backend() -> Backend:
         finish,
         gauss_newton,
         outlines,
+        radial_camera,
         sandwich_sums,
+        tag_shape,
     )
 
     return Backend(
         name="numba",
+        undistort_locally=radial_camera.undistort_locally,
+        convex=tag_shape.convex,
+        widths=tag_shape.widths,
         four_sided=outlines.four_sided,
         begin=begin.begin,
         accumulate=gauss_newton.accumulate,

@@ -11,6 +11,7 @@ from boxcal.detect.alignment.predicted_tags import PredictedTags, predicted
 from boxcal.detect.alignment.pyramid import SIDE_PX, Pyramid, align_coarsely
 from boxcal.detect.alignment.radial_camera import LOG_ASPECT
 from boxcal.detect.alignment.registration.tag_alignments import TagAlignments
+from boxcal.detect.alignment.row_sets import among, distinct
 from boxcal.detect.alignment.tag_patterns import Index, Patterns
 from boxcal.detect.alignment.verification import Limits, doubtful_limits, module_px, verified
 from boxcal.detect.image.order_statistics import median
@@ -88,7 +89,7 @@ def grow_from_pose(
         tags = tags.joined(as_placed(target, fit, tags, found.placed))
     lost_px, region = _lost(target, patterns, tags, fit, missing, size)
     return BoxDetection(
-        tags=tags.joined(found.doubtful.take(~np.isin(found.doubtful.rows, tags.rows))),
+        tags=tags.joined(found.doubtful.take(~among(found.doubtful.rows, tags.rows))),
         fit=fit,
         lost_module_px=lost_px,
         lost_region_px=region,
@@ -138,7 +139,7 @@ class _Finder:
                 target, patterns, tags.rows, tags.corners_px, image_size=self.pyramid.size, start=fit
             )
             if len(kept) < len(tags):
-                tags = tags.take(np.isin(tags.rows, kept))
+                tags = tags.take(among(tags.rows, kept))
         known = np.zeros(0, dtype=np.int64) if before is None else before.placed
         return _Grown(tags=tags, fit=fit, placed=known, doubtful=new.take(doubtful))
 
@@ -182,6 +183,6 @@ def _lost(  # noqa: PLR0917
     whole = np.array([[0, 0], image_size]) - [[0, 0], [1, 1]]
     if missing is None or not median(fit.off_px) < TOLD_MODULES * median(module_px(patterns, tags.corners_px)):
         return np.inf, whole
-    if abs(fit.lens[LOG_ASPECT]) >= SQUARE and len(np.unique(target.tag_faces[tags.rows])) == 1:
+    if abs(fit.lens[LOG_ASPECT]) >= SQUARE and len(distinct(target.tag_faces[tags.rows])) == 1:
         return np.inf, whole
     return float(missing.module_px.max(initial=0)), missing.region_px(image_size)

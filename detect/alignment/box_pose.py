@@ -159,8 +159,8 @@ def fit_box(
         fit = refine(start.focal_px, start.lens, start.T_cam_box, prior=start.prior, fair=FAIR * sigma_px)
         if median(fit.off_px) < FAIR * sigma_px or abs(fit.lens[A1]) < PLAIN:
             return fit
-    faces, counts = np.unique(target.tag_faces[rows], return_counts=True)
-    main = target.tag_faces[rows] == faces[counts.argmax()]
+    faces = target.tag_faces[rows]
+    main = faces == np.bincount(faces).argmax()
     fits = [] if start is None else [fit]
     # seen from one side a box fits several focal lengths: they compete, those of ordinary cameras first
     for focal, lens, prior in _cameras(image_size, camera):

@@ -10,6 +10,7 @@ from boxcal.detect.alignment.candidates import TagCandidates
 from boxcal.detect.alignment.face_agreement import CANDIDATE_TOLERANCE, FACE_TAGS
 from boxcal.detect.alignment.predicted_tags import predicted
 from boxcal.detect.alignment.registration.tag_alignments import TagAlignments
+from boxcal.detect.alignment.row_sets import among, distinct
 from boxcal.detect.alignment.tag_patterns import Index, Patterns
 from boxcal.detect.alignment.verification import module_px
 from boxcal.target.arrays import Array
@@ -84,12 +85,15 @@ class BoxDetection:
         used
             Rows of the tags on it: they are where they should be, whatever was read elsewhere.
         """
-        read = self.read.take(~np.isin(self.read.rows, used))
+        elsewhere = ~among(self.read.rows, used)
+        if not elsewhere.any():
+            return np.zeros(0, dtype=np.int64)
+        read = self.read.take(elsewhere)
         uv = fit.places(target.tag_corners[read.rows].reshape(-1, 3))
         off = np.linalg.norm(uv.reshape(-1, 4, 2) - read.corners_px, axis=2).max(axis=1)
         side = patterns.modules * module_px(patterns, read.corners_px)
         near = (off < CANDIDATE_TOLERANCE * side) & fit.faces_camera(target)[read.rows]
-        return np.setdiff1d(read.rows, read.rows[near])
+        return distinct(read.rows[~among(read.rows, read.rows[near])])
 
 
 def predict_regions(
@@ -108,8 +112,7 @@ def predict_regions(
         # faces contradict each other, or are seen twice: several faces that agree are a box, as no print on a wall is;
         # else it is what the largest part of the picture shows
         groups = [
-            candidates.take(target.tag_faces[candidates.rows] == f)
-            for f in np.unique(target.tag_faces[candidates.rows])
+            candidates.take(target.tag_faces[candidates.rows] == f) for f in distinct(target.tag_faces[candidates.rows])
         ]
         groups += candidates.again
         fit, rows, corners = max(
@@ -179,7 +182,7 @@ def _grown_from(  # noqa: PLR0917
     chosen = groups[first]
     found = _fitted(target, patterns, chosen, image_size, sigma_px, camera)
     for group in groups:
-        if np.isin(target.tag_faces[group.rows[:1]], target.tag_faces[chosen.rows]).any():
+        if among(target.tag_faces[group.rows[:1]], target.tag_faces[chosen.rows]).any():
             continue
         both = chosen.merged(group)
         trial = _fitted(target, patterns, both, image_size, sigma_px, camera)

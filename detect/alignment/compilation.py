@@ -160,6 +160,7 @@ def compile_half(which: str) -> None:
         _box(compute)
         _begin(compute)
         _corners(compute)
+        _shapes(compute)
         _sandwich(compute)
 
 
@@ -173,6 +174,12 @@ def _box(compute: Backend) -> None:
     start = (30.0, lens, np.eye(4))
     compute.levenberg_marquardt(points, uv, start, np.ones(CAMERA), np.zeros(CAMERA), 1.0, 1.0)
     compute.predict(points, 30.0, lens, np.eye(4), np.eye(CAMERA + 6))
+
+
+def _shapes(compute: Backend) -> None:
+    corners = np.zeros((1, 4, 2))
+    compute.widths(corners)
+    compute.undistort_locally(no_distortion((_SIZE, _SIZE)), np.ones((1, 3)), corners)
 
 
 def _batch() -> Batch:

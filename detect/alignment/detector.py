@@ -20,12 +20,13 @@ from boxcal.detect.alignment.motion_blur import estimate_blur, shape, shape_of
 from boxcal.detect.alignment.preview import Preview, preview
 from boxcal.detect.alignment.pyramid import Pyramid, align_coarsely
 from boxcal.detect.alignment.pyramid_search import FEW_TAGS, find_box, search_copies
-from boxcal.detect.alignment.radial_camera import no_distortion, sagitta_difference_px
+from boxcal.detect.alignment.radial_camera import no_distortion
 from boxcal.detect.alignment.registration.align import align
 from boxcal.detect.alignment.registration.parameters import BLACK, CONTRAST, KURTOSIS
 from boxcal.detect.alignment.registration.tag_alignments import TagAlignments
 from boxcal.detect.alignment.registration.tag_batch import ROUND, Frame
-from boxcal.detect.alignment.tag_curvature import under_lens
+from boxcal.detect.alignment.row_sets import among
+from boxcal.detect.alignment.tag_curvature import sagitta_difference_px, under_lens
 from boxcal.detect.alignment.tag_patterns import Index, Patterns, target_patterns
 from boxcal.detect.alignment.uneven_light import align_unevenly_lit, box_distance2, crossed, displacement_px2
 from boxcal.detect.alignment.verification import Limits, module_px, verified
@@ -139,15 +140,15 @@ def detect_in_grey(  # noqa: PLR0917
             frame = replace(frame, blur=blur)
             tags = _aligned_again(frame, target, patterns, tags, fit)
             left_out = _left_out(frame, patterns, tags, uneven)
-    tags = without_dot_gain(patterns, tags, np.setdiff1d(tags.rows, uneven))
+    tags = without_dot_gain(patterns, tags, uneven)
     if len(tags) >= FEW_TAGS:
         fit = fit_box(target, tags.rows, tags.corners_px, image_size=size, sigma_px=LEAST_SIGMA_PX, start=fit)
     if sagitta_difference_px(frame.lens, fit.lens, tags.corners_px) > BENT_PX:
         frame = replace(frame, lens=fit.lens)
         tags = _aligned_again(frame, target, patterns, tags, fit)
-        tags = without_dot_gain(patterns, tags, np.setdiff1d(tags.rows, uneven))
+        tags = without_dot_gain(patterns, tags, uneven)
     if len(uneven) and len(tags):
-        displaced = displacement_px2(target, tags, fit, np.isin(tags.rows, uneven))
+        displaced = displacement_px2(target, tags, fit, among(tags.rows, uneven))
         tags = replace(tags, cov_px2=tags.cov_px2 + displaced[:, None, None, None] * np.eye(2))
     located = replace(
         _located(frame, patterns, tags, left_out),
@@ -191,7 +192,7 @@ def _with_lens_and_box(
     rows = np.array([target.row_of(int(tag)) for tag in located.ids], dtype=np.int64)
     uv = fit.places(target.tag_corners[rows].reshape(-1, 3))
     apart = corners - uv.reshape(-1, 4, 2)
-    factor, freedom = scatter(target, rows, apart, located.cov_px2, np.isin(rows, uneven))
+    factor, freedom = scatter(target, rows, apart, located.cov_px2, among(rows, uneven))
     if freedom < ENOUGH:
         factor = np.full(len(rows), rigid_share(apart, located.cov_px2, len(fit.information)))
     elif not flat:
@@ -212,7 +213,7 @@ def _believed(  # noqa: PLR0917
     # of a tag that can be believed either way that stays which lies nearer to where the box has it
     nearer = box_distance2(target, own, fit) < box_distance2(target, tags.take(again), fit)
     replaced = own.take(sound & (nearer | ~good[again]))
-    kept = tags.take(good & ~np.isin(tags.rows, replaced.rows))
+    kept = tags.take(good & ~among(tags.rows, replaced.rows))
     return kept.joined(replaced), tags.rows[again]
 
 
@@ -309,7 +310,7 @@ def _previewed(patterns: Patterns, seen: Preview) -> DetectorOutput:
 
 def _left_out(frame: Frame, patterns: Patterns, tags: TagAlignments, uneven: Index) -> CovarianceCorrection:
     """Return what the alignment's model leaves out, by the evenly lit tags where there are enough."""
-    even = tags.take(~np.isin(tags.rows, uneven))
+    even = tags.take(~among(tags.rows, uneven))
     return covariance_correction(frame, patterns, even if len(even) >= FEW_TAGS else tags, FINE_SIDE_PX)
 
 

@@ -17,6 +17,7 @@ import numpy as np
 
 from boxcal.detect.alignment.registration.begin import EDGE_SIDE_PX
 from boxcal.detect.alignment.registration.tag_alignments import TagAlignments
+from boxcal.detect.alignment.row_sets import among
 from boxcal.detect.alignment.tag_curvature import small_homographies
 from boxcal.detect.alignment.tag_patterns import Index, Patterns
 from boxcal.target.arrays import Array
@@ -44,17 +45,17 @@ class Edges:
     followed: Array
 
 
-def without_dot_gain(patterns: Patterns, tags: TagAlignments, telling: Index) -> TagAlignments:
+def without_dot_gain(patterns: Patterns, tags: TagAlignments, uneven: Index) -> TagAlignments:
     """Return aligned tags with corners where they would be had the black not grown.
 
     Parameters
     ----------
     patterns, tags
         As :func:`boxcal.detect.alignment.registration.align.align` took and returned them.
-    telling
-        Rows of tags that tell the growth; others may be unevenly lit.
+    uneven
+        Rows of tags that may be unevenly lit, and so do not tell the growth.
     """
-    told = tags.take(np.isin(tags.rows, telling))
+    told = tags.take(~among(tags.rows, uneven))
     if len(told) == 0:
         return tags
     followed = dot_gain(patterns, told) * edges(patterns).followed[tags.rows]

@@ -18,6 +18,7 @@ from boxcal.detect.alignment.predicted_tags import MIN_MODULE_PX
 from boxcal.detect.alignment.pyramid import Pyramid, align_coarsely
 from boxcal.detect.alignment.pyramid_search import FEW_TAGS
 from boxcal.detect.alignment.resemblance import resemblance
+from boxcal.detect.alignment.row_sets import among
 from boxcal.detect.alignment.tag_patterns import Index, Patterns
 from boxcal.detect.alignment.verification import Limits, convex, module_px, verified
 from boxcal.target.arrays import Array
@@ -106,7 +107,7 @@ def find_expected(  # noqa: PLR0917
 def _where_alike(pyramid: Pyramid, target: Target, patterns: Patterns, expected: ExpectedTags) -> ExpectedTags:
     """Return the tags at the one of the places where they may be that the picture resembles most, if it does any."""
     inside = [replace(expected, corners_px=corners).within(pyramid.size) for corners in expected.places_px]
-    everywhere = np.flatnonzero(np.all([*inside, np.isin(expected.ids, target.tag_ids)], axis=0))
+    everywhere = np.flatnonzero(np.all([*inside, among(expected.ids, target.tag_ids)], axis=0))
     if not inside or len(everywhere) < FEW_TAGS:
         return expected
     some = everywhere[np.linspace(0, len(everywhere) - 1, min(LIKENED, len(everywhere))).astype(int)]
@@ -143,6 +144,6 @@ def _within_image(
     corners, inside = expected.corners_px, expected.within(image_size)
     with np.errstate(invalid="ignore"):
         inside &= convex(corners) & (module_px(patterns, corners) >= MIN_MODULE_PX)
-    inside &= np.isin(expected.ids, target.tag_ids)
+    inside &= among(expected.ids, target.tag_ids)
     rows = np.array([target.row_of(int(tag)) for tag in expected.ids[inside]], dtype=np.int64)
     return rows, corners[inside]

@@ -10,6 +10,7 @@ from boxcal.detect.alignment.box_pose import FISHEYES
 from boxcal.detect.alignment.candidates import TagCandidates
 from boxcal.detect.alignment.homography import least_squares_homography, map_points
 from boxcal.detect.alignment.radial_camera import fisheye_distortion, undistort_locally
+from boxcal.detect.alignment.row_sets import among, distinct
 from boxcal.target.arrays import Array
 from boxcal.target.box import Target
 
@@ -35,7 +36,7 @@ def consistent_candidates(target: Target, candidates: TagCandidates, image_size:
     twice: list[int] = []
     smaller: list[TagCandidates] = []
     faces = target.tag_faces[candidates.rows]
-    for face in np.unique(faces):
+    for face in distinct(faces):
         at = np.flatnonzero(faces == face)
         here = candidates.take(at)
         agree = _largest_agreement(target, int(face), here)
@@ -68,7 +69,7 @@ def _second_sighting(
     if len(rest) < FACE_TAGS or agree.sum() < FACE_TAGS:
         return None
     other = rest[_largest_agreement(target, face, candidates.take(rest))]
-    both = np.isin(candidates.rows[other], candidates.rows[agree]).sum()
+    both = among(candidates.rows[other], candidates.rows[agree]).sum()
     if len(other) < FACE_TAGS or both < 0.5 * min(len(other), agree.sum()):
         return None
     second = np.zeros(len(candidates), dtype=np.bool_)
@@ -101,8 +102,7 @@ def _largest_agreement(target: Target, face: int, candidates: TagCandidates) -> 
     if best.sum() >= 3:
         return best
     # too few to judge: keep what is not contradicted by a second sighting
-    _, where, count = np.unique(candidates.rows, return_inverse=True, return_counts=True)
-    return np.asarray(count[where] == 1)
+    return np.asarray(np.bincount(candidates.rows)[candidates.rows] == 1)
 
 
 def _mean_sides(candidates: TagCandidates) -> Array:

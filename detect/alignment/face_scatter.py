@@ -12,6 +12,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from boxcal.detect.alignment.row_sets import distinct
 from boxcal.detect.alignment.tag_patterns import Index
 from boxcal.target.arrays import Array
 from boxcal.target.box import Target
@@ -53,7 +54,7 @@ def scatter(
     size = np.ones(len(rows))
     groups: list[tuple[Index, Array]] = []
     faces = target.tag_faces[rows]
-    for face in np.unique(faces):
+    for face in distinct(faces):
         at = np.flatnonzero(faces == face)
         degree = next((degree for least, degree in DEGREES if len(at) >= least), None)
         if degree is None or not np.isfinite(apart_px[at]).all():

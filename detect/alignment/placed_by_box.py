@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from boxcal.detect.alignment.box_pose import BoxFit, CameraPrior
 from boxcal.detect.alignment.registration.tag_alignments import TagAlignments
+from boxcal.detect.alignment.row_sets import among
 from boxcal.detect.alignment.tag_patterns import Index, Patterns
 from boxcal.detect.alignment.verification import module_px
 from boxcal.detect.image.order_statistics import median
@@ -82,7 +83,7 @@ def placed_surely(
         return np.zeros(len(rows), dtype=np.bool_)
     faces = target.tag_faces
     tried = np.bincount(faces[asked], minlength=int(faces.max()) + 1)
-    there = np.bincount(faces[asked[np.isin(asked, believed)]], minlength=len(tried))
+    there = np.bincount(faces[asked[among(asked, believed)]], minlength=len(tried))
     if there.sum() < BELIEVED * tried.sum():
         return np.zeros(len(rows), dtype=np.bool_)
     sound = (tried > 0) & (there >= BELIEVED * tried)

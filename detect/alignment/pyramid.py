@@ -8,6 +8,7 @@ from boxcal.detect.alignment.registration.align import align
 from boxcal.detect.alignment.registration.parameters import LOG_PSF
 from boxcal.detect.alignment.registration.tag_alignments import TagAlignments
 from boxcal.detect.alignment.registration.tag_batch import Frame
+from boxcal.detect.alignment.row_sets import distinct
 from boxcal.detect.alignment.tag_patterns import Index, Patterns
 from boxcal.detect.alignment.verification import module_px
 from boxcal.detect.image.gray import Levels, from_levels, halved
@@ -106,7 +107,7 @@ def align_coarsely(
     """Return tags (N,) aligned to about a tenth of a shrunken pixel, in their order; for the rest see :func:`align`."""
     levels = _levels(patterns, corners_px)
     parts, order = [], []
-    for level in np.unique(levels) if len(levels) else [0]:
+    for level in distinct(levels) if len(levels) else [0]:
         at = np.flatnonzero(levels == level)
         factor = 2.0**level
         frame = pyramid.level(int(level)) if level else pyramid.around(corners_px[at])

@@ -16,6 +16,7 @@ from boxcal.detect.alignment.candidates import TagCandidates, find_candidates
 from boxcal.detect.alignment.face_agreement import consistent_candidates
 from boxcal.detect.alignment.placed_by_box import first_on_face
 from boxcal.detect.alignment.pyramid import Pyramid
+from boxcal.detect.alignment.row_sets import among
 from boxcal.detect.alignment.tag_patterns import Patterns
 from boxcal.detect.alignment.verification import Limits
 from boxcal.detect.image.gray import LEAST_SIDE_PX
@@ -63,7 +64,7 @@ def find_box(
             read = _in_all(pyramid, grey8, patterns, windows_px[:1], factor)
         else:
             there = _around_lost(grey8, patterns, windows_px[:1], factor, found)
-            if np.isin(there.rows, found.tags.rows).all():
+            if among(there.rows, found.tags.rows).all():
                 continue
             read = there.merged(_as_candidates(found)).merged(found.read)
         candidates = consistent_candidates(target, read, size)

@@ -21,8 +21,6 @@ STILL = 1e-7
 LEAST_SLOPE = 0.05
 FAR = 30.0
 
-
-_NEXT = np.array([1, 2, 3, 0])
 CENTRE_X, CENTRE_Y, A1, A2, PER_RADIUS, A3, LOG_ASPECT, SKEW, P1, P2 = range(10)
 """What stands where in a lens: the centre, px; the radial terms about 1 / radius, 1 / px; the logarithm of height over
 width of a square's picture, and its skew; two tangential terms (Brown 1966), which only the box's fit knows."""
@@ -149,18 +147,6 @@ def distort_locally(lens: Array, normalisation: Array, xy: Array) -> Array:
     s = square(lens, e)
     z = D + np.sum(b * s, axis=-1)
     return to_pixels(lens, np.concatenate([s, z[..., None]], axis=-1))
-
-
-def sagitta_difference_px(lens: Array, other: Array, corners_px: Array) -> float:
-    """Return how far apart two lenses have the middles of tags' edges, seen from the corners (N, 4, 2); at most, px."""
-    normalisation = np.ones((len(corners_px), 3))
-    normalisation[:, :2] = 0.25 * corners_px.sum(axis=1)
-    points = np.empty((len(corners_px), 8, 2))
-    points[:, :4] = corners_px
-    points[:, 4:] = 0.5 * (corners_px + corners_px[:, _NEXT])
-    apart = undistort_locally(lens, normalisation, points) - undistort_locally(other, normalisation, points)
-    bent = apart[:, 4:] - 0.5 * (apart[:, :4] + apart[:, _NEXT])
-    return float(np.sqrt(np.sum(bent * bent, axis=2).max(initial=0)))
 
 
 def distortion_jacobian(lens: Array, normalisation: Array, uv_px: Array) -> Array:

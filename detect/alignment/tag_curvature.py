@@ -11,8 +11,9 @@ from functools import cache
 
 import numpy as np
 
+from boxcal.detect.alignment.backend import backend
 from boxcal.detect.alignment.homography import from_square
-from boxcal.detect.alignment.radial_camera import A1, P1, P2, square, tangential, undistort_locally, unsquare
+from boxcal.detect.alignment.radial_camera import A1, P1, P2, square, tangential, unsquare
 from boxcal.target.arrays import Array
 
 MODULES = 8
@@ -24,6 +25,7 @@ ORDINARY = 0.2
 decentred lens, and tell no curvature."""
 _STEPS = np.array([0.0, 0.5, 1.0])
 _PLACES = np.stack(np.meshgrid(_STEPS, _STEPS), -1).reshape(-1, 2)
+_NEXT = np.array([1, 2, 3, 0])
 _CORNERS = np.array([0, 2, 8, 6])
 """Which of the nine places are the corners."""
 
@@ -39,13 +41,26 @@ def under_lens(lens: Array, better: Array, corners_px: Array) -> Array:
     seen = _on_tag(from_square(1.0, corners_px))
     charts = np.ones((len(middle), 3))
     charts[:, :2] = middle
-    field = _straightened(better, charts, seen) - undistort_locally(lens, charts, seen)
+    field = _straightened(better, charts, seen) - backend().undistort_locally(lens, charts, seen)
     along = 0.5 * (corners_px[:, 1] + corners_px[:, 2] - corners_px[:, 0] - corners_px[:, 3])
     down = 0.5 * (corners_px[:, 2] + corners_px[:, 3] - corners_px[:, 1] - corners_px[:, 0])
     on_tag = _split(field, along, down)
     followed = (on_tag.reshape(len(middle), -1) @ _followed().T).reshape(-1, 4, 2)
     moved = followed[..., :1] * along[:, None] + followed[..., 1:] * down[:, None] - field[:, _CORNERS]
     return np.asarray(corners_px + np.where(np.isfinite(moved), moved, 0.0))
+
+
+def sagitta_difference_px(lens: Array, other: Array, corners_px: Array) -> float:
+    """Return how far apart two lenses have the middles of tags' edges, seen from the corners (N, 4, 2); at most, px."""
+    normalisation = np.ones((len(corners_px), 3))
+    normalisation[:, :2] = 0.25 * corners_px.sum(axis=1)
+    points = np.empty((len(corners_px), 8, 2))
+    points[:, :4] = corners_px
+    points[:, 4:] = 0.5 * (corners_px + corners_px[:, _NEXT])
+    on_chart = backend().undistort_locally
+    apart = on_chart(lens, normalisation, points) - on_chart(other, normalisation, points)
+    bent = apart[:, 4:] - 0.5 * (apart[:, :4] + apart[:, _NEXT])
+    return float(np.sqrt(np.sum(bent * bent, axis=2).max(initial=0)))
 
 
 def _split(field: Array, along: Array, down: Array) -> Array:
@@ -61,11 +76,11 @@ def _split(field: Array, along: Array, down: Array) -> Array:
 def _straightened(lens: Array, charts: Array, seen: Array) -> Array:
     """Return places (N, P, 2), px, on charts of a lens that has its tangential terms, but for those at the centres."""
     if abs(lens[A1]) > ORDINARY or not (lens[P1] or lens[P2]):
-        return undistort_locally(lens, charts, seen)
+        return np.asarray(backend().undistort_locally(lens, charts, seen))
     middle = charts[:, None, :2]
     places = np.concatenate([seen, middle], axis=1)
     added = unsquare(lens, tangential(lens, square(lens, places - lens[:2])))
-    return undistort_locally(lens, charts, seen + added[:, :-1] - added[:, -1:])
+    return np.asarray(backend().undistort_locally(lens, charts, seen + added[:, :-1] - added[:, -1:]))
 
 
 def _on_tag(H: Array) -> Array:

@@ -5,11 +5,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from boxcal.detect.alignment.backend import backend
 from boxcal.detect.alignment.registration.tag_alignments import TagAlignments
 from boxcal.detect.alignment.tag_patterns import Patterns
 from boxcal.target.arrays import Array
-
-_NEXT = np.array([1, 2, 3, 0])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -63,7 +62,7 @@ def doubtful_limits(limits: Limits) -> Limits:
 def verified(patterns: Patterns, tags: TagAlignments, limits: Limits) -> NDArray[np.bool_]:
     """Return which aligned tags (N,) can be believed."""
     module = module_px(patterns, tags.corners_px)
-    spread = np.sqrt(np.maximum(np.trace(tags.cov_px2, axis1=2, axis2=3), 0)).max(axis=1)
+    spread = np.sqrt(np.maximum((tags.cov_px2[..., 0, 0] + tags.cov_px2[..., 1, 1]).max(axis=1), 0))
     return np.asarray(
         (tags.correlation >= limits.correlation)
         & (tags.worst_block <= limits.worst_block)
@@ -77,14 +76,9 @@ def verified(patterns: Patterns, tags: TagAlignments, limits: Limits) -> NDArray
 
 def module_px(patterns: Patterns, corners_px: Array) -> Array:
     """Return how wide a module is seen, (N,) px: the narrower way across the tag."""
-    x, y = corners_px[..., 0], corners_px[..., 1]
-    area = 0.5 * np.abs((x[:, 2] - x[:, 0]) * (y[:, 3] - y[:, 1]) - (y[:, 2] - y[:, 0]) * (x[:, 3] - x[:, 1]))
-    side = np.hypot(x[:, _NEXT] - x, y[:, _NEXT] - y).max(axis=1)
-    return np.asarray(area / np.maximum(side, 1e-9) / patterns.modules)
+    return np.asarray(backend().widths(corners_px) / patterns.modules)
 
 
 def convex(corners_px: Array) -> NDArray[np.bool_]:
     """Return which quadrilaterals (N, 4, 2) run clockwise as seen, without dents."""
-    along = corners_px[:, _NEXT] - corners_px
-    after = along[:, _NEXT]
-    return np.asarray(np.all(along[..., 0] * after[..., 1] - along[..., 1] * after[..., 0] > 0, axis=1))
+    return np.asarray(backend().convex(corners_px))

@@ -18,7 +18,17 @@ from boxcal.detect.alignment import compilation
 from boxcal.detect.alignment.backend import backend, numba_backend
 from boxcal.detect.alignment.compilation import prepare
 from boxcal.detect.alignment.detector import detect_tags
-from boxcal.detect.alignment.numba import begin, box_refinement, finish, gauss_newton, kernel, outlines, sandwich_sums
+from boxcal.detect.alignment.numba import (
+    begin,
+    box_refinement,
+    finish,
+    gauss_newton,
+    kernel,
+    outlines,
+    radial_camera,
+    sandwich_sums,
+    tag_shape,
+)
 
 
 def test_plain_install_runs_compiled_code():
@@ -35,6 +45,8 @@ def test_nothing_is_compiled_for_a_picture_beyond_what_is_prepared():
         box_refinement._refine,
         box_refinement._predict,
         outlines._four_sided,
+        radial_camera._undistort,
+        tag_shape._fill,
     )
     compilation.compile_half("all")
     prepared = [len(k.signatures) for k in kernels]  # other tests in this process may have had more compiled

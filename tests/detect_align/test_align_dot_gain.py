@@ -124,4 +124,4 @@ def test_tags_of_which_none_tells_are_left_as_they_are():
     )
     rows = np.flatnonzero(TARGET.tag_faces == 0)[:2]
     tags = align(frame, PATTERNS, rows, truth(pose(20.0, distance=0.6))[0][rows])
-    assert without_dot_gain(PATTERNS, tags, np.zeros(0, np.int64)) is tags
+    assert without_dot_gain(PATTERNS, tags, tags.rows) is tags

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from boxcal.detect.alignment.numba.kernel import loops
+from boxcal.detect.alignment.numba.kernel import kernel, loops
 from boxcal.detect.alignment.radial_camera import (
     A1,
     A2,
@@ -19,6 +19,29 @@ from boxcal.detect.alignment.radial_camera import (
     STEPS,
     STILL,
 )
+from boxcal.target.arrays import Array
+
+
+def undistort_locally(lens: Array, normalisation: Array, uv_px: Array) -> Array:
+    """Return what :func:`boxcal.detect.alignment.radial_camera.undistort_locally` does, of pixels (N, P, 2)."""
+    out = np.empty(uv_px.shape)
+    _undistort(lens, np.ascontiguousarray(normalisation), np.ascontiguousarray(uv_px, dtype=np.float64), out)
+    return out
+
+
+@kernel()
+def _undistort(lens: Any, normalisation: Any, uv: Any, out: Any) -> None:
+    skew, aspect, per_px2 = lens[SKEW], np.exp(lens[LOG_ASPECT]), lens[PER_RADIUS] ** 2
+    for k in range(len(uv)):
+        bx, by, D = local_undistortion(lens, normalisation[k])
+        scale = normalisation[k, 2]
+        tag_dx, tag_dy = normalisation[k, 0] - lens[CENTRE_X], normalisation[k, 1] - lens[CENTRE_Y]
+        for p in range(uv.shape[1]):
+            dx, dy = uv[k, p, 0] - lens[CENTRE_X], uv[k, p, 1] - lens[CENTRE_Y]
+            x, y = dx - skew * dy, aspect * dy
+            q = (x * x + y * y) * per_px2
+            f = D / (1 - q * (lens[A1] + q * (lens[A2] + q * lens[A3])) - bx * x - by * y)
+            out[k, p, 0], out[k, p, 1] = (dx * f - tag_dx) * scale, (dy * f - tag_dy) * scale
 
 
 @loops()

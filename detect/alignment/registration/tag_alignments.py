@@ -61,11 +61,15 @@ class TagAlignments:
         return len(self.rows)
 
     def take(self, at: NDArray[np.bool_] | Index) -> "TagAlignments":
-        """Return some of the tags."""
+        """Return some of the tags; these where it is all of them."""
+        if at.dtype == np.bool_ and at.all():
+            return self
         return TagAlignments(**{name: getattr(self, name)[at] for name in self.__dataclass_fields__})
 
     def joined(self, more: "TagAlignments") -> "TagAlignments":
         """Return these tags and others."""
+        if len(more) == 0:
+            return self
         return TagAlignments(
             **{name: np.concatenate([getattr(self, name), getattr(more, name)]) for name in self.__dataclass_fields__}
         )

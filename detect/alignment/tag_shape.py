@@ -1,0 +1,23 @@
+"""Shapes of tags as they are seen; :mod:`boxcal.detect.alignment.numba.tag_shape` finds the same."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from boxcal.target.arrays import Array
+
+_NEXT = np.array([1, 2, 3, 0])
+
+
+def widths(corners_px: Array) -> Array:
+    """Return how wide quadrilaterals (N, 4, 2) are the narrower way, (N,) px: area over longest side."""
+    x, y = corners_px[..., 0], corners_px[..., 1]
+    area = 0.5 * np.abs((x[:, 2] - x[:, 0]) * (y[:, 3] - y[:, 1]) - (y[:, 2] - y[:, 0]) * (x[:, 3] - x[:, 1]))
+    side = np.hypot(x[:, _NEXT] - x, y[:, _NEXT] - y).max(axis=1)
+    return np.asarray(area / np.maximum(side, 1e-9))
+
+
+def convex(corners_px: Array) -> NDArray[np.bool_]:
+    """Return which quadrilaterals (N, 4, 2) run clockwise as seen, without dents."""
+    along = corners_px[:, _NEXT] - corners_px
+    after = along[:, _NEXT]
+    return np.asarray(np.all(along[..., 0] * after[..., 1] - along[..., 1] * after[..., 0] > 0, axis=1))
