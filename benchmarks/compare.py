@@ -17,8 +17,8 @@ from scipy import stats
 
 from boxcal.calib.compare.difference import Difference, difference
 from boxcal.calib.errors import CalibError
+from boxcal.calib.four_steps.camera_mode import CameraMode
 from boxcal.calib.four_steps.procedure import solve_four_steps
-from boxcal.calib.four_steps.step1_camera import CameraMode
 from boxcal.calib.geometry.so3_se3 import exp_so3, rigid
 from boxcal.calib.likelihood import EstimateOptions, estimate
 from boxcal.calib.results.build import refined

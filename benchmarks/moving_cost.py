@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from boxcal.calib.calibrate import calibrate, calibrate_robot
-from boxcal.calib.likelihood.moving.merge import Moving
+from boxcal.calib.likelihood.moving.mode import Moving
 from boxcal.calib.results.calibration import Calibration
 from boxcal.calib.settings import Job, Settings
 from boxcal.target.box import make_target

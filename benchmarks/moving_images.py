@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from boxcal.calib.calibrate import calibrate
-from boxcal.calib.likelihood.moving.merge import Moving
+from boxcal.calib.likelihood.moving.mode import Moving
 from boxcal.calib.results.calibration import Calibration
 from boxcal.calib.settings import Settings
 from boxcal.calib.simulate.drive import DriveOptions, simulate_drive

@@ -35,7 +35,7 @@ from tag_scenes import TARGET
 
 from boxcal.calib import calibrate as calibrating
 from boxcal.calib.fleet.batch import calibrate_fleet
-from boxcal.calib.one_robot import judging
+from boxcal.calib.one_robot import from_drives, judging
 from boxcal.calib.settings import Job, Settings
 from boxcal.calib.simulate.cli import main as simulate_fleet
 from boxcal.detect import extract as extracting
@@ -105,9 +105,9 @@ def robot(log: Path, out: Path) -> tuple[Counter[str], float]:
         mock.patch.object(extracting, "open_recording", watch.around(STAGES[0], extracting.open_recording)),
         mock.patch.object(box_at_stops.BoxAtStops, "_images", watch.along(STAGES[1], frames)),
         mock.patch.object(box_at_stops, "measure_stop", watch.around(STAGES[2], box_at_stops.measure_stop)),
-        mock.patch.object(calibrating, "solve", watch.around(STAGES[3], calibrating.solve)),
+        mock.patch.object(from_drives, "solve", watch.around(STAGES[3], from_drives.solve)),
         mock.patch.object(judging, "judge", watch.around(STAGES[4], judging.judge)),
-        mock.patch.object(calibrating, "write", watch.around(STAGES[5], calibrating.write)),
+        mock.patch.object(from_drives, "write", watch.around(STAGES[5], from_drives.write)),
     ):
         calibrating.calibrate_robot(job)
     return watch.seconds, time.process_time() - start

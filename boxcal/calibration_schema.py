@@ -66,7 +66,7 @@ def _of_likelihood() -> dict[str, Schema]:
     from boxcal.calib.geometry.parameters import ORDER
     from boxcal.calib.likelihood.estimate import FlaggedCorner, FlaggedLeg, NoiseLevels
     from boxcal.calib.results.diagnostics import Detail, Ground, HeldOut, LeaveOneOut, Leg
-    from boxcal.calib.uncertainty.convergence import ConvergencePoint
+    from boxcal.calib.uncertainty.convergence_point import ConvergencePoint
 
     said = attributes(Detail)
 

@@ -1,30 +1,34 @@
-"""One robot: its logs are read, its calibration is solved for, judged and written (see ``one_robot/``)."""
+"""One robot: its logs are read, its calibration is solved for, judged and written (see ``one_robot/``).
+
+What is needed only once logs are read is imported then: it takes longer than to open a log.
+"""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from boxcal.calib.diagnosis.first_look import first_look
 from boxcal.calib.errors import CalibError
 from boxcal.calib.exports.photographs import keeping
 from boxcal.calib.likelihood.compiled.compilation import prepare_detector
-from boxcal.calib.one_robot.cameras_read import CameraDrives, ReadCameras, read_cameras
-from boxcal.calib.one_robot.judging import judged
 from boxcal.calib.one_robot.log_identity import file_state, fingerprint_of, may_be_read
 from boxcal.calib.one_robot.reading import at_box, read
-from boxcal.calib.one_robot.several_cameras import calibrate_cameras_of, solved_and_judged
-from boxcal.calib.one_robot.solving import solve
-from boxcal.calib.one_robot.writing import write
 from boxcal.calib.results.calibration import Calibration
-from boxcal.calib.settings import CORRESPONDENCES, Job, Progress, Settings, Stage, listed, robot_name
+from boxcal.calib.settings import (
+    CORRESPONDENCES,
+    READ_SHARE,
+    SOLVED_SHARE,
+    Job,
+    Progress,
+    Settings,
+    Stage,
+    listed,
+    robot_name,
+)
 from boxcal.detect.correspondences import Correspondences
 from boxcal.one_thread import one_thread
 from boxcal.target.box import Target
 from boxcal.target.files.target_json import given_target
-
-_READ, _SOLVED = 0.7, 0.95
-"""Shares of a robot's work, by measurement on logs of 20 stops: reading takes most of it."""
 
 Source = str | Path | Correspondences
 """What a drive is read from: a recording (MCAP), correspondences saved before (``.npz``), or correspondences."""
@@ -77,9 +81,9 @@ def calibrate(
         at_box(s, box, given=target is not None) if isinstance(s, Correspondences) else read(path, job)
         for s, path in zip(sources, paths, strict=True)
     ]
-    look = first_look(drives, box, job.settings.camera_mode)
-    result = solve(job, look)
-    return judged(result, look.drives, look.target)
+    from boxcal.calib.one_robot.from_drives import calibrated  # noqa: PLC0415 - see the top
+
+    return calibrated(job, drives)
 
 
 @one_thread()
@@ -123,6 +127,9 @@ def calibrate_cameras(
     (['camera'], ('camera',))
     >>> transforms = [(pair.a, pair.b, pair.T_a_b, pair.covariance) for pair in found["camera"].rig.pairs]
     """
+    from boxcal.calib.one_robot.cameras_read import CameraDrives, ReadCameras, read_cameras  # noqa: PLC0415 - see the top
+    from boxcal.calib.one_robot.several_cameras import solved_and_judged  # noqa: PLC0415
+
     box = given_target(target)
     settings = settings or Settings(report=False)
     cameras = tuple(cameras) or settings.cameras
@@ -165,50 +172,25 @@ def calibrate_robot(job: Job, progress: Progress | None = None) -> Calibration:
     if any(log.suffix != CORRESPONDENCES and may_be_read(log) for log in job.logs):
         prepare_detector(lambda text: tell("compile", text, 0.0))
     if job.settings.several_cameras:
-        return calibrate_cameras_of(job, tell, _READ, _SOLVED)
+        from boxcal.calib.one_robot.several_cameras import calibrate_cameras_of  # noqa: PLC0415 - see the top
+
+        return calibrate_cameras_of(job, tell, READ_SHARE, SOLVED_SHARE)
     drives: list[Correspondences] = []
     photos: list[dict[int, bytes]] = [{} for _ in job.logs]
     shown = job.out is not None and job.settings.report
     for k, log in enumerate(job.logs):
-        tell("read", f"reading {listed([log])}", _READ * k / len(job.logs))
+        tell("read", f"reading {listed([log])}", READ_SHARE * k / len(job.logs))
         keep = keeping(photos[k]) if shown else None
         before = file_state(log)
         drives.append(read(log, job, partial(_reading, tell, k, len(job.logs)), keep))
         if file_state(log) != before:
             raise CalibError("changed while it was read", source=log.name, remedy="close its recorder and try again")
     job = replace(job, fingerprint=fingerprint_of(job, drives))
+    from boxcal.calib.one_robot.from_drives import calibrate_drives  # noqa: PLC0415 - see the top
+
     return calibrate_drives(job, drives, tell, photos)
-
-
-def calibrate_drives(
-    job: Job,
-    drives: Sequence[Correspondences],
-    tell: Callable[[str, str, float], None] | None = None,
-    photos: Sequence[Mapping[int, bytes]] = (),
-) -> Calibration:
-    """Return the calibration of one robot from drives that were read already, and write it where the job says.
-
-    ``photos`` are small photographs of each drive, by the time (ns) at which their stops began; others are taken from
-    the logs. Errors as for :func:`calibrate_robot`.
-    """
-    tell = tell or _silent
-    tell("solve", f"solving {sum(len(drive.stops) or len(drive.moving) for drive in drives)} stops", _READ)
-    try:
-        look = first_look(drives, job.target, job.settings.camera_mode)
-        job, drives = replace(job, target=look.target), list(look.drives)
-        result = solve(job, look)
-    except CalibError as error:
-        raise error.of(listed(job.logs)) from error
-    result = judged(result, drives, job.target)
-    tell("write", "writing the results", _SOLVED)
-    write(job, result, drives, photos)
-    return result
-
-
-def _silent(_: str, __: str, ___: float) -> None:
-    return
 
 
 def _reading(tell: Callable[[str, str, float], None], log: int, logs: int, text: str, share: float) -> None:
     """Tell what share of a robot's work is done once a share of one of its logs is read."""
-    tell("read", text, _READ * (log + share) / logs)
+    tell("read", text, READ_SHARE * (log + share) / logs)

@@ -6,9 +6,9 @@ from math import radians
 from pathlib import Path
 
 from boxcal.calib.errors import CalibError
-from boxcal.calib.four_steps.step1_camera import CameraMode
+from boxcal.calib.four_steps.camera_mode import CameraMode
 from boxcal.calib.likelihood import CameraKind
-from boxcal.calib.likelihood.moving.merge import Moving
+from boxcal.calib.likelihood.moving.mode import Moving
 from boxcal.calib.results.calibration import Calibration
 from boxcal.detect.log.choices import member
 from boxcal.detect.log.opener import robot_name_of
@@ -198,6 +198,8 @@ class Job:
     fingerprint: str = ""
 
 
+READ_SHARE, SOLVED_SHARE = 0.7, 0.95
+"""Shares of a robot's work, by measurement on logs of 20 stops: reading takes most of it."""
 NOTE = "note"
 """Stage of a sentence that is only said, such as of a worker that is not used."""
 

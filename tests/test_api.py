@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 
 import boxcal
-from boxcal.calib.four_steps.step1_camera import CameraMode
+from boxcal.calib.four_steps.camera_mode import CameraMode
 from boxcal.calib.geometry.so3_se3 import inverse
-from boxcal.calib.likelihood.moving.merge import Moving
+from boxcal.calib.likelihood.moving.mode import Moving
 from boxcal.calib.simulate.cli import main as simulate_fleet
 from boxcal.detect.log.wheel_samples import JointUnit
 from boxcal.target.camera.distortion import CameraKind
@@ -105,6 +105,17 @@ def test_calibrating_loads_no_large_library_for_a_small_thing() -> None:
     """scipy's statistics and spatial transforms take as long to import as all the rest."""
     code = (
         "import sys, boxcal.calib.calibrate; print([m for m in ('scipy.stats', 'scipy.spatial') if m in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+
+
+def test_a_log_begins_to_be_read_before_what_solves_it_is_loaded() -> None:
+    code = (
+        "import sys, boxcal.calib.fleet.batch, boxcal.calib.fleet.results_place, boxcal.calib.calibrate\n"
+        "calib = ('likelihood.estimator', 'one_robot.writing', 'report')\n"
+        "late = ('scipy', *('boxcal.calib.' + m for m in calib))\n"
+        "print([m for m in late if m in sys.modules])"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"

@@ -15,7 +15,8 @@ from boxcal.calib.four_steps.procedure import FourSteps
 from boxcal.calib.likelihood.estimate import Estimate
 from boxcal.calib.likelihood.estimator import fit, reported
 from boxcal.calib.likelihood.fit import Fit
-from boxcal.calib.likelihood.moving.merge import Moving, with_moving_frames
+from boxcal.calib.likelihood.moving.merge import with_moving_frames
+from boxcal.calib.likelihood.moving.mode import Moving
 from boxcal.calib.likelihood.moving.without_stops import from_frames_alone, refuse_unused
 from boxcal.calib.likelihood.options import EstimateOptions
 from boxcal.calib.likelihood.summary import reported_cov

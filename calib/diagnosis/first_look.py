@@ -19,8 +19,9 @@ from boxcal.calib.diagnosis.standing import Standing, how_it_stands, side_findin
 from boxcal.calib.diagnosis.wheel_signs import LEAST_STOPS, Explained, agree, explain_signs
 from boxcal.calib.diagnosis.without_stops import said_without_stops, with_frames_for_stops
 from boxcal.calib.errors import CalibError
+from boxcal.calib.four_steps.camera_mode import CameraMode
 from boxcal.calib.four_steps.procedure import FourSteps, solve_motion
-from boxcal.calib.four_steps.step1_camera import CameraMode, CameraStep, calibrate_camera
+from boxcal.calib.four_steps.step1_camera import CameraStep, calibrate_camera
 from boxcal.calib.geometry.diff_drive import legs_between
 from boxcal.calib.likelihood.finding import Finding
 from boxcal.calib.likelihood.robust_steps import robust_steps

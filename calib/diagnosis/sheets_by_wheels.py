@@ -13,8 +13,9 @@ from boxcal.calib.diagnosis.joint_units import LEAST, MOST
 from boxcal.calib.diagnosis.sheets import Gluing
 from boxcal.calib.diagnosis.wheel_signs import LEAST_STOPS, agreement, fitting
 from boxcal.calib.errors import CalibError
+from boxcal.calib.four_steps.camera_mode import CameraMode
 from boxcal.calib.four_steps.procedure import FourSteps
-from boxcal.calib.four_steps.step1_camera import CameraMode, calibrate_camera
+from boxcal.calib.four_steps.step1_camera import calibrate_camera
 from boxcal.calib.geometry.diff_drive import legs_between
 from boxcal.detect.correspondences import Correspondences
 from boxcal.target.box import FACES, Target

@@ -9,7 +9,7 @@ from boxcal.calib.fleet.engine.calls import Call, Done, Engine
 from boxcal.calib.fleet.engine.chosen import local_engine
 from boxcal.calib.likelihood.compiled.compilation import prepare_detector
 from boxcal.calib.one_robot.log_identity import may_be_read
-from boxcal.calib.one_robot.writing import put_files
+from boxcal.calib.one_robot.put_files import put_files
 from boxcal.calib.results.without_drive import without_drive
 from boxcal.calib.settings import Job, Outcome, Progress, listed
 from boxcal.target.errors import BoxcalError

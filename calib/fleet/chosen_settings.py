@@ -4,9 +4,9 @@ from argparse import Namespace
 from math import radians
 
 from boxcal.calib.exports.nominal import load_nominal
-from boxcal.calib.four_steps.step1_camera import CameraMode
+from boxcal.calib.four_steps.camera_mode import CameraMode
 from boxcal.calib.likelihood import CameraKind
-from boxcal.calib.likelihood.moving.merge import Moving
+from boxcal.calib.likelihood.moving.mode import Moving
 from boxcal.calib.settings import Settings
 from boxcal.detect.log.topics import Topics
 from boxcal.detect.log.wheel_samples import JointUnit, WheelUnits

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from boxcal.calib.errors import CalibError
-from boxcal.calib.four_steps.step1_camera import CameraMode, CameraStep, calibrate_camera
+from boxcal.calib.four_steps.camera_mode import CameraMode
+from boxcal.calib.four_steps.step1_camera import CameraStep, calibrate_camera
 from boxcal.calib.four_steps.step2_heading import HeadingStep, solve_heading
 from boxcal.calib.four_steps.step3_axis import AxisStep, find_axis
 from boxcal.calib.four_steps.step4_mounting import (

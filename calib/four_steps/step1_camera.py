@@ -6,7 +6,6 @@ intrinsics averaged; a stop that cannot be calibrated alone is left out and name
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from enum import StrEnum
 from functools import lru_cache
 from itertools import pairwise
 from operator import itemgetter
@@ -16,6 +15,7 @@ import numpy as np
 
 from boxcal.calib.errors import CalibError
 from boxcal.calib.four_steps.backend import backend
+from boxcal.calib.four_steps.camera_mode import CameraMode
 from boxcal.calib.four_steps.damped_step import ERROR
 from boxcal.calib.four_steps.zhang_init import camera_matrix_guesses, face_homographies
 from boxcal.calib.geometry.so3_se3 import exp_se3
@@ -36,13 +36,6 @@ _FITS = 0.01
 """A guess whose errors are smaller than this share of the picture (root mean square) is taken without another one."""
 _LANDMARKS_FOR_POSE = 48
 """A first pose is taken from about so many landmarks of a stop; all of them refine it."""
-
-
-class CameraMode(StrEnum):
-    """Ways to estimate the intrinsics: jointly over all stops, or stop by stop."""
-
-    JOINT = "joint"
-    PER_STOP = "per-stop"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

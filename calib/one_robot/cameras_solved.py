@@ -14,7 +14,7 @@ from boxcal.calib.likelihood.cameras.estimates import Cameras, apart
 from boxcal.calib.likelihood.cameras.moving.merge import with_frames_of_all
 from boxcal.calib.likelihood.finding import Finding
 from boxcal.calib.likelihood.moving.clock import LATE
-from boxcal.calib.likelihood.moving.merge import Moving
+from boxcal.calib.likelihood.moving.mode import Moving
 from boxcal.calib.one_robot.cameras_read import CameraDrives, ReadCameras, job_of, one_camera
 from boxcal.calib.one_robot.solving import concluded, solve, solve_stops
 from boxcal.calib.results.calibration import Calibration

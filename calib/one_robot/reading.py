@@ -8,7 +8,7 @@ from typing import TypeVar
 import numpy as np
 
 from boxcal.calib.errors import CalibError
-from boxcal.calib.likelihood.moving.merge import Moving
+from boxcal.calib.likelihood.moving.mode import Moving
 from boxcal.calib.one_robot.views_by_wheels import views_by_wheels
 from boxcal.calib.settings import CORRESPONDENCES, Job, Nominal, Settings
 from boxcal.detect.correspondences import Correspondences, StopObservation, load_correspondences, taken_as

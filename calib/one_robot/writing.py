@@ -11,8 +11,8 @@ from boxcal.calib.exports.photographs import photographs
 from boxcal.calib.exports.rerun import rerun_recording
 from boxcal.calib.exports.scene import make_scene
 from boxcal.calib.exports.stop_images import draw_stops, stop_jpegs
+from boxcal.calib.one_robot.put_files import put_files
 from boxcal.calib.one_robot.reading import nominal_of
-from boxcal.calib.one_robot.stale_files import stale_files
 from boxcal.calib.report.robot import FLEET_PAGE, robot_report
 from boxcal.calib.results.calibration import Calibration
 from boxcal.calib.results.json_format import CALIBRATION, calibration_bytes
@@ -21,7 +21,7 @@ from boxcal.calib.settings import CORRESPONDENCES, Job
 from boxcal.detect.correspondences import Correspondences
 from boxcal.detect.log.remote.store import put_folder
 from boxcal.detect.log.remote.urls import is_url
-from boxcal.target.files.atomic_write import write_atomically, write_together
+from boxcal.target.files.atomic_write import write_atomically
 
 
 def write(
@@ -83,16 +83,6 @@ def _write_folder(  # noqa: PLR0917 - a result and where it goes
         number = f"-{k + 1}" if len(drives) > 1 else ""
         drive.save(folder / f"correspondences{number}{CORRESPONDENCES}")
     put_files(folder, {**files, CALIBRATION: calibration_bytes(result)}, () if result.rig is None else result.rig.names)
-
-
-def put_files(folder: Path, files: Mapping[str, bytes], cameras: Sequence[str] = ()) -> None:
-    """Write a robot's files to its folder, ``calibration.json`` last; remove those that other settings gave.
-
-    ``cameras`` are those of the robot that have folders of their own.
-    """
-    ordered = {name: files[name] for name in sorted(files, key=lambda name: name == CALIBRATION)}
-    write_together(folder, ordered, stale=list(stale_files(folder, files, cameras)))
-    (folder / "static_transform.sh").chmod(0o755)
 
 
 def _photographs(

@@ -11,7 +11,7 @@ from boxcal.calib.likelihood import Estimate
 from boxcal.calib.likelihood.finding import Finding
 from boxcal.calib.results.calibration import Calibration, Provenance, Quality, StopResult
 from boxcal.calib.results.diagnostics import Covariance, Detail, Ground, HeldOut, LeaveOneOut, Leg
-from boxcal.calib.uncertainty.convergence import ConvergencePoint
+from boxcal.calib.uncertainty.convergence_point import ConvergencePoint
 from boxcal.calib.uncertainty.cross_validation import Validation
 from boxcal.calib.uncertainty.propagation import camera_covariance, ground_uncertainty
 from boxcal.detect.correspondences import Correspondences, StopObservation

@@ -11,7 +11,7 @@ from boxcal.calib.geometry.parameters import ORDER
 from boxcal.calib.likelihood.estimate import Direction, FlaggedCorner, FlaggedLeg, NoiseLevels
 from boxcal.calib.likelihood.finding import Finding
 from boxcal.calib.results.diagnostics import SIDE, Covariance, Detail, Ground, HeldOut, LeaveOneOut, Leg
-from boxcal.calib.uncertainty.convergence import ConvergencePoint
+from boxcal.calib.uncertainty.convergence_point import ConvergencePoint
 from boxcal.target.arrays import Array
 
 T = TypeVar("T")

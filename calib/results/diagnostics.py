@@ -7,7 +7,7 @@ import numpy as np
 
 from boxcal.calib.geometry.parameters import ORDER
 from boxcal.calib.likelihood.estimate import Direction, FlaggedCorner, FlaggedLeg, NoiseLevels
-from boxcal.calib.uncertainty.convergence import ConvergencePoint
+from boxcal.calib.uncertainty.convergence_point import ConvergencePoint
 from boxcal.target.arrays import Array
 
 CAMERA, WHEELS, MOUNTING = ORDER[:5], ORDER[5:8], ORDER[8:]

@@ -1,7 +1,6 @@
 """Convergence over stops: estimates from a drive's first stops only (the paper's figures 8 and 9)."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -11,6 +10,7 @@ from boxcal.calib.geometry.parameters import CAMERA, COUNT, ORDER
 from boxcal.calib.geometry.so3_se3 import log_so3
 from boxcal.calib.likelihood import Estimate, EstimateOptions
 from boxcal.calib.likelihood.initial_guess import camera_start
+from boxcal.calib.uncertainty.convergence_point import ConvergencePoint
 from boxcal.calib.uncertainty.part_of_drives import part_with_noise_known
 from boxcal.detect.correspondences import Correspondences
 from boxcal.detect.stops import MIN_STOPS
@@ -20,23 +20,6 @@ STEPS = 4
 """How many numbers of stops are tried of a long drive: estimates of all would cost more than the calibration itself."""
 FROM_THE_END = 6
 """Number of stops from which on one answer is near that of all stops."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ConvergencePoint:
-    """The estimate from the first stops only (the paper's figures 8 and 9).
-
-    Attributes
-    ----------
-    stops
-        How many were used.
-    values, sigma : (14,)
-        In the order of ``ORDER``; for rx, ry, rz the difference from the final mounting.
-    """
-
-    stops: int
-    values: tuple[float, ...]
-    sigma: tuple[float, ...]
 
 
 def grow(

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from boxcal.calib.errors import CalibError
+from boxcal.calib.four_steps.camera_mode import CameraMode
 from boxcal.calib.four_steps.procedure import FourSteps, solve_four_steps, solve_motion
-from boxcal.calib.four_steps.step1_camera import CameraMode, calibrate_camera, located
+from boxcal.calib.four_steps.step1_camera import calibrate_camera, located
 from boxcal.calib.four_steps.step2_heading import solve_heading
 from boxcal.calib.four_steps.step3_axis import find_axis
 from boxcal.calib.four_steps.step4_mounting import solve_mounting

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from boxcal.calib.errors import CalibError
+from boxcal.calib.four_steps.camera_mode import CameraMode
 from boxcal.calib.four_steps.procedure import solve_motion
-from boxcal.calib.four_steps.step1_camera import CameraMode, calibrate_camera
+from boxcal.calib.four_steps.step1_camera import calibrate_camera
 from boxcal.calib.four_steps.step2_heading import MAX_RELATIVE_SIGMA, solve_heading, unwrap_turns
 from boxcal.calib.geometry.diff_drive import Legs, legs_between, stop_pairs, unit_path
 from boxcal.calib.geometry.so3_se3 import inverse, wrap

@@ -21,7 +21,7 @@ from boxcal.calib.results.diagnostics import Covariance, Detail, Ground, HeldOut
 from boxcal.calib.results.json_format import load_calibration, save_calibration
 from boxcal.calib.results.provenance import provenance
 from boxcal.calib.results.verdict import Level, Reason, Verdict
-from boxcal.calib.uncertainty.convergence import ConvergencePoint
+from boxcal.calib.uncertainty.convergence_point import ConvergencePoint
 from boxcal.detect.correspondences import Correspondences
 from boxcal.detect.log.source import Source
 from boxcal.detect.log.wheel_samples import WheelSamples

@@ -16,7 +16,7 @@ from boxcal.calib import calibrate as one_robot
 from boxcal.calib.calibrate import calibrate_robot
 from boxcal.calib.cli import main
 from boxcal.calib.errors import CalibError
-from boxcal.calib.one_robot import log_identity, writing
+from boxcal.calib.one_robot import log_identity, put_files
 from boxcal.calib.settings import Job, Settings
 from boxcal.calib.simulate.drive import DriveOptions, exact_correspondences, simulate_drive
 from boxcal.calib.simulate.robot import turtlebot
@@ -145,12 +145,12 @@ def test_a_full_disk_is_one_line_a_robot_and_the_same_command_goes_on(
 ) -> None:
     run()
     before = (tmp_path / "out" / "r1" / "calibration.json").read_bytes()
-    whole = writing.write_together
+    whole = put_files.write_together
 
     def full(folder: Path, files: object, **further: object) -> None:
         raise OSError(28, "No space left on device", str(folder / ".camera.urdf.part"))
 
-    monkeypatch.setattr(writing, "write_together", full)
+    monkeypatch.setattr(put_files, "write_together", full)
     status, states, said = run("--tilt-prior-deg", 2)
     assert status == 1
     assert states["r1"][0] == "failed"
@@ -158,7 +158,7 @@ def test_a_full_disk_is_one_line_a_robot_and_the_same_command_goes_on(
     assert states["r1"][1].endswith("No space left on device")
     assert (tmp_path / "out" / "r1" / "calibration.json").read_bytes() == before
     assert "Traceback" not in said
-    monkeypatch.setattr(writing, "write_together", whole)
+    monkeypatch.setattr(put_files, "write_together", whole)
     assert run("--tilt-prior-deg", 2)[1]["r1"][0] == "done"
 
 

@@ -13,7 +13,7 @@ from boxcal.calib.results.build import refined
 from boxcal.calib.results.calibration import Calibration, Provenance
 from boxcal.calib.simulate.drive import DriveOptions, exact_correspondences, simulate_drive
 from boxcal.calib.simulate.robot import Robot, turtlebot
-from boxcal.calib.uncertainty.convergence import ConvergencePoint
+from boxcal.calib.uncertainty.convergence_point import ConvergencePoint
 from boxcal.calib.uncertainty.cross_validation import validate
 from boxcal.detect.correspondences import Correspondences
 from boxcal.detect.log.source import Source

@@ -100,9 +100,10 @@ def solved(job: Job, drive: Correspondences, *, recorded: bool = False) -> dict[
     BoxcalError
         If the drive does not determine the calibration.
     """
-    from boxcal.calib.calibrate import calibrate_drives, calibrate_robot  # noqa: PLC0415  heavy, and for this process only
+    from boxcal.calib.calibrate import calibrate_robot  # noqa: PLC0415  heavy, and for this process only
     from boxcal.calib.check_log.recorded import wheels_findings  # noqa: PLC0415
     from boxcal.calib.check_log.stops import stop_findings  # noqa: PLC0415
+    from boxcal.calib.one_robot.from_drives import calibrate_drives  # noqa: PLC0415
     from boxcal.one_thread import hold_process_to_one_thread  # noqa: PLC0415
 
     hold_process_to_one_thread()

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from enum import StrEnum
 
 import numpy as np
 
@@ -17,20 +16,13 @@ from boxcal.calib.likelihood.moving.exposure import exposure
 from boxcal.calib.likelihood.moving.faults import FEWEST, Sound, enough_frames, sound
 from boxcal.calib.likelihood.moving.leave_out import LeaveOut, leave_out
 from boxcal.calib.likelihood.moving.levels import Settled
+from boxcal.calib.likelihood.moving.mode import Moving
 from boxcal.calib.likelihood.moving.noise import FrameNoise
 from boxcal.calib.likelihood.moving.solve import FIRST_JITTER_S
 from boxcal.calib.likelihood.moving.told import Doubts, merged, rolling
 from boxcal.calib.likelihood.summary import reported_cov
 from boxcal.detect.correspondences import Correspondences
 from boxcal.target.arrays import Array
-
-
-class Moving(StrEnum):
-    """Use of frames on the move: where the data allow it, always (else the drive is refused), or never."""
-
-    AUTO = "auto"
-    ON = "on"
-    OFF = "off"
 
 
 def with_moving_frames(

@@ -16,7 +16,6 @@ term of the Edgeworth series, ``Phi(a) - k (a^3 - 3 a) phi(a) / 24`` with the ex
 """
 
 import numpy as np
-from scipy.special import ndtr
 
 from boxcal.detect.alignment.registration.parameters import KURTOSIS, LOG_PSF
 from boxcal.target.arrays import Array
@@ -29,6 +28,8 @@ def pattern_value(  # noqa: PLR0917 - all that says what a pixel sees
 
     For ``blur`` (3,) see :class:`boxcal.detect.alignment.registration.tag_batch.Frame`.
     """
+    from scipy.special import ndtr  # noqa: PLC0415 - .1 s to import, and compiled code does without
+
     modules = cells.shape[0] - 2
     sigma = np.exp(theta[LOG_PSF])
     w = 1 / (theta[6] * xy[:, 0] + theta[7] * xy[:, 1] + 1)

@@ -13,7 +13,8 @@ from boxcal.calib.likelihood import Estimate, EstimateOptions
 from boxcal.calib.likelihood.estimator import fit, reported
 from boxcal.calib.likelihood.fit import Fit
 from boxcal.calib.likelihood.moving.clock import one_time
-from boxcal.calib.likelihood.moving.merge import Moving, with_moving_frames
+from boxcal.calib.likelihood.moving.merge import with_moving_frames
+from boxcal.calib.likelihood.moving.mode import Moving
 from boxcal.calib.likelihood.moving.noise import FrameNoise
 from boxcal.calib.likelihood.moving.solve import Joint, joined, linearized
 from boxcal.calib.likelihood.moving.weave import weave

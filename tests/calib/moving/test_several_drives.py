@@ -14,7 +14,8 @@ from boxcal.calib.likelihood import Estimate, EstimateOptions
 from boxcal.calib.likelihood.estimator import fit, reported
 from boxcal.calib.likelihood.fit import Fit
 from boxcal.calib.likelihood.moving.clock import PRIOR_RATE
-from boxcal.calib.likelihood.moving.merge import Moving, with_moving_frames
+from boxcal.calib.likelihood.moving.merge import with_moving_frames
+from boxcal.calib.likelihood.moving.mode import Moving
 from boxcal.calib.results.unknowns import describe
 from boxcal.calib.settings import Settings
 from boxcal.calib.simulate.drive import DriveOptions, exact_correspondences, simulate_drive

@@ -9,7 +9,7 @@ import pytest
 
 import boxcal
 from boxcal.calib.errors import CalibError
-from boxcal.calib.likelihood.moving.merge import Moving
+from boxcal.calib.likelihood.moving.mode import Moving
 from boxcal.calib.results.calibration import Calibration
 from boxcal.calib.results.verdict import Level
 from boxcal.calib.settings import Settings
