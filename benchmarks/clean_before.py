@@ -22,7 +22,8 @@ import json, sys
 sys.path.insert(0, "benchmarks")
 import numpy as np
 import estimator
-from boxcal.calib.likelihood import EstimateOptions, estimate
+from boxcal.calib.likelihood import EstimateOptions
+from boxcal.calib.likelihood.estimator import estimate
 from boxcal.target.box import make_target
 estimator.SIGMA_PX = 0.05
 robot, target = estimator.paper(), make_target()

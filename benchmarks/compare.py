@@ -20,7 +20,8 @@ from boxcal.calib.errors import CalibError
 from boxcal.calib.four_steps.camera_mode import CameraMode
 from boxcal.calib.four_steps.procedure import solve_four_steps
 from boxcal.calib.geometry.so3_se3 import exp_so3, rigid
-from boxcal.calib.likelihood import EstimateOptions, estimate
+from boxcal.calib.likelihood import EstimateOptions
+from boxcal.calib.likelihood.estimator import estimate
 from boxcal.calib.results.build import refined
 from boxcal.calib.results.calibration import Calibration, Provenance
 from boxcal.calib.simulate.drive import DriveOptions, exact_correspondences, simulate_drive

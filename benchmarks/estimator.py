@@ -18,7 +18,8 @@ from scipy import stats
 
 from boxcal.calib.errors import CalibError
 from boxcal.calib.geometry.parameters import ORDER
-from boxcal.calib.likelihood import EstimateOptions, estimate
+from boxcal.calib.likelihood import EstimateOptions
+from boxcal.calib.likelihood.estimator import estimate
 from boxcal.calib.simulate.drive import DriveOptions, exact_correspondences, simulate_drive
 from boxcal.calib.simulate.robot import Robot, paper
 from boxcal.calib.simulate.viewpoints import choose_stops

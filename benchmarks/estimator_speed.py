@@ -20,9 +20,9 @@ from estimator_peers import Answer, through_gtsam, through_scipy
 
 from boxcal.calib.diagnosis.explained_estimate import estimate_explained
 from boxcal.calib.four_steps.procedure import FourSteps, solve_four_steps
-from boxcal.calib.likelihood import EstimateOptions, estimate
+from boxcal.calib.likelihood import EstimateOptions
 from boxcal.calib.likelihood.estimate import Estimate
-from boxcal.calib.likelihood.estimator import fit
+from boxcal.calib.likelihood.estimator import estimate, fit
 from boxcal.calib.simulate.drive import DriveOptions, exact_correspondences, simulate_drive
 from boxcal.calib.simulate.robot import khepera
 from boxcal.detect.correspondences import Correspondences

@@ -26,7 +26,8 @@ from kept_runs import KeptRuns
 from boxcal.calib.calibrate import calibrate
 from boxcal.calib.errors import CalibError
 from boxcal.calib.geometry.so3_se3 import exp_se3, log_so3
-from boxcal.calib.likelihood import Estimate, EstimateOptions, estimate
+from boxcal.calib.likelihood import Estimate, EstimateOptions
+from boxcal.calib.likelihood.estimator import estimate
 from boxcal.calib.results.calibration import Calibration
 from boxcal.calib.simulate.drive import DriveOptions
 from boxcal.calib.simulate.imperfect_drive import ImperfectDrive, hand_made, imperfect_drive

@@ -16,7 +16,8 @@ import numpy as np
 
 from boxcal.calib.errors import CalibError
 from boxcal.calib.geometry.so3_se3 import inverse, planar
-from boxcal.calib.likelihood import Estimate, estimate
+from boxcal.calib.likelihood import Estimate
+from boxcal.calib.likelihood.estimator import estimate
 from boxcal.calib.simulate.drive import Drive, DriveOptions, exact_correspondences, simulate_drive
 from boxcal.calib.simulate.robot import khepera
 from boxcal.calib.uncertainty.cramer_rao import Truth, errors

@@ -7,7 +7,8 @@ from runs import difference, estimate_sigma, estimate_values, step_values
 
 from boxcal.calib.errors import CalibError
 from boxcal.calib.four_steps.procedure import solve_four_steps
-from boxcal.calib.likelihood import EstimateOptions, estimate
+from boxcal.calib.likelihood import EstimateOptions
+from boxcal.calib.likelihood.estimator import estimate
 from boxcal.detect.correspondences import Correspondences
 from boxcal.target.arrays import Array
 

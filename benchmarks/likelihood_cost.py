@@ -16,7 +16,7 @@ OLD = """
 import json, sys
 sys.path.insert(0, "benchmarks")
 from estimator_speed import best, drive
-from boxcal.calib.likelihood import estimate
+from boxcal.calib.likelihood.estimator import estimate
 data, start = drive(20)
 print(json.dumps({"likelihood": best(lambda: estimate([data], start), 7)}))
 """
@@ -25,7 +25,8 @@ import json, sys
 sys.path.insert(0, "benchmarks")
 from estimator_speed import best, drive
 from boxcal.calib.diagnosis.explained_estimate import estimate_explained
-from boxcal.calib.likelihood import EstimateOptions, estimate
+from boxcal.calib.likelihood import EstimateOptions
+from boxcal.calib.likelihood.estimator import estimate
 from boxcal.target.box import make_target
 data, start = drive(20)
 paper, default = EstimateOptions(), EstimateOptions(lens=None, target=make_target())

@@ -19,7 +19,8 @@ from blocks import fill, table
 from captured import NOMINAL, T_CAPTURED_CAM, CapturedRun, carry_camera, load_run, with_clock
 
 from boxcal.calib.geometry.so3_se3 import exp_so3, inverse, planar, rigid
-from boxcal.calib.likelihood import Estimate, EstimateOptions, estimate
+from boxcal.calib.likelihood import Estimate, EstimateOptions
+from boxcal.calib.likelihood.estimator import estimate
 from boxcal.calib.likelihood.leg_model import LegModel, leg_model
 from boxcal.calib.likelihood.wheel_path import WheelPath
 from boxcal.detect.correspondences import Correspondences

@@ -9,7 +9,8 @@ import numpy as np
 from boxcal.calib.errors import CalibError
 from boxcal.calib.four_steps.procedure import FourSteps, solve_four_steps
 from boxcal.calib.geometry.so3_se3 import rot_y, rot_z, wrap
-from boxcal.calib.likelihood import Estimate, EstimateOptions, estimate
+from boxcal.calib.likelihood import Estimate, EstimateOptions
+from boxcal.calib.likelihood.estimator import estimate
 from boxcal.calib.simulate.drive import Drive, DriveOptions, exact_correspondences, simulate_drive
 from boxcal.calib.simulate.robot import Robot
 from boxcal.detect.correspondences import Correspondences

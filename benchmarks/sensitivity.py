@@ -19,7 +19,8 @@ from sources import Sources, observe, weaving_drive
 
 from boxcal.calib.errors import CalibError
 from boxcal.calib.four_steps.procedure import solve_four_steps
-from boxcal.calib.likelihood import EstimateOptions, estimate
+from boxcal.calib.likelihood import EstimateOptions
+from boxcal.calib.likelihood.estimator import estimate
 from boxcal.calib.simulate.robot import Robot, paper
 from boxcal.target.arrays import Array
 from boxcal.target.box import Target, make_target

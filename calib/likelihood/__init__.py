@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from boxcal.calib.likelihood.estimate import Estimate as Estimate
-    from boxcal.calib.likelihood.estimator import estimate as estimate
     from boxcal.calib.likelihood.options import EstimateOptions as EstimateOptions
     from boxcal.target.camera.camera_model import CameraKind as CameraKind
 
@@ -16,7 +15,6 @@ _HOME = {
     "CameraKind": "boxcal.target.camera.camera_model",
     "Estimate": "boxcal.calib.likelihood.estimate",
     "EstimateOptions": "boxcal.calib.likelihood.options",
-    "estimate": "boxcal.calib.likelihood.estimator",
 }
 
 if not TYPE_CHECKING:  # or else any misspelt name would have a type

@@ -11,7 +11,8 @@ from boxcal.calib.calibrate import calibrate
 from boxcal.calib.errors import CalibError
 from boxcal.calib.four_steps.procedure import solve_four_steps
 from boxcal.calib.four_steps.step1_camera import calibrate_camera
-from boxcal.calib.likelihood import EstimateOptions, estimate
+from boxcal.calib.likelihood import EstimateOptions
+from boxcal.calib.likelihood.estimator import estimate
 from boxcal.calib.likelihood.robust_steps import robust_steps
 from boxcal.calib.results.verdict import Level
 from boxcal.calib.simulate.drive import DriveOptions, exact_correspondences, simulate_drive

@@ -7,9 +7,9 @@ import pytest
 
 from boxcal.calib.calibrate import calibrate
 from boxcal.calib.check_drive.by_box import check_drive
-from boxcal.calib.likelihood import EstimateOptions, estimate
+from boxcal.calib.likelihood import EstimateOptions
 from boxcal.calib.likelihood.corner_floor import corner_floor, with_floor
-from boxcal.calib.likelihood.estimator import fit
+from boxcal.calib.likelihood.estimator import estimate, fit
 from boxcal.calib.likelihood.fit import log_noise
 from boxcal.calib.planning.drive_information import information_of, solved_by_calibration, solved_by_estimate
 from boxcal.calib.results.json_format import calibration_bytes, load_calibration

@@ -23,7 +23,8 @@ from boxcal.calib.diagnosis.sheets import find_gluing
 from boxcal.calib.errors import CalibError
 from boxcal.calib.four_steps.step1_camera import calibrate_camera
 from boxcal.calib.geometry.so3_se3 import exp_so3, rigid
-from boxcal.calib.likelihood import EstimateOptions, estimate
+from boxcal.calib.likelihood import EstimateOptions
+from boxcal.calib.likelihood.estimator import estimate
 from boxcal.calib.results.verdict import Level
 from boxcal.calib.simulate.drive import DriveOptions, simulate_drive
 from boxcal.calib.simulate.imperfect_drive import imperfect_drive, seen_from

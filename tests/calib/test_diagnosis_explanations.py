@@ -18,10 +18,10 @@ from boxcal.calib.diagnosis.ranking import rank
 from boxcal.calib.diagnosis.scrub import TYPICAL
 from boxcal.calib.errors import CalibError
 from boxcal.calib.geometry.so3_se3 import exp_se3, log_so3, wrap
-from boxcal.calib.likelihood import EstimateOptions, estimate, summary
+from boxcal.calib.likelihood import EstimateOptions, summary
 from boxcal.calib.likelihood.components import largest_change
 from boxcal.calib.likelihood.estimate import Estimate
-from boxcal.calib.likelihood.estimator import fit
+from boxcal.calib.likelihood.estimator import estimate, fit
 from boxcal.calib.likelihood.explanation_equations import extended
 from boxcal.calib.likelihood.finding import Finding
 from boxcal.calib.likelihood.fit import Fit

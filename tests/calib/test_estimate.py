@@ -10,7 +10,8 @@ from boxcal.calib.errors import CalibError
 from boxcal.calib.four_steps.procedure import solve_four_steps
 from boxcal.calib.geometry.parameters import ORDER
 from boxcal.calib.geometry.so3_se3 import exp_so3, rigid
-from boxcal.calib.likelihood import Estimate, EstimateOptions, estimate
+from boxcal.calib.likelihood import Estimate, EstimateOptions
+from boxcal.calib.likelihood.estimator import estimate
 from boxcal.calib.simulate.drive import Drive, DriveOptions, exact_correspondences, exact_options, simulate_drive
 from boxcal.calib.simulate.robot import Robot, khepera, turtlebot
 from boxcal.calib.uncertainty.cramer_rao import Truth, cramer_rao, errors

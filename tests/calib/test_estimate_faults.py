@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from boxcal.calib.geometry.so3_se3 import inverse, planar
-from boxcal.calib.likelihood import Estimate, EstimateOptions, estimate
-from boxcal.calib.likelihood.estimator import fit
+from boxcal.calib.likelihood import Estimate, EstimateOptions
+from boxcal.calib.likelihood.estimator import estimate, fit
 from boxcal.calib.likelihood.leg_outliers import find_slip
 from boxcal.calib.likelihood.outliers import LegMemory, flag_legs
 from boxcal.calib.simulate.drive import Drive, DriveOptions, exact_correspondences, simulate_drive

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from boxcal.calib.likelihood import EstimateOptions, estimate
-from boxcal.calib.likelihood.estimator import ASSUMED_SLIP
+from boxcal.calib.likelihood import EstimateOptions
+from boxcal.calib.likelihood.estimator import ASSUMED_SLIP, estimate
 
 
 @pytest.mark.parametrize("seed", range(6))

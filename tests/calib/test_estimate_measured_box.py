@@ -8,7 +8,8 @@ import pytest
 from boxcal.calib.assessment.verdict import judge
 from boxcal.calib.calibrate import calibrate
 from boxcal.calib.four_steps.procedure import solve_four_steps
-from boxcal.calib.likelihood import EstimateOptions, estimate
+from boxcal.calib.likelihood import EstimateOptions
+from boxcal.calib.likelihood.estimator import estimate
 from boxcal.calib.results.build import refined
 from boxcal.calib.results.calibration import Calibration, Provenance
 from boxcal.calib.results.verdict import Level

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from boxcal.calib.likelihood import EstimateOptions, estimate
+from boxcal.calib.likelihood import EstimateOptions
+from boxcal.calib.likelihood.estimator import estimate
 from boxcal.calib.simulate.drive import DriveOptions, exact_correspondences, simulate_drive
 from boxcal.calib.simulate.robot import paper
 from boxcal.calib.uncertainty.cramer_rao import Truth, cramer_rao, errors

@@ -8,8 +8,7 @@ import pytest
 
 from boxcal.calib.errors import CalibError
 from boxcal.calib.geometry.parameters import ORDER
-from boxcal.calib.likelihood import estimate
-from boxcal.calib.likelihood.estimator import fit
+from boxcal.calib.likelihood.estimator import estimate, fit
 from boxcal.calib.likelihood.observability import open_directions
 from boxcal.calib.likelihood.options import EstimateOptions
 from boxcal.calib.likelihood.problem import build_problem

@@ -8,8 +8,8 @@ import pytest
 
 from boxcal.calib.errors import CalibError
 from boxcal.calib.geometry.so3_se3 import exp_so3, inverse, rigid
-from boxcal.calib.likelihood import CameraKind, Estimate, EstimateOptions, estimate
-from boxcal.calib.likelihood.estimator import fit
+from boxcal.calib.likelihood import CameraKind, Estimate, EstimateOptions
+from boxcal.calib.likelihood.estimator import estimate, fit
 from boxcal.calib.simulate.drive import Drive, DriveOptions, exact_correspondences, simulate_drive
 from boxcal.calib.simulate.robot import turtlebot
 from boxcal.calib.uncertainty.cramer_rao import Truth, errors

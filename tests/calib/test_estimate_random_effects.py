@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from boxcal.calib.geometry.so3_se3 import exp_so3, rigid
-from boxcal.calib.likelihood import CameraKind, EstimateOptions, estimate
-from boxcal.calib.likelihood.estimator import fit
+from boxcal.calib.likelihood import CameraKind, EstimateOptions
+from boxcal.calib.likelihood.estimator import estimate, fit
 from boxcal.calib.likelihood.explanation import Columns
 from boxcal.calib.likelihood.levenberg_marquardt import Weights, maximise
 from boxcal.calib.likelihood.problem import Problem

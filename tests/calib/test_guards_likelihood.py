@@ -9,8 +9,8 @@ import pytest
 from boxcal.calib.four_steps.procedure import solve_four_steps
 from boxcal.calib.geometry.diff_drive import Legs
 from boxcal.calib.geometry.so3_se3 import Array
-from boxcal.calib.likelihood import EstimateOptions, estimate
-from boxcal.calib.likelihood.estimator import fit
+from boxcal.calib.likelihood import EstimateOptions
+from boxcal.calib.likelihood.estimator import estimate, fit
 from boxcal.calib.likelihood.initial_guess import camera_start, first_states
 from boxcal.calib.likelihood.leg_model import leg_model
 from boxcal.calib.likelihood.leg_residuals import leg_covariance

@@ -10,8 +10,8 @@ from scipy import stats
 from boxcal.calib.four_steps.procedure import solve_four_steps
 from boxcal.calib.geometry.parameters import MOUNTING, ORDER
 from boxcal.calib.geometry.so3_se3 import Array, exp_se3, exp_so3, log_so3
-from boxcal.calib.likelihood import Estimate, EstimateOptions, estimate
-from boxcal.calib.likelihood.estimator import fit, fit_cameras
+from boxcal.calib.likelihood import Estimate, EstimateOptions
+from boxcal.calib.likelihood.estimator import estimate, fit, fit_cameras
 from boxcal.calib.likelihood.initial_guess import camera_start
 from boxcal.calib.likelihood.summary import reported_cov
 from boxcal.calib.simulate.drive import DriveOptions, exact_correspondences, simulate_drive

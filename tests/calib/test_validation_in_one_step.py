@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from boxcal.calib.likelihood import EstimateOptions, estimate
-from boxcal.calib.likelihood.estimator import fit_cameras, step_of
+from boxcal.calib.likelihood import EstimateOptions
+from boxcal.calib.likelihood.estimator import estimate, fit_cameras, step_of
 from boxcal.calib.likelihood.initial_guess import camera_start
 from boxcal.calib.simulate.drive import DriveOptions, exact_correspondences, simulate_drive
 from boxcal.calib.simulate.robot import khepera

@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from boxcal.calib.likelihood import EstimateOptions, estimate
+from boxcal.calib.likelihood import EstimateOptions
+from boxcal.calib.likelihood.estimator import estimate
 from boxcal.detect.correspondences import Correspondences
 from boxcal.detect.extract import extract
 from boxcal.target.arrays import Array

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from boxcal.calib.four_steps.procedure import solve_four_steps
 from boxcal.calib.geometry.diff_drive import Wheels
 from boxcal.calib.geometry.so3_se3 import exp_so3, rigid
-from boxcal.calib.likelihood import estimate
+from boxcal.calib.likelihood.estimator import estimate
 from boxcal.calib.results.build import closed_form, refined
 from boxcal.calib.results.calibration import Calibration, Provenance
 from boxcal.calib.results.json_format import calibration_document, load_calibration, save_calibration

@@ -8,7 +8,8 @@ import numpy as np
 from boxcal.calib.four_steps.procedure import solve_four_steps
 from boxcal.calib.geometry.parameters import ORDER
 from boxcal.calib.geometry.so3_se3 import inverse, log_so3, planar
-from boxcal.calib.likelihood import Estimate, EstimateOptions, estimate
+from boxcal.calib.likelihood import Estimate, EstimateOptions
+from boxcal.calib.likelihood.estimator import estimate
 from boxcal.calib.results.build import refined
 from boxcal.calib.results.calibration import Calibration, Provenance
 from boxcal.calib.simulate.drive import DriveOptions, exact_correspondences, simulate_drive
