@@ -46,16 +46,30 @@ def finite(a: Any) -> bool:
 
 @loops()
 def median(a: Any, room: Any) -> Any:
-    """Return the median of a (n,), sorted in room (n,) by Shell's method."""
+    """Return the median of a (n,), which is put into room (n,) and parted there by Hoare's method."""
     n = len(a)
     put(room, a)
-    gap = n // 2
-    while gap > 0:
-        for i in range(gap, n):
-            value, j = room[i], i
-            while j >= gap and room[j - gap] > value:
-                room[j] = room[j - gap]
-                j -= gap
-            room[j] = value
-        gap //= 2
-    return 0.5 * (room[(n - 1) // 2] + room[n // 2])
+    middle, low, high = n // 2, 0, n - 1
+    while low < high:
+        pivot, i, j = room[(low + high) // 2], low, high
+        while i <= j:
+            while room[i] < pivot:
+                i += 1
+            while room[j] > pivot:
+                j -= 1
+            if i <= j:
+                room[i], room[j] = room[j], room[i]
+                i, j = i + 1, j - 1
+        if middle <= j:
+            high = j
+        elif middle >= i:
+            low = i
+        else:
+            break
+    upper = room[middle]
+    if n % 2 == 1:
+        return upper
+    lower = room[0]
+    for k in range(1, middle):
+        lower = max(lower, room[k])
+    return 0.5 * (lower + upper)

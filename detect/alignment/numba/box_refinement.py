@@ -17,7 +17,18 @@ from boxcal.detect.alignment.box_refinement import (
     State,
 )
 from boxcal.detect.alignment.numba.arrays import clear, clear_rows, median, put, put_rows
-from boxcal.detect.alignment.numba.cholesky import factor, solve_lower, solve_positive
+from boxcal.detect.alignment.numba.box_jacobian import (
+    POINTS,
+    ROWS,
+    WIDE,
+    add_products,
+    deviations,
+    differentiate,
+    scalars,
+    spreads,
+    weigh,
+)
+from boxcal.detect.alignment.numba.cholesky import factor, solve_positive
 from boxcal.detect.alignment.numba.kernel import kernel
 from boxcal.detect.alignment.numba.radial_camera import square, to_pixel
 from boxcal.detect.alignment.radial_camera import (
@@ -36,7 +47,8 @@ from boxcal.target.arrays import Array
 
 _CAMERA, _UNKNOWNS = CAMERA, CAMERA + 6
 _LONGEST = np.array([0.4, *[1e3] * (CAMERA - 1), 0.5, 0.5, 0.5, 1e3, 1e3, 1e3])
-_LEAST_W = 1e-6
+_FACTORS = 8
+"""Logarithms of so many numbers are taken as that of their product."""
 _FITTED = np.array(FITTED)
 _NOTHING = np.empty((0, 0))
 
@@ -73,7 +85,7 @@ def _refine(  # noqa: PLR0912, PLR0917 - arrays in, arrays out
     moved = (focal, lens.copy(), T.copy())
     now_off, room = np.empty(len(uv)), np.empty(len(uv))
     gradient, step = np.zeros(_UNKNOWNS), np.zeros(_UNKNOWNS)
-    camera, A = np.empty(_CAMERA), np.empty((_UNKNOWNS, _UNKNOWNS))
+    camera, A, flat = np.empty(_CAMERA), np.empty((_UNKNOWNS, _UNKNOWNS)), np.zeros(ROWS * WIDE)
     clear_rows(information)
     for i in range(_UNKNOWNS):
         information[i, i] = 1.0
@@ -83,14 +95,17 @@ def _refine(  # noqa: PLR0912, PLR0917 - arrays in, arrays out
         if iteration >= ITERATIONS and median(off, room) < fair:
             break
         now_focal, now_lens, now_T = moved
-        before = _deviations(p_box, uv, now_focal, now_lens, now_T, now_off)
+        before = deviations(p_box, uv, scalars(now_focal, now_lens), now_T, now_off)
         scale = 3 * max(sigma_px, 1.2 * median(now_off, room))
         camera[0] = np.log(now_focal)
         for i in range(1, _CAMERA):
             camera[i] = now_lens[_FITTED[i - 1]]
         now = 0.0
-        for k in range(len(uv)):
-            now += scale**2 * np.log1p((now_off[k] / scale) ** 2)
+        for first in range(0, len(uv), _FACTORS):
+            product = 1.0
+            for k in range(first, min(first + _FACTORS, len(uv))):
+                product *= 1 + (now_off[k] / scale) ** 2
+            now += scale**2 * np.log(product)
         for i in range(_CAMERA):
             now += prior[i] * (camera[i] - expected[i]) ** 2
         if not now <= cost * (1 + 1e-9) + 1e-12 or not before:
@@ -103,7 +118,7 @@ def _refine(  # noqa: PLR0912, PLR0917 - arrays in, arrays out
             put(lens, now_lens)
             put_rows(T, now_T)
             put(off, now_off)
-            _equations(p_box, uv, focal, lens, T, now_off, scale, information, gradient)
+            _equations(p_box, uv, scalars(focal, lens), T, now_off, scale, flat, information, gradient)
             for i in range(_CAMERA):
                 information[i, i] += prior[i]
                 gradient[i] -= prior[i] * (camera[i] - expected[i])
@@ -179,15 +194,6 @@ def _tangent(focal: Any, lens: Any, dx: Any, dy: Any) -> Any:
 
 
 @kernel(inner=True)
-def _ideal(lens: Any, dx: Any, dy: Any) -> Any:
-    """Return a pixel from the centre with square pixels and without tangential terms, and with square pixels alone."""
-    x, y = square(lens, dx, dy)
-    p1, p2 = lens[PER_RADIUS] * lens[P1], lens[PER_RADIUS] * lens[P2]
-    both = 2 * x * y
-    return x + p1 * both + p2 * (3 * x * x + y * y), y + p1 * (x * x + 3 * y * y) + p2 * both, x, y
-
-
-@kernel(inner=True)
 def _distorted(lens: Any, u: Any, v: Any) -> Any:
     """Return a pixel with the tangential terms added, as ``radial_camera.distorted`` does."""
     x, y = square(lens, u - lens[CENTRE_X], v - lens[CENTRE_Y])
@@ -210,55 +216,6 @@ def _point(T: Any, p: Any) -> Any:
     )
 
 
-@kernel(inner=True)
-def _deviations(p_box: Any, uv: Any, focal: Any, lens: Any, T: Any, off: Any) -> bool:  # noqa: PLR0917
-    """Fill how far corners are off, px; return whether all points lie before the camera."""
-    before = True
-    least = _LEAST_W / focal
-    for k in range(len(uv)):
-        dx, dy, _, _ = _ideal(lens, uv[k, 0] - lens[CENTRE_X], uv[k, 1] - lens[CENTRE_Y])
-        _, _, ax, ay, az = _tangent(focal, lens, dx, dy)
-        x, y, z = _point(T, p_box[k])
-        w = ax * x + ay * y + az * z
-        before = before and w > least
-        w = w if abs(w) > least else least
-        off[k] = np.hypot(dx - x / w, dy - y / w)
-    return before
-
-
-@kernel(inner=True)
-def _differentiate(focal: Any, lens: Any, dx: Any, dy: Any, x: Any, y: Any, z: Any, J: Any) -> Any:  # noqa: PLR0917
-    """Return how far a point (x, y, z) lies from the pixel (dx, dy) on the chart there; fill how it moves (2, 16)."""
-    raw_y = dy
-    dx, dy, square_x, square_y = _ideal(lens, dx, dy)
-    q, D, ax, ay, az = _tangent(focal, lens, dx, dy)
-    w, least = ax * x + ay * y + az * z, _LEAST_W / focal
-    per_w = 1 / (w if abs(w) > least else least)
-    seen_x, seen_y = x * per_w, y * per_w
-    # as box_refinement.Tangent, for one corner
-    toward = 2 * lens[PER_RADIUS] * lens[PER_RADIUS] * (dx * seen_x + dy * seen_y)
-    for row, seen in ((0, seen_x), (1, seen_y)):
-        along = seen / D
-        J[row, 0] = along * z * per_w / focal
-        J[row, 1], J[row, 2] = 1.0 - row, np.exp(lens[LOG_ASPECT]) if row == 1 else -lens[SKEW]
-        J[row, 3] = along * (q - toward)
-        J[row, 4] = along * (q * (3 * q - 2 * toward))
-        J[row, 5] = along * (q * q * (5 * q - 3 * toward))
-        mx, my, mz = -per_w * ax * seen, -per_w * ay * seen, -per_w * az * seen
-        if row == 0:
-            mx += per_w
-        else:
-            my += per_w
-        J[row, _CAMERA + 3], J[row, _CAMERA + 4], J[row, _CAMERA + 5] = mx, my, mz
-        J[row, _CAMERA], J[row, _CAMERA + 1], J[row, _CAMERA + 2] = y * mz - z * my, z * mx - x * mz, x * my - y * mx
-    both, xx, yy = 2 * square_x * square_y, square_x * square_x, square_y * square_y
-    J[0, 6], J[1, 6] = 0.0, -square_y
-    J[0, 7], J[1, 7] = raw_y, 0.0
-    J[0, 8], J[1, 8] = -lens[PER_RADIUS] * both, -lens[PER_RADIUS] * (xx + 3 * yy)
-    J[0, 9], J[1, 9] = -lens[PER_RADIUS] * (3 * xx + yy), -lens[PER_RADIUS] * both
-    return dx - seen_x, dy - seen_y
-
-
 @kernel()
 def _predict(  # noqa: PLR0917
     p_box: Any, focal: Any, lens: Any, T: Any, information: Any, uv: Any, spread: Any
@@ -267,48 +224,38 @@ def _predict(  # noqa: PLR0917
 
     The latter only if there is room for them.
     """
-    J, half = np.zeros((2, _UNKNOWNS)), np.zeros(_UNKNOWNS)
     L, asked = information.copy(), len(spread) > 0
-    if asked:
-        factor(L)
     for k in range(len(p_box)):
         x, y, z = _point(T, p_box[k])
         uv[k, 0], uv[k, 1] = to_pixel(lens, x, y, z / focal)
-        if not np.isfinite(uv[k, 0]):
+        if np.isfinite(uv[k, 0]):
+            uv[k, 0], uv[k, 1] = _distorted(lens, uv[k, 0], uv[k, 1])
+        else:
             uv[k, 0], uv[k, 1] = np.nan, np.nan
-            if asked:
-                spread[k] = np.inf
-            continue
-        uv[k, 0], uv[k, 1] = _distorted(lens, uv[k, 0], uv[k, 1])
-        if not asked:
-            continue
-        _differentiate(focal, lens, uv[k, 0] - lens[0], uv[k, 1] - lens[1], x, y, z, J)
-        total = 0.0
-        for row in range(2):
-            solve_lower(L, J[row], half)
-            for i in range(_UNKNOWNS):
-                total += half[i] * half[i]
-        spread[k] = np.sqrt(total)
+    if not asked:
+        return
+    factor(L)
+    flat, some, camera = np.zeros(ROWS * WIDE), np.empty(POINTS), scalars(focal, lens)
+    rows = flat.reshape((ROWS, WIDE))
+    for first in range(0, len(p_box), POINTS):
+        differentiate(p_box, uv, first, camera, T, flat)
+        spreads(L, rows, some)
+        for k in range(first, min(first + POINTS, len(p_box))):
+            spread[k] = some[k - first] if np.isfinite(uv[k, 0]) else np.inf
 
 
 @kernel(inner=True)
 def _equations(  # noqa: PLR0917
-    p_box: Any, uv: Any, focal: Any, lens: Any, T: Any, off: Any, scale: Any, normal: Any, gradient: Any
+    p_box: Any, uv: Any, camera: Any, T: Any, off: Any, scale: Any, flat: Any, normal: Any, gradient: Any
 ) -> None:
     """Fill the normal equations of the corners, each weighted by its deviation."""
-    J = np.zeros((2, _UNKNOWNS))
+    rows = flat.reshape((ROWS, WIDE))
     clear_rows(normal)
     clear(gradient)
-    for k in range(len(uv)):
-        dx, dy = uv[k, 0] - lens[0], uv[k, 1] - lens[1]
-        x, y, z = _point(T, p_box[k])
-        rx, ry = _differentiate(focal, lens, dx, dy, x, y, z, J)
-        weight = 1 / (1 + (off[k] / scale) ** 2)
-        for i in range(_UNKNOWNS):
-            a, b = weight * J[0, i], weight * J[1, i]
-            gradient[i] += a * rx + b * ry
-            for j in range(i + 1):
-                normal[i, j] += a * J[0, j] + b * J[1, j]
+    for first in range(0, len(uv), POINTS):
+        differentiate(p_box, uv, first, camera, T, flat)
+        weigh(off, first, scale, rows)
+        add_products(rows, normal, gradient)
     for i in range(_UNKNOWNS):
         for j in range(i):
             normal[j, i] = normal[i, j]
