@@ -4,7 +4,18 @@ from typing import Any
 
 import numpy as np
 
-from boxcal.detect.alignment.numba.kernel import loops
+from boxcal.detect.alignment.numba.kernel import kernel, loops
+
+_LINE = 64
+"""Bytes of a cache line, and of the longest vectors: a vector that lies across two lines is read and written twice."""
+
+
+@kernel(inner=True)
+def aligned(n: Any) -> Any:
+    """Return an array (n,) in single precision that begins where a cache line does."""
+    room = np.empty(n + _LINE // 4, np.float32)
+    start = (_LINE - room.ctypes.data % _LINE) % _LINE // 4
+    return room[start : start + n]
 
 
 @loops()

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from boxcal.detect.alignment.numba.arrays import aligned, put
 from boxcal.detect.alignment.numba.kernel import kernel, loops
 from boxcal.detect.alignment.numba.pixels import BLOCK, COLUMN, GREY, OF_PIXEL, ROW, U, V, widths
 from boxcal.detect.alignment.numba.place import FIGURES, IN_PLACE, fill_figures, place
@@ -66,13 +67,13 @@ def room_for(boxes: Any, modules: Any) -> Room:
         width, height = max(boxes[k, 1] - boxes[k, 0], 0), max(boxes[k, 3] - boxes[k, 2], 0)
         most, rows = max(most, width * height), max(rows, height)
     return Room(
-        np.empty((most // BLOCK + 1, OF_PIXEL * BLOCK), np.float32),
-        np.empty(2 * most + BLOCK, np.int32),  # those on the lattice may be met twice
-        np.empty(most + BLOCK, np.int32),
+        aligned((most // BLOCK + 1) * OF_PIXEL * BLOCK).reshape((most // BLOCK + 1, OF_PIXEL * BLOCK)),
+        aligned(2 * most + BLOCK).view(np.int32),  # those on the lattice may be met twice
+        aligned(most + BLOCK).view(np.int32),
         np.empty((rows, 2), np.int64),
         np.empty(modules * modules, np.uint32),
-        np.empty(BLOCK, np.uint32),
-        np.empty(BLOCK, np.uint32),
+        aligned(BLOCK).view(np.uint32),
+        aligned(BLOCK).view(np.uint32),
         np.empty(FIGURES, np.float32),
     )
 
@@ -185,7 +186,7 @@ def _modulo(a: Any, b: Any) -> Any:
     return a - b * int(np.floor((a + 0.5) / b))
 
 
-@loops()
+@loops(forceinline=True)
 def _write_run(row: Any, first: Any, last: Any, every: Any, met: Any, n: Any) -> Any:  # noqa: PLR0917
     """Write down each so-manyth pixel of a row from the first to before the last; return how many there are now.
 
@@ -201,7 +202,7 @@ def _write_run(row: Any, first: Any, last: Any, every: Any, met: Any, n: Any) ->
     return n + count
 
 
-@loops()
+@loops(forceinline=True)
 def _unpack(numbers: Any, box: Any, block: Any) -> None:
     """Fill the columns and rows of a block of pixels."""
     left, top = np.float32(box[0]), np.float32(box[2])
@@ -211,7 +212,7 @@ def _unpack(numbers: Any, box: Any, block: Any) -> None:
         block[ROW + p] = top + np.float32(np.int32(number >> 16))
 
 
-@loops(fastmath=IN_PLACE)
+@loops(fastmath=IN_PLACE, forceinline=True)
 def _look(block: Any, side: Any, limits: Any, lattice: Any, at: Any, wanted: Any) -> None:  # noqa: PLR0917
     """Fill the modules of a block's pixels, and at which of their edges must be one for them to count.
 
@@ -238,16 +239,14 @@ def _look(block: Any, side: Any, limits: Any, lattice: Any, at: Any, wanted: Any
 @loops()
 def _thinned_first(kept: Any, n: Any, box: Any, into: Any) -> int:
     """Put those of n pixels first of which column and twice the row together ``THINNED`` divides; return how many."""
-    shift, few = box[0] + 2 * box[2], 0
+    shift, few, others = box[0] + 2 * box[2], 0, 0
     for p in range(n):
         number = kept[p]
-        into[np.uint64(few)] = number
-        few += ((number & _SHORT) + 2 * (number >> 16) + shift) % THINNED == 0
-    m = few
-    for p in range(n):
-        number = kept[p]
-        into[np.uint64(m)] = number
-        m += ((number & _SHORT) + 2 * (number >> 16) + shift) % THINNED != 0
+        into[np.uint64(few)], kept[np.uint64(others)] = number, number
+        divided = ((number & _SHORT) + 2 * (number >> 16) + shift) % THINNED == 0
+        few += divided
+        others += not divided
+    put(into[few:n], kept[:others])
     return few
 
 

@@ -31,20 +31,20 @@ _E2, _E3, _E4, _E5, _E6 = (np.float32(x) for x in (1 / 2, 1 / 6, 1 / 24, 1 / 120
 
 @loops(fastmath=True)
 def module_differences(cells: Any, out: Any) -> None:
-    """Fill each of a tag's modules and its differences to the next along u, along v and along both, (4 S,).
+    """Fill differences of a tag's modules to the next along u, along v and along both, and the modules (4, S).
 
-    Modules are in rows one after the other; the four figures of one lie together, so that they are read at once.
+    Modules are in rows one after the other.
     """
     side = cells.shape[0]
     for j in range(side):
         for i in range(side):
-            right, below, at = min(i + 1, side - 1), min(j + 1, side - 1), 4 * (j * side + i)
+            right, below, at = min(i + 1, side - 1), min(j + 1, side - 1), j * side + i
             here, along_u, along_v = cells[j, i], cells[j, right], cells[below, i]
-            out[at], out[at + 1], out[at + 2] = here, along_u - here, along_v - here
-            out[at + 3] = cells[below, right] - along_u - along_v + here
+            out[0, at], out[1, at], out[3, at] = along_u - here, along_v - here, here
+            out[2, at] = cells[below, right] - along_u - along_v + here
 
 
-@loops(fastmath=True)
+@loops(fastmath=True, forceinline=True)
 def blur_geometry(theta: Any, sigma: Any, blur: Any, at: Any, geometry: Any) -> None:
     """Fill 1 / w, 1 / s_u, 1 / s_v and the correlation of the blur on the tag."""
     h0, h1, h3, h4 = np.float32(theta[0]), np.float32(theta[1]), np.float32(theta[3]), np.float32(theta[4])
@@ -65,7 +65,7 @@ def blur_geometry(theta: Any, sigma: Any, blur: Any, at: Any, geometry: Any) -> 
         geometry[_3 + p] = min(max((ux * vx + uy * vy) * u * v, -limit), limit)
 
 
-@loops(fastmath=True)
+@loops(fastmath=True, forceinline=True)
 def edge(place: Any, inverse: Any, first: Any, e: Any, k: Any, out: Any) -> None:  # noqa: PLR0917
     """Fill what a module edge does to each pixel of a block, a row for each of the seven figures."""
     shift, k24 = np.float32(e), np.float32(k) * _F24TH
@@ -92,35 +92,35 @@ def edge(place: Any, inverse: Any, first: Any, e: Any, k: Any, out: Any) -> None
         out[_6 + p] = a2 * density
 
 
-@loops(fastmath=True)
+@loops(fastmath=True, forceinline=True)
 def cross(weights: Any, along: Any, down: Any, rho: Any, first: Any, total: Any) -> None:  # noqa: PLR0917
     """Add to P and its derivatives what the modules about the crossing of an edge along u and one along v make.
 
-    ``weights`` are a module and its differences, see :func:`module_differences`; ``first`` says of both edges whether
-    they are the first in reach. The first module counts once, and each edge's own differences once.
+    ``weights`` are a module's differences and itself, see :func:`module_differences`; ``first`` says of both edges
+    whether they are the first in reach. The first module counts once, and each edge's own differences once.
     """
     first_u, first_v = first
     if first_u and first_v:
         for p in range(BLOCK):
-            total[p], total[_1 + p], total[_2 + p] = weights[4 * p], _F0, _F0
+            total[p], total[_1 + p], total[_2 + p] = weights[_3 + p], _F0, _F0
             total[_3 + p], total[_4 + p] = _F0, _F0
     once_u, once_v = _F1 if first_v else _F0, _F1 if first_u else _F0
     for p in range(BLOCK):
-        r, both = rho[p], weights[4 * p + 3]
+        r, both, own_u, own_v = rho[p], weights[_2 + p], once_u * weights[p], once_v * weights[_1 + p]
         e0, e1, e2, e3 = down[p], down[_1 + p], down[_2 + p], down[_3 + p]
         e4, e5, e6 = down[_4 + p], down[_5 + p], down[_6 + p]
         s0, s1, s2, s3 = along[p], along[_1 + p], along[_2 + p], along[_3 + p]
         s4, s5, s6 = along[_4 + p], along[_5 + p], along[_6 + p]
-        u, v = once_u * weights[4 * p + 1] + both * e0, once_v * weights[4 * p + 2] + both * s0
+        u, v = own_u + both * e0, own_v + both * s0
         tilt = r * both
-        total[p] += u * s0 + once_v * weights[4 * p + 2] * e0 + tilt * (e4 * s4 + _F05 * r * e5 * s5)
+        total[p] += u * s0 + own_v * e0 + tilt * (e4 * s4 + _F05 * r * e5 * s5)
         total[_1 + p] += u * s1 - tilt * e4 * s5
         total[_2 + p] += v * e1 - tilt * e5 * s4
         total[_3 + p] += u * s2 + v * e2 + tilt * (e4 * s6 + e6 * s4)
         total[_4 + p] += u * s3 + v * e3
 
 
-@loops(fastmath=True)
+@loops(fastmath=True, forceinline=True)
 def jacobian(light: Any, at: Any, geometry: Any, total: Any, response_slope: Any, out: Any) -> None:  # noqa: PLR0917
     """Fill the rows of the Jacobian; ``response_slope`` is 0 behind the last pixel."""
     _, gain, slope_x, slope_y, kappa = light

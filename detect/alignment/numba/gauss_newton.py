@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from boxcal.detect.alignment.numba.arrays import clear, clear_rows, finite, put, put_rows
+from boxcal.detect.alignment.numba.arrays import aligned, clear, clear_rows, finite, put, put_rows
 from boxcal.detect.alignment.numba.block_motion import fill_blocks
 from boxcal.detect.alignment.numba.cholesky import solve_positive
 from boxcal.detect.alignment.numba.cluster_sums import fill_squares
@@ -65,7 +65,7 @@ def _iterate(batch: Any, sums: Any, normalised: Any, module_px: Any, rules: Any,
     """Take the steps of each tag, or fill its sums alone: all in one, as it compiles once."""
     normal, gradient, stats, theta = sums.normal, sums.gradient, sums.stats, batch.theta
     side = batch.cells.shape[1]
-    step, differences = np.zeros(PARAMETERS), np.empty(4 * side * side, np.float32)
+    step, differences = np.zeros(PARAMETERS), np.empty((4, side * side), np.float32)
     blocks = sums.blocks.reshape((len(theta), 2 * side * side))
     room, work = room_for(batch.bounding_boxes, side), room_to_work()
     for k in range(len(batch.rows)):
@@ -81,13 +81,14 @@ def _iterate(batch: Any, sums: Any, normalised: Any, module_px: Any, rules: Any,
             if since > _FAR_MODULES:
                 n, few = collect(batch, k, rules.thinned and number == 0, room)
                 since = 0.0
-            fill_figures(batch.lens, theta[k], batch.normalisation[k], room.figures)
-            place_all(room.figures, room.pixels, n)
-            if rules.guess and number == 0:
-                initial_intensity(batch, k, room.pixels, n)
-            thinned = number == 0 and few < n
+            guess, thinned = rules.guess and number == 0, number == 0 and few < n
             m = few if thinned else n
-            jac = np.empty((ROWS, (m + BLOCK - 1) // BLOCK * BLOCK), np.float32)
+            fill_figures(batch.lens, theta[k], batch.normalisation[k], room.figures)
+            place_all(room.figures, room.pixels, n if guess else m)
+            if guess:
+                initial_intensity(batch, k, room.pixels, n)
+            width = (m + BLOCK - 1) // BLOCK * BLOCK
+            jac = aligned(ROWS * width).reshape((ROWS, width))
             differentiate(batch, k, differences, room.pixels, m, work, jac)
             add_products(jac, normal[k], gradient[k])
             stats[k, 0], stats[k, 1] = m, sum_of_squares(jac[PARAMETERS])

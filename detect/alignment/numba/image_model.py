@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from boxcal.detect.alignment.numba.arrays import put
+from boxcal.detect.alignment.numba.arrays import aligned, clear, put
 from boxcal.detect.alignment.numba.edges import OF_EDGE, blur_geometry, cross, edge, jacobian
 from boxcal.detect.alignment.numba.kernel import kernel, loops
 from boxcal.detect.alignment.numba.pixels import BLOCK, GREY, RESIDUAL, U, V, Y, widths
@@ -25,8 +25,8 @@ _PER_SU, _PER_SV, _RHO, _FIRST_U, _FIRST_V = (k * BLOCK for k in range(1, 6))
 _NEAR = 3.5
 _MOST = 16
 """Edges across a tag, at most."""
-_F0, _F05, _F1, _F4 = np.float32(0), np.float32(0.5), np.float32(1), np.float32(4)
-_I0, _U1, _U2, _U3 = np.int32(0), np.uint64(1), np.uint64(2), np.uint64(3)
+_F0, _F05, _F1 = np.float32(0), np.float32(0.5), np.float32(1)
+_I0, _U1 = np.int32(0), np.uint64(1)
 _UNDER_1 = np.float32(1 - 2**-20)
 """The light that saturates, and still lies within the last step of a table."""
 
@@ -39,11 +39,11 @@ class Work(NamedTuple):
     geometry : (6 * 64,)
         1 / w, 1 / s_u, 1 / s_v, correlation of the blur on the tag, first edges in reach along u and along v.
     corner : (64,)
-        Place of the modules before these edges in a table of four figures each.
+        Place of the modules before these edges in a table.
     edges_u, edge_v : (16 * 7 * 64,), (7 * 64,)
         Edges along u and one along v, see :func:`boxcal.detect.alignment.numba.edges.edge`.
     weights : (4 * 64,)
-        Modules and their differences; those of one pixel lie together.
+        Differences of modules along u, along v and along both, and modules.
     shown, response_slope : (64,)
         Light, and then grey levels; the response curve's slope.
     total : (5 * 64,)
@@ -66,20 +66,22 @@ class Work(NamedTuple):
 @kernel(inner=True)
 def room_to_work() -> Work:
     """Return room for what is made of a block of pixels."""
-    return Work(
-        np.empty(6 * BLOCK, np.float32),
-        np.empty(BLOCK, np.uint32),
-        np.empty(_MOST * OF_EDGE, np.float32),
-        np.empty(OF_EDGE, np.float32),
-        np.empty(4 * BLOCK, np.float32),
-        np.empty(BLOCK, np.float32),
-        np.empty(BLOCK, np.float32),
-        np.empty(5 * BLOCK, np.float32),
-        np.zeros(ROWS * BLOCK, np.float32),
+    work = Work(
+        aligned(6 * BLOCK),
+        aligned(BLOCK).view(np.uint32),
+        aligned(_MOST * OF_EDGE),
+        aligned(OF_EDGE),
+        aligned(4 * BLOCK),
+        aligned(BLOCK),
+        aligned(BLOCK),
+        aligned(5 * BLOCK),
+        aligned(ROWS * BLOCK),
     )
+    clear(work.rows[(ROWS - 1) * BLOCK :])
+    return work
 
 
-@loops(fastmath=True)
+@loops(fastmath=True, forceinline=True)
 def _residuals(at: Any, light: Any, used: Any, linear: Any, response: Any, work: Any) -> None:  # noqa: PLR0917
     """Fill the residuals of a block and the response curve's slope, both 0 behind the used pixels."""
     offset, gain, slope_x, slope_y, kappa = light
@@ -102,7 +104,7 @@ def _residuals(at: Any, light: Any, used: Any, linear: Any, response: Any, work:
     put(at[RESIDUAL : RESIDUAL + BLOCK], residual[:BLOCK])
 
 
-@loops(fastmath=True)
+@loops(fastmath=True, forceinline=True)
 def _through_table(response: Any, shown: Any, response_slope: Any, places: Any, pairs: Any) -> None:
     """Replace light by grey levels, and fill the response curve's slopes there; the last two are room, two a pixel."""
     last, most = np.float32(len(response) - 1), np.int32(len(response) - 2)
@@ -121,14 +123,12 @@ def _through_table(response: Any, shown: Any, response_slope: Any, places: Any, 
         response_slope[p] = rise * last if t > _F0 and t < last * _UNDER_1 else _F0
 
 
-@loops(fastmath=True)
-def _gather(differences: Any, corner: Any, beyond: Any, weights: Any) -> None:
-    """Fill modules with their differences, so far beyond the first modules in reach: four figures at once."""
-    shift = np.uint64(4 * beyond)  # numba looks whether other numbers are negative, and counts from the end
+@loops(fastmath=True, forceinline=True)
+def _gather(table: Any, corner: Any, beyond: Any, weights: Any) -> None:
+    """Fill weights from a table, so far beyond the first modules in reach."""
+    shift = np.uint64(beyond)  # numba looks whether other numbers are negative, and counts from the end
     for p in range(BLOCK):
-        at = np.uint64(corner[p]) + shift
-        a, b, c, d = differences[at], differences[at + _U1], differences[at + _U2], differences[at + _U3]
-        weights[4 * p], weights[4 * p + 1], weights[4 * p + 2], weights[4 * p + 3] = a, b, c, d
+        weights[p] = table[np.uint64(corner[p]) + shift]
 
 
 @loops(fastmath=True)
@@ -153,6 +153,9 @@ def differentiate(batch: Any, tag: Any, differences: Any, pixels: Any, n: Any, w
         np.float32(kappa),
     )
     geometry, corner, weights, total, rows = work.geometry, work.corner, work.weights, work.total, work.rows
+    along_u, along_v, along_both, flat = differences[0], differences[1], differences[2], differences[3]
+    of_u, of_v = weights[:BLOCK], weights[BLOCK : 2 * BLOCK]
+    of_both, of_module = weights[2 * BLOCK : 3 * BLOCK], weights[3 * BLOCK :]
     per_su, per_sv, rho = geometry[_PER_SU:_PER_SV], geometry[_PER_SV:_RHO], geometry[_RHO:_FIRST_U]
     first_u, first_v = geometry[_FIRST_U:_FIRST_V], geometry[_FIRST_V:]
     for part in range((n + BLOCK - 1) // BLOCK):
@@ -165,7 +168,13 @@ def differentiate(batch: Any, tag: Any, differences: Any, pixels: Any, n: Any, w
         for f in range(count_v):
             edge(v, per_sv, first_v, f, theta[13], work.edge_v)
             for e in range(count_u):
-                _gather(differences, corner, f * side + e, weights)
+                _gather(along_both, corner, f * side + e, of_both)
+                if f == 0:
+                    _gather(along_u, corner, e, of_u)
+                if e == 0:
+                    _gather(along_v, corner, f * side, of_v)
+                if f == 0 and e == 0:
+                    _gather(flat, corner, 0, of_module)
                 along = work.edges_u[e * OF_EDGE : (e + 1) * OF_EDGE]
                 cross(weights, along, work.edge_v, rho, (e == 0, f == 0), total)
         _residuals(at, light, used, batch.linear, batch.response, work)
@@ -174,7 +183,7 @@ def differentiate(batch: Any, tag: Any, differences: Any, pixels: Any, n: Any, w
             put(jac[row, part * BLOCK : (part + 1) * BLOCK], rows[row * BLOCK : (row + 1) * BLOCK])
 
 
-@loops(fastmath=True)
+@loops(fastmath=True, forceinline=True)
 def _first_in_reach(  # noqa: PLR0917
     at: Any, modules: Any, count_u: Any, count_v: Any, first_u: Any, first_v: Any, corner: Any
 ) -> None:
@@ -182,13 +191,13 @@ def _first_in_reach(  # noqa: PLR0917
     half_u, half_v = _F1 - _F05 * np.float32(count_u), _F1 - _F05 * np.float32(count_v)
     last_u, last_v = np.float32(modules + 1 - count_u), np.float32(modules + 1 - count_v)
     width = np.float32(modules + 2)
-    farthest = np.int32(_F4 * (last_v * width + last_u))
+    farthest = np.int32(last_v * width + last_u)
     for p in range(BLOCK):
         i = min(max(np.floor(at[U + p] + half_u), _F0), last_u)
         j = min(max(np.floor(at[V + p] + half_v), _F0), last_v)
         first_u[p] = i
         first_v[p] = j
-        corner[p] = min(max(np.int32(_F4 * (j * width + i)), _I0), farthest)
+        corner[p] = min(max(np.int32(j * width + i), _I0), farthest)
 
 
 @loops(fastmath=True)

@@ -99,7 +99,9 @@ def loops(**options: Any) -> Decorator:
     """Compile what only compiled code calls and what makes no arrays, only views: references are not counted.
 
     numba counts references by calls into its runtime, for each array that is handed over and for each part of one.
-    Where a function nevertheless makes an array, numba refuses to compile it. For the options see :func:`kernel`.
+    Where a function nevertheless makes an array, numba refuses to compile it. What is called for each block of pixels
+    is written into its caller (``forceinline``): to hand over its arrays takes as long as ten pixels. For the options
+    see :func:`kernel`.
     """
     return kernel(inner=True, _nrt=False, **options)
 

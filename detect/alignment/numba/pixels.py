@@ -35,7 +35,7 @@ def initial_intensity(batch: Any, k: Any, pixels: Any, n: Any) -> None:
     response, cells, theta = batch.response, batch.cells[batch.rows[k]], batch.theta[k]
     total, count = np.zeros(2), np.zeros(2)
     for p in range(n):
-        block, at = pixels[p >> 6], p & 63
+        block, at = pixels[p // BLOCK], p % BLOCK
         u, v = block[U + at] + np.float32(1), block[V + at] + np.float32(1)
         i, j = int(u), int(v)
         if abs(u - i - 0.5) < MIDDLE and abs(v - j - 0.5) < MIDDLE:

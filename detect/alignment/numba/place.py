@@ -35,7 +35,7 @@ def fill_figures(lens: Any, h: Any, normalisation: Any, figures: Any) -> None:
     figures[23] = np.exp(lens[LOG_ASPECT])
 
 
-@loops(fastmath=IN_PLACE)
+@loops(fastmath=IN_PLACE, forceinline=True)
 def place(figures: Any, block: Any) -> None:
     """Fill x, y, u and v of a block of pixels, from the tag's centre so that single precision does."""
     h0, h1, h2, h3, h4, h5 = figures[0], figures[1], figures[2], figures[3], figures[4], figures[5]
@@ -49,13 +49,16 @@ def place(figures: Any, block: Any) -> None:
         q = (sx * sx + sy * sy) * per_px2
         # the chart's factor less one, D / (g - b d) - 1
         more = D_1 + bx * sx + by * sy + q * (a1 + q * (a2 + q * a3))
-        more /= _F1 + D_1 - more
-        x, y = (ex + dx * more) * scale, (ey + dy * more) * scale
-        w = _F1 / (h6 * x + h7 * y + _F1)
-        block[p] = x
-        block[Y + p] = y
-        block[U + p] = (h0 * x + h1 * y + h2) * w
-        block[V + p] = (h3 * x + h4 * y + h5) * w
+        near = _F1 + D_1 - more
+        # both places as fractions, so that one division does
+        x, y = (ex * near + dx * more) * scale, (ey * near + dy * more) * scale
+        far = h6 * x + h7 * y + near
+        inverse = _F1 / (near * far)
+        by_near, by_far = far * inverse, near * inverse
+        block[p] = x * by_near
+        block[Y + p] = y * by_near
+        block[U + p] = (h0 * x + h1 * y + h2 * near) * by_far
+        block[V + p] = (h3 * x + h4 * y + h5 * near) * by_far
 
 
 @loops()
