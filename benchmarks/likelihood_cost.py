@@ -16,7 +16,7 @@ OLD = """
 import json, sys
 sys.path.insert(0, "benchmarks")
 from estimator_speed import best, drive
-from boxcal.calib.likelihood.estimator import estimate
+from boxcal.calib.likelihood import estimate
 data, start = drive(20)
 print(json.dumps({"likelihood": best(lambda: estimate([data], start), 7)}))
 """
