@@ -181,11 +181,10 @@ def _mean(
         for frame in frames:
             cv2.accumulate(frame, total)
         return np.asarray(total * np.float32(1 / len(frames)))
-    scaled = np.empty_like(total)
-    for frame, g in zip(frames, gain, strict=True):
-        np.multiply(frame, np.float32(g), out=scaled, dtype=np.float32, casting="unsafe")
-        total += scaled
-    return np.asarray((total - np.float32(gain @ offset)) * np.float32(1 / (gain @ gain)))
+    for frame, share in zip(frames, (gain / np.cumsum(gain)).tolist(), strict=True):
+        cv2.accumulateWeighted(frame, total, share)  # the mean by gains of those so far
+    scale = float(gain.sum() / (gain @ gain))
+    return np.asarray(total * np.float32(scale) - np.float32(gain @ offset / (gain @ gain)))
 
 
 def _averages_out(noise: float, residual: NDArray[np.float64], frames: int) -> float:
