@@ -31,6 +31,19 @@ def solve_lower(L: Any, b: Any, x: Any) -> None:
         x[i] = total / L[i, i]
 
 
+@loops(fastmath={"contract"})
+def solve_lower_rows(L: Any, X: Any) -> None:
+    """Replace the columns of X (n, m) by the solutions of ``L x = b``: row by row, as vector instructions."""
+    for i in range(len(L)):
+        row, by_diagonal = X[i], 1 / L[i, i]
+        for m in range(i):
+            before, by = X[m], L[i, m]
+            for k in range(len(row)):
+                row[k] -= by * before[k]
+        for k in range(len(row)):
+            row[k] *= by_diagonal
+
+
 @loops()
 def solve_factored(L: Any, b: Any, x: Any) -> None:
     """Fill x (n,) with the solution of ``L L^T x = b``."""

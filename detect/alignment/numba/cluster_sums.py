@@ -7,13 +7,14 @@ from typing import Any
 
 import numpy as np
 
-from boxcal.detect.alignment.numba.cholesky import factor, solve_factored
+from boxcal.detect.alignment.numba.arrays import clear
+from boxcal.detect.alignment.numba.cholesky import factor, solve_factored, solve_lower_rows
 from boxcal.detect.alignment.numba.finish import moves_of
 from boxcal.detect.alignment.numba.image_model import ROWS, add_products
 from boxcal.detect.alignment.numba.kernel import kernel, loops
 from boxcal.detect.alignment.numba.pixels import BLOCK, COLUMN, ORDER, ROW
 from boxcal.detect.alignment.registration.image_model import CLUSTERS
-from boxcal.detect.alignment.registration.parameters import KURTOSIS, PARAMETERS
+from boxcal.detect.alignment.registration.parameters import BLACK, KURTOSIS, PARAMETERS
 
 _MOVES = 8
 """Coordinates of the corners."""
@@ -28,7 +29,8 @@ def clusters_of_tag(  # noqa: PLR0917 - arrays in, arrays out
 
     ``noise2`` is the residuals' variance, ``prior`` the kurtosis's deviation, ``corners`` are (4, 2) in px.
     """
-    moves, A, B = np.zeros((2, PARAMETERS)), np.zeros((PARAMETERS, PARAMETERS)), np.empty((_MOVES, PARAMETERS))
+    moves, A, B = np.zeros((2, PARAMETERS)), np.zeros((PARAMETERS, PARAMETERS)), np.empty((PARAMETERS, _MOVES))
+    solution = np.empty(PARAMETERS)
     for square in range(_SQUARES):
         for i in range(PARAMETERS):
             for j in range(PARAMETERS):
@@ -39,11 +41,13 @@ def clusters_of_tag(  # noqa: PLR0917 - arrays in, arrays out
     factor(A)
     for c in range(4):
         moves_of(batch.lens, batch.theta[k], batch.normalisation[k], corners[c], moves)
-        solve_factored(A, moves[0], B[2 * c])
-        solve_factored(A, moves[1], B[2 * c + 1])
-    W, moved, white = np.empty((PARAMETERS, _SQUARES * _MOVES)), np.zeros(_SQUARES * _MOVES), np.zeros(_MOVES)
+        for axis in range(2):
+            solve_factored(A, moves[axis], solution)
+            for i in range(PARAMETERS):
+                B[i, 2 * c + axis] = solution[i]
+    W, moved, white = np.zeros((PARAMETERS, _SQUARES * _MOVES)), np.zeros(_SQUARES * _MOVES), np.zeros(_MOVES)
     _fill_moved(normals, gradients, B, W, moved, white)
-    return _mean_squares(W, moved, A, white, max(noise2, 1e-12))
+    return _mean_squares(W, moved, A, white, max(noise2, 1e-12), np.empty(_SQUARES * _MOVES))
 
 
 @kernel(inner=True)
@@ -85,41 +89,46 @@ def fill_squares(  # noqa: PLR0917 - arrays in, arrays out
 
 @loops(fastmath=ORDER)
 def _fill_moved(normals: Any, gradients: Any, B: Any, W: Any, moved: Any, white: Any) -> None:  # noqa: PLR0917
-    """Fill squares' normal matrices times moves (14, 36 * 8), gradients times moves (36 * 8), and variances (8,)."""
+    """Fill squares' normal matrices times moves (14, 36 * 8), gradients times moves (36 * 8), and variances (8,).
+
+    ``B`` are the moves (14, 8): eight of them are one vector.
+    """
     for square in range(_SQUARES):
-        for e in range(_MOVES):
-            k = square * _MOVES + e
-            for i in range(PARAMETERS):
+        normal, gradient, begin = normals[square], gradients[square], square * _MOVES
+        if normal[BLACK, BLACK] == 0:  # without pixels
+            continue
+        for i in range(PARAMETERS):
+            row, by_square = W[i, begin : begin + _MOVES], normal[i]
+            for e in range(_MOVES):
                 total = 0.0
                 for j in range(PARAMETERS):
-                    total += normals[square, i, j] * B[e, j]
-                W[i, k] = total
-                white[e] += B[e, i] * total
-                moved[k] += gradients[square, i] * B[e, i]
+                    total += by_square[j] * B[j, e]
+                row[e] = total
+            by, of_moves, sums = gradient[i], B[i], moved[begin : begin + _MOVES]
+            for e in range(_MOVES):
+                white[e] += of_moves[e] * row[e]
+                sums[e] += by * of_moves[e]
 
 
-@kernel(inner=True, fastmath=ORDER)
-def _mean_squares(W: Any, moved: Any, L: Any, white: Any, noise2: Any) -> tuple[float, float]:
+@loops(fastmath=ORDER)
+def _mean_squares(W: Any, moved: Any, L: Any, white: Any, noise2: Any, fitted: Any) -> tuple[float, float]:  # noqa: PLR0917
     """Return the mean over the corners' eight coordinates, observed and expected; ``L`` is the factor of the normal.
 
     The systems of all squares and coordinates are solved together, in place in ``W`` (14, 36 * 8): long vectors.
+    ``fitted`` (36 * 8,) is room for the sums of their squares.
     """
-    moved2, fitted, wide = np.zeros(_MOVES), np.zeros(_MOVES), W.shape[1]
+    solve_lower_rows(L, W)
+    clear(fitted)
     for i in range(PARAMETERS):
-        row, factor_i = W[i], 1 / L[i, i]
-        for m in range(i):
-            before, factor_m = W[m], L[i, m]
-            for k in range(wide):
-                row[k] -= factor_m * before[k]
-        for k in range(wide):
-            row[k] *= factor_i
-    for k in range(wide):
-        moved2[k % _MOVES] += moved[k] * moved[k]
-        for i in range(PARAMETERS):
-            fitted[k % _MOVES] += W[i, k] * W[i, k]
+        row = W[i]
+        for k in range(len(row)):
+            fitted[k] += row[k] * row[k]
     seen, expected = 0.0, 0.0
     for e in range(_MOVES):
-        variance = max(white[e], 1e-300)
-        seen += moved2[e] / noise2 / variance / _MOVES
-        expected += max(variance - fitted[e], 0.0) / variance / _MOVES
+        moved2, explained, variance = 0.0, 0.0, max(white[e], 1e-300)
+        for square in range(_SQUARES):
+            moved2 += moved[square * _MOVES + e] ** 2
+            explained += fitted[square * _MOVES + e]
+        seen += moved2 / noise2 / variance / _MOVES
+        expected += max(variance - explained, 0.0) / variance / _MOVES
     return seen, expected

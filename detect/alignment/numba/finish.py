@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from boxcal.detect.alignment.numba.arrays import put_rows
-from boxcal.detect.alignment.numba.cholesky import factor, solve_lower
+from boxcal.detect.alignment.numba.cholesky import factor, solve_lower_rows
 from boxcal.detect.alignment.numba.kernel import kernel, loops
 from boxcal.detect.alignment.numba.radial_camera import depth, local_undistortion, square, to_pixel
 from boxcal.detect.alignment.radial_camera import LOG_ASPECT, PER_RADIUS, SKEW
@@ -33,7 +33,7 @@ def _finish(  # noqa: PLR0917 - arrays in, arrays out
 ) -> None:
     normal, stats, corners, cov, quality = sums.normal, sums.stats, out.corners, out.cov, out.quality
     A = np.empty((PARAMETERS, PARAMETERS))
-    moves, half = np.zeros((2, PARAMETERS)), np.empty((2, PARAMETERS))
+    moves, half = np.zeros((2, PARAMETERS)), np.empty((PARAMETERS, 8))
     for k in range(len(theta)):
         n, r2, y, y2, p, p2 = stats[k, 0], stats[k, 1], stats[k, 2], stats[k, 3], stats[k, 4], stats[k, 5]
         count = max(n, 1.0)
@@ -56,14 +56,25 @@ def _finish(  # noqa: PLR0917 - arrays in, arrays out
             _corner(lens, theta[k], normalisation[k], float(u), float(v), corners[k, c])
             if covariance:
                 moves_of(lens, theta[k], normalisation[k], corners[k, c], moves)
-                solve_lower(A, moves[0], half[0])
-                solve_lower(A, moves[1], half[1])
-                for i in range(2):
-                    for j in range(2):
-                        total = 0.0
-                        for m in range(PARAMETERS):
-                            total += half[i, m] * half[j, m]
-                        cov[k, c, i, j] = total * noise2
+                for m in range(PARAMETERS):
+                    half[m, 2 * c], half[m, 2 * c + 1] = moves[0, m], moves[1, m]
+        if covariance:
+            solve_lower_rows(A, half)
+            _fill_covariances(half, noise2, cov[k])
+
+
+@loops(fastmath={"contract"})
+def _fill_covariances(half: Any, noise2: Any, cov: Any) -> None:
+    """Fill the corners' covariances (4, 2, 2): products of columns (14, 8) that belong to one corner."""
+    for c in range(4):
+        xx, xy, yy = 0.0, 0.0, 0.0
+        for m in range(PARAMETERS):
+            x, y = half[m, 2 * c], half[m, 2 * c + 1]
+            xx += x * x
+            xy += x * y
+            yy += y * y
+        cov[c, 0, 0], cov[c, 1, 1] = xx * noise2, yy * noise2
+        cov[c, 0, 1], cov[c, 1, 0] = xy * noise2, xy * noise2
 
 
 @loops()
