@@ -41,8 +41,7 @@ class Pyramid:
     def __init__(self, levels: Levels, response: Array, lens: Array) -> None:
         self._response, self._lens = response, lens
         self._copies: list[Levels] = [levels]
-        self._greys: dict[int, NDArray[np.float32]] = {}
-        self._part = _GreyPart(levels) if levels.dtype == np.uint8 else None
+        self._greys: dict[int, _GreyLevels] = {}
 
     @property
     def size(self) -> tuple[int, int]:
@@ -53,7 +52,7 @@ class Pyramid:
     def under(self, lens: Array) -> "Pyramid":
         """Return the same images, taken through another lens."""
         other = Pyramid(self._copies[0], self._response, lens)
-        other._copies, other._greys, other._part = self._copies, self._greys, self._part
+        other._copies, other._greys = self._copies, self._greys
         return other
 
     def copy(self, level: int) -> Levels:
@@ -64,40 +63,54 @@ class Pyramid:
 
     def level(self, level: int) -> Frame:
         """Return the copy shrunk by ``2**level``."""
-        if level == 0 and self._part is not None:
-            self._greys[0] = self._part.within(0, 0, *self.size)
-        elif level not in self._greys:
-            self._greys[level] = from_levels(self.copy(level))
+        height, width = self.copy(level).shape
+        return self._frame(level, (0, 0, width, height))
+
+    def around(self, corners_px: Array, level: int = 0) -> Frame:
+        """Return a copy; of 8 bits, it may be black but around tags with corners (N, 4, 2), px of that copy."""
+        height, width = self.copy(level).shape
+        if len(corners_px) == 0:
+            return self.level(level)
+        beyond = AROUND * float((corners_px.max(axis=1) - corners_px.min(axis=1)).max())
+        (x0, y0), (x1, y1) = corners_px.min(axis=(0, 1)) - beyond, corners_px.max(axis=(0, 1)) + beyond + 1
+        return self._frame(level, (max(int(x0), 0), max(int(y0), 0), min(int(x1) + 1, width), min(int(y1) + 1, height)))
+
+    def _frame(self, level: int, box: tuple[int, int, int, int]) -> Frame:
+        """Return the copy shrunk by ``2**level``, as it is within a box (first x and y, x and y after the last)."""
+        if level not in self._greys:
+            self._greys[level] = _GreyLevels(self.copy(level))
         lens = self._lens.copy()
         lens[:2] = (lens[:2] + 0.5) / 2**level - 0.5
         lens[PER_RADIUS] *= 2**level
-        return Frame(grey=self._greys[level], response=self._response, lens=lens)
-
-    def around(self, corners_px: Array) -> Frame:
-        """Return the image itself; of 8 bits, it may be black but around tags with corners (N, 4, 2), px."""
-        if self._part is None or len(corners_px) == 0:
-            return self.level(0)
-        beyond = AROUND * float(np.ptp(corners_px, axis=1).max())
-        low, high = corners_px.min(axis=(0, 1)) - beyond, corners_px.max(axis=(0, 1)) + beyond
-        x0, y0 = np.maximum(np.floor(low), 0).astype(int)
-        x1, y1 = np.clip(np.ceil(high) + 1, 0, self.size).astype(int)
-        return Frame(grey=self._part.within(x0, y0, x1, y1), response=self._response, lens=self._lens)
+        return Frame(grey=self._greys[level].within(*box), response=self._response, lens=lens)
 
 
-class _GreyPart:
-    """Grey levels of an image of 8 bits, made where they are asked for: in a rectangle around all such places."""
+class _GreyLevels:
+    """Grey levels from 0 to 1; of an image of 8 bits made where they are asked for, in a rectangle around all that."""
 
     def __init__(self, levels: Levels) -> None:
-        self._levels, self._made = levels, (levels.shape[1], levels.shape[0], 0, 0)
-        self._grey = np.zeros(levels.shape, dtype=np.float32)  # whose pages cost nothing until they are written to
+        self._levels, self._made = levels, (0, 0, 0, 0)
+        self._grey = from_levels(levels) if levels.dtype != np.uint8 else np.zeros(levels.shape, dtype=np.float32)
+        self._all = levels.dtype != np.uint8
 
     def within(self, x0: int, y0: int, x1: int, y1: int) -> NDArray[np.float32]:
         """Return the image with columns x0 up to x1 of rows y0 up to y1 as they are; others may be black."""
         left, top, right, bottom = self._made
-        if x0 < left or y0 < top or x1 > right or y1 > bottom:
-            left, top, right, bottom = self._made = min(x0, left), min(y0, top), max(x1, right), max(y1, bottom)
-            part = slice(top, bottom), slice(left, right)
-            np.multiply(self._levels[part], np.float32(1 / 255), out=self._grey[part], dtype=np.float32)
+        if self._all or (x0 >= left and y0 >= top and x1 <= right and y1 <= bottom):
+            return self._grey
+        if right == 0:
+            left, top, right, bottom = x0, y0, x0, y1
+        x0, y0, x1, y1 = min(x0, left), min(y0, top), max(x1, right), max(y1, bottom)
+        for rows, columns in (
+            (slice(y0, top), slice(x0, x1)),
+            (slice(bottom, y1), slice(x0, x1)),
+            (slice(top, bottom), slice(x0, left)),
+            (slice(top, bottom), slice(right, x1)),
+        ):
+            np.multiply(
+                self._levels[rows, columns], np.float32(1 / 255), out=self._grey[rows, columns], dtype=np.float32
+            )
+        self._made = x0, y0, x1, y1
         return self._grey
 
 
@@ -110,9 +123,16 @@ def align_coarsely(
     for level in distinct(levels) if len(levels) else [0]:
         at = np.flatnonzero(levels == level)
         factor = 2.0**level
-        frame = pyramid.level(int(level)) if level else pyramid.around(corners_px[at])
         small = (corners_px[at] + 0.5) / factor - 0.5
-        tags = align(frame, patterns, rows[at], small, stop_px=STOP_PX, side_px=side_px, covariance=False)
+        tags = align(
+            pyramid.around(small, int(level)),
+            patterns,
+            rows[at],
+            small,
+            stop_px=STOP_PX,
+            side_px=side_px,
+            covariance=False,
+        )
         parts.append(_enlarged(tags, factor))
         order.append(at)
     return _in_order(parts, order)

@@ -20,6 +20,8 @@ _GAINS = (0.05, 20.0)
 
 _LINES = 480
 """Rows that are looked at, and so many pairs of neighbouring rows."""
+_FEW, _SURELY_NOT = 4, 0.9
+"""One in so many of them tells that nothing alternates, by less than this share of the differences two rows apart."""
 _ALTERNATES, _LEAST_LEVELS2 = 1.03, 0.05
 """Neighbours alternate whose mean squared difference, over the whole picture, is so many times that of pixels two
 apart, and so many squared levels more.
@@ -39,11 +41,17 @@ def alternation(image: NDArray[Any]) -> tuple[bool, bool]:
     if image.dtype not in {np.dtype(np.uint8), np.dtype(np.uint16)}:
         image = image.astype(np.float32)
     every = max(1, image.shape[0] // _LINES) | 1  # odd, so that both kinds of alternating rows are met
-    first, second, third = (image[k : image.shape[0] - 2 + k : every] for k in range(3))
-    if not _alternates(_mean_step(second, first), _mean_step(third, first)):
+    one, two = _steps_down(image, (_FEW * every) | 1)
+    if one < _SURELY_NOT * two or not _alternates(*_steps_down(image, every)):
         return False, False
     rows = image[::every]
     return _alternates(_mean_step(rows[:, 1:], rows[:, :-1]), _mean_step(rows[:, 2:], rows[:, :-2])), True
+
+
+def _steps_down(image: NDArray[Any], every: int) -> tuple[float, float]:
+    """Return the mean squared differences of neighbouring rows and of those two apart, of one in so many rows."""
+    first, second, third = (image[k : image.shape[0] - 2 + k : every] for k in range(3))
+    return _mean_step(second, first), _mean_step(third, first)
 
 
 def _alternates(one: float, two: float) -> bool:

@@ -24,6 +24,18 @@ def test_around_tags_a_picture_of_eight_bits_is_what_it_is():
     np.testing.assert_array_equal(pyramid.level(0).grey, whole)
 
 
+@pytest.mark.parametrize("level", [0, 1])
+def test_around_tags_on_all_sides_a_copy_is_made_piece_by_piece(level):
+    pyramid = Pyramid(IMAGE, response_table("linear"), LENS)
+    whole, made = from_levels(pyramid.copy(level)), []
+    for at in ((300.0, 200.0), (100.0, 220.0), (320.0, 90.0), (420.0, 330.0)):
+        grey = pyramid.around((SQUARE[None] + at) / 2**level, level).grey
+        made.append(np.array([at, np.array(at) + 40]) / 2**level)
+        (left, top), (right, bottom) = np.min(made, axis=(0, 1)).astype(int), np.max(made, axis=(0, 1)).astype(int)
+        np.testing.assert_array_equal(grey[top:bottom, left:right], whole[top:bottom, left:right])
+        assert not grey[: top - 30].any()
+
+
 @pytest.mark.parametrize("level", [1, 2])
 def test_copies_of_eight_bits_are_means_but_for_rounding(level):
     rounded, exact = (
