@@ -35,6 +35,8 @@ class Backend:
         The rigid box, :mod:`boxcal.detect.alignment.box_refinement`.
     widths, convex
         Shapes of tags, :mod:`boxcal.detect.alignment.tag_shape`.
+    least_squares_homography
+        :func:`boxcal.detect.alignment.homography.least_squares_homography`.
     undistort_locally
         Pixels on charts of a lens, :func:`boxcal.detect.alignment.radial_camera.undistort_locally`.
     """
@@ -50,6 +52,7 @@ class Backend:
     predict: Callable[..., Any]
     widths: Callable[..., Any]
     convex: Callable[..., Any]
+    least_squares_homography: Callable[..., Any]
     undistort_locally: Callable[..., Any]
 
 
@@ -64,6 +67,7 @@ def numpy_backend() -> Backend:
     """Return the reference in numpy."""
     from boxcal.detect.alignment import (  # noqa: PLC0415 - these modules import this one
         box_refinement,
+        homography,
         outlines,
         radial_camera,
         tag_shape,
@@ -88,6 +92,7 @@ def numpy_backend() -> Backend:
         predict=box_refinement.predict,
         widths=tag_shape.widths,
         convex=tag_shape.convex,
+        least_squares_homography=homography.least_squares_homography,
         undistort_locally=radial_camera.undistort_locally,
     )
 
@@ -100,6 +105,7 @@ def numba_backend() -> Backend:
         box_refinement,
         finish,
         gauss_newton,
+        homography,
         outlines,
         radial_camera,
         sandwich_sums,
@@ -109,6 +115,7 @@ def numba_backend() -> Backend:
     return Backend(
         name="numba",
         undistort_locally=radial_camera.undistort_locally,
+        least_squares_homography=homography.least_squares_homography,
         convex=tag_shape.convex,
         widths=tag_shape.widths,
         four_sided=outlines.four_sided,

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from boxcal.detect.alignment.backend import backend
 from boxcal.detect.alignment.box_refinement import CAMERA, FITTED
-from boxcal.detect.alignment.homography import least_squares_homography
 from boxcal.detect.alignment.radial_camera import (
     A1,
     fisheye_distortion,
@@ -207,7 +206,7 @@ def _start(target: Target, rows: Index, corners_px: Array, lens: Array, focal: f
     b, D = local_undistortion(lens, normalisation[0, :2])
     normalised = undistort_locally(lens, normalisation, uv[None])[0] + normalisation[0, :2] - lens[:2]
     rays = np.array([[1 / focal, 0, 0], [0, 1 / focal, 0], [*b, D]])
-    H = rays @ least_squares_homography(p_face[:, :2], normalised)
+    H = rays @ backend().least_squares_homography(p_face[:, :2], normalised)
     first, second, _ = H.T
     H = H * (2 / (np.sqrt(first @ first) + np.sqrt(second @ second)))
     middle = np.array([*(normalisation[0, :2] - lens[:2]), focal * float(b @ (normalisation[0, :2] - lens[:2]) + D)])

@@ -20,6 +20,7 @@ CANDIDATE_SIGMA_PX = 0.5
 RIGID_TOLERANCE_MODULES, RIGID_TOLERANCE_PX = 0.5, 0.75
 FACE_KEPT = 0.34
 """A face of which ``FACE_TAGS`` or more were seen, but less than this fraction of them on the box, contradicts it."""
+_AROUND = np.array([0, 1, 2, 3, 0])
 OFF_CENTRE, OFF_SIGMAS = 0.5, 3.0
 """It lies there whose centre is off by no more than this fraction of its side and so many deviations of its place."""
 
@@ -158,10 +159,10 @@ def _outvoted(target: Target, candidates: TagCandidates, fit: BoxFit) -> tuple[i
 
     Rough corners of a tag seen at a slant may be off by a module and more; its centre is not.
     """
-    uv, spread = fit.predict(target.tag_corners[candidates.rows].mean(axis=1))
-    apart = np.linalg.norm(uv - candidates.corners_px.mean(axis=1), axis=1)
-    side = np.linalg.norm(candidates.corners_px - np.roll(candidates.corners_px, -1, axis=1), axis=2).max(axis=1)
-    kept = apart <= OFF_CENTRE * side + OFF_SIGMAS * spread
+    uv, spread = fit.predict(0.25 * target.tag_corners[candidates.rows].sum(axis=1))
+    apart, along = uv - 0.25 * candidates.corners_px.sum(axis=1), np.diff(candidates.corners_px[:, _AROUND], axis=1)
+    side = np.hypot(along[..., 0], along[..., 1]).max(axis=1)
+    kept = np.hypot(apart[:, 0], apart[:, 1]) <= OFF_CENTRE * side + OFF_SIGMAS * spread
     kept &= fit.faces_camera(target)[candidates.rows]
     faces = target.tag_faces[candidates.rows]
     seen = np.bincount(faces, minlength=1)

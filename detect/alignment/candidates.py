@@ -209,7 +209,7 @@ def _turned(patterns: Patterns) -> NDArray[np.float32]:
 def sample(image: Levels, x: Array, y: Array) -> Array:
     """Return grey levels at places (N, P), interpolated; places outside take the border's."""
     limit = 4.0 * max(image.shape)
-    x, y = np.clip(x, -limit, limit).astype(np.float32), np.clip(y, -limit, limit).astype(np.float32)
+    x, y = (np.minimum(np.maximum(at, -limit), limit).astype(np.float32) for at in (x, y))
     parts = [
         cv2.remap(
             image, x[k : k + _REMAP_ROWS], y[k : k + _REMAP_ROWS], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE

@@ -179,6 +179,7 @@ def _box(compute: Backend) -> None:
 def _shapes(compute: Backend) -> None:
     corners = np.zeros((1, 4, 2))
     compute.widths(corners)
+    compute.least_squares_homography(corners[0], corners[0])
     compute.undistort_locally(no_distortion((_SIZE, _SIZE)), np.ones((1, 3)), corners)
 
 

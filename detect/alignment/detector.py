@@ -290,7 +290,8 @@ def _aligned_again(frame: Frame, target: Target, patterns: Patterns, tags: TagAl
 def _on_the_box(target: Target, patterns: Patterns, tags: TagAlignments, fit: BoxFit) -> TagAlignments:
     """Return the tags that lie on the rigid box."""
     uv = fit.places(target.tag_corners[tags.rows].reshape(-1, 3))
-    off = np.linalg.norm(uv.reshape(-1, 4, 2) - tags.corners_px, axis=2).max(axis=1)
+    apart = uv.reshape(-1, 4, 2) - tags.corners_px
+    off = np.hypot(apart[..., 0], apart[..., 1]).max(axis=1)
     return tags.take(off <= RIGID_TOLERANCE_MODULES * module_px(patterns, tags.corners_px) + RIGID_TOLERANCE_PX)
 
 

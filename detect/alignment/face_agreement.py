@@ -6,9 +6,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from boxcal.detect.alignment.backend import backend
 from boxcal.detect.alignment.box_pose import FISHEYES
 from boxcal.detect.alignment.candidates import TagCandidates
-from boxcal.detect.alignment.homography import least_squares_homography, map_points
+from boxcal.detect.alignment.homography import map_points
 from boxcal.detect.alignment.radial_camera import fisheye_distortion, undistort_locally
 from boxcal.detect.alignment.row_sets import among, distinct
 from boxcal.target.arrays import Array
@@ -89,7 +90,7 @@ def _largest_agreement(target: Target, face: int, candidates: TagCandidates) -> 
     for i, j in _pairs(candidates):
         if candidates.rows[i] == candidates.rows[j]:
             continue
-        H = least_squares_homography(
+        H = backend().least_squares_homography(
             np.concatenate([p_face[i], p_face[j]]), np.concatenate([candidates.corners_px[i], candidates.corners_px[j]])
         )
         apart = map_points(H, p_face) - candidates.corners_px

@@ -140,8 +140,9 @@ def align_coarsely(
 
 def _levels(patterns: Patterns, corners_px: Array) -> Index:
     """Return how often to halve the image (N,) so that modules stay as wide."""
-    module = np.maximum(np.nan_to_num(module_px(patterns, corners_px)), 1e-3)
-    return np.clip(np.floor(np.log2(module / LEAST_MODULE_PX)), 0, MAX_LEVEL).astype(np.int64)
+    module = module_px(patterns, corners_px)
+    known = np.where(module > LEAST_MODULE_PX, module, LEAST_MODULE_PX)  # NaN: of corners that are none
+    return np.minimum(np.log2(known / LEAST_MODULE_PX), MAX_LEVEL).astype(np.int64)
 
 
 def _in_order(parts: list[TagAlignments], order: list[Index]) -> TagAlignments:

@@ -23,6 +23,7 @@ from boxcal.detect.alignment.numba import (
     box_refinement,
     finish,
     gauss_newton,
+    homography,
     kernel,
     outlines,
     radial_camera,
@@ -47,6 +48,7 @@ def test_nothing_is_compiled_for_a_picture_beyond_what_is_prepared():
         outlines._four_sided,
         radial_camera._undistort,
         tag_shape._fill,
+        homography._fit,
     )
     compilation.compile_half("all")
     prepared = [len(k.signatures) for k in kernels]  # other tests in this process may have had more compiled

@@ -7,6 +7,7 @@ from aligned_views import pose, view
 
 from boxcal.detect.alignment.backend import numba_backend, numpy_backend
 from boxcal.detect.alignment.candidates import _THRESHOLD_OFFSET, _dark
+from boxcal.detect.alignment.homography import map_points
 from boxcal.detect.alignment.radial_camera import fisheye_distortion, no_distortion
 from boxcal.detect.alignment.row_sets import among, distinct
 
@@ -46,6 +47,24 @@ def test_compiled_charts_are_those_of_the_reference(lens):
     plain = numpy_backend().undistort_locally(lens, normalisation, places)
     fast = numba_backend().undistort_locally(lens, normalisation, places)
     np.testing.assert_allclose(fast, plain, rtol=1e-10, atol=1e-10)
+
+
+@pytest.mark.parametrize("noise_px", [0.0, 0.5, 5.0])
+@pytest.mark.parametrize("points", [4, 8, 140])
+def test_compiled_homography_is_that_of_the_reference(noise_px, points):
+    rng = np.random.default_rng(points)
+    src = rng.uniform(-0.1, 0.1, (points, 2))
+    H = np.array([[900.0, -150, 320], [80, 1100, 240], [0.8, -0.6, 1]])
+    dst = map_points(H, src) + rng.normal(0, noise_px, (points, 2))
+    plain = numpy_backend().least_squares_homography(src, dst)
+    fast = numba_backend().least_squares_homography(src, dst)
+    np.testing.assert_allclose(map_points(fast, src), map_points(plain, src), atol=1e-6)
+    if noise_px == 0:
+        np.testing.assert_allclose(map_points(fast, src), dst, atol=1e-6)
+
+
+def test_points_in_one_place_have_a_homography_without_an_error():
+    assert numba_backend().least_squares_homography(np.ones((4, 2)), np.ones((4, 2))).shape == (3, 3)
 
 
 def test_rows_among_others_and_each_once_are_those_that_numpy_finds():
