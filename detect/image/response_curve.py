@@ -6,6 +6,7 @@ tags seem to shrink. The wrong curve leaves larger residuals at every edge; that
 
 from dataclasses import dataclass, replace
 from functools import cache
+from math import exp
 from typing import Literal
 
 import numpy as np
@@ -30,7 +31,7 @@ CLEAR, CLEAR_ALONE = 0.8, 0.5
 that no other need be asked."""
 FITTED = 0.8
 """Least correlation of a tag that tells."""
-_ENTRIES = 1025
+_ENTRIES, _TINY = 1025, 1e-9
 
 
 @cache
@@ -133,9 +134,14 @@ def _aligned_under(response: str, frame: Frame, patterns: Patterns, tags: TagAli
 
 
 def _residuals(left: dict[str, TagAlignments]) -> tuple[NDArray[np.bool_], dict[str, float]]:
-    """Return which tags (N,) fit under all of some response curves, and what squared residuals those leave."""
+    """Return which tags (N,) fit under all of some response curves, and what squared residuals those leave.
+
+    Their geometric mean: where a shadow's edge or a finger crosses one tag, its own are far larger than all others'.
+    """
     fitted = np.min([tags.correlation for tags in left.values()], axis=0) > FITTED
-    return fitted, {name: float(np.sum(tags.noise[fitted] ** 2)) for name, tags in left.items()}
+    if not fitted.any():
+        return fitted, dict.fromkeys(left, 0.0)
+    return fitted, {name: exp(2 * np.log(tags.noise[fitted] + _TINY).mean()) for name, tags in left.items()}
 
 
 def _estimate(left: dict[str, TagAlignments]) -> ResponseEstimate:
@@ -146,7 +152,7 @@ def _estimate(left: dict[str, TagAlignments]) -> ResponseEstimate:
     imaging = ImagingParameters(
         response=best,
         kurtosis=median(told[:, KURTOSIS]) if len(told) else 0.0,
-        settled=min(residual.values()) <= CLEAR * max(residual.values()) or len(left) == 1,
+        settled=len(left) == 1 or (len(told) > 0 and min(residual.values()) <= CLEAR * max(residual.values())),
     )
     darkness = told[:, BLACK] / (told[:, BLACK] + told[:, CONTRAST])
     return ResponseEstimate(imaging=imaging, darkness=median(darkness) if len(told) else None)
