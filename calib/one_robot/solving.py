@@ -14,7 +14,7 @@ from boxcal.calib.diagnosis.without_stops import said_without_stops
 from boxcal.calib.errors import CalibError
 from boxcal.calib.four_steps.procedure import FourSteps
 from boxcal.calib.likelihood import Estimate, EstimateOptions
-from boxcal.calib.likelihood.estimator import negative_wheels, unsolvable
+from boxcal.calib.likelihood.estimator import LEGS_FOR_SLIP, negative_wheels, unsolvable
 from boxcal.calib.results.build import closed_form, refined
 from boxcal.calib.results.calibration import Calibration, Provenance
 from boxcal.calib.results.provenance import provenance
@@ -117,14 +117,27 @@ def _why_replaced(steps: Sequence[FourSteps]) -> str:
 
 
 def _check_told(found: Estimate, look: FirstLook) -> None:
-    """Refuse wheels of no size, and those of which nothing is told where the four steps found no answer before."""
+    """Refuse wheels of no size, and those of which nothing is told.
+
+    That is where the four steps found no answer before, or where few legs are left of which the wheels' travel is
+    known: these fit any wheels.
+    """
     why = _why_replaced(look.steps)
     wheels = {"rR": found.rR, "rL": found.rL, "b": found.b}
+    known = np.concatenate([drive.legs_covered for drive in look.drives])
+    stops = sum(len(drive.stops) for drive in found.drives)
     if min(wheels.values()) <= 0:
-        known = np.concatenate([drive.legs_covered for drive in look.drives])
-        stops = sum(len(drive.stops) for drive in found.drives)
         raise _said_with_start(negative_wheels(stops, known), look.steps)
     sigma = max(found.sigma[name] / value for name, value in wheels.items())
+    if known.sum() < min(LEGS_FOR_SLIP, len(known)) and not sigma < _NOT_TOLD:
+        raise _said_with_start(
+            CalibError(
+                f"{stops} stops, and the wheels' travel between them is known {known.sum()} times: that tells the "
+                f"wheels to {min(sigma, 1e3):.0%} only",
+                remedy="add stops",
+            ),
+            look.steps,
+        )
     if why and not sigma < _NOT_TOLD:
         raise CalibError(
             f"{why}; the likelihood, started from consecutive stops instead, tells the wheels to "
