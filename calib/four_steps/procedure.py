@@ -1,6 +1,7 @@
 """The paper's procedure: four closed-form steps, in order."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -80,6 +81,7 @@ def solve_four_steps(drive: Correspondences, mode: CameraMode = CameraMode.JOINT
     return solve_motion(camera, legs_between(drive, camera.kept))
 
 
+@lru_cache(maxsize=1)  # as step 1's: the same camera poses and legs are asked for again a moment later
 def solve_motion(camera: CameraStep, legs: Legs) -> FourSteps:
     """Return the calibration from the camera's poses and the wheels' travel: steps 3, 2 and 4.
 

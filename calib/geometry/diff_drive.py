@@ -5,7 +5,8 @@ from functools import lru_cache
 
 import numpy as np
 
-from boxcal.detect.correspondences import Correspondences
+from boxcal.detect.correspondences import Correspondences, StopObservation
+from boxcal.detect.log.wheel_samples import WheelSamples
 from boxcal.target.arrays import Array, Ids, Mask
 
 
@@ -74,8 +75,12 @@ def legs_between(drive: Correspondences, kept: tuple[int, ...] | None = None) ->
 
     A leg on which some travel is not known, or no wheel turned, tells nothing of the wheels: it is not ``known``.
     """
-    kept = tuple(range(len(drive.stops))) if kept is None else kept
-    phi, times, at, unknown = _driven(drive, kept[0], kept[-1])
+    return _legs_between(drive.wheels, drive.stops, tuple(range(len(drive.stops))) if kept is None else kept)
+
+
+@lru_cache(maxsize=1)  # views between stops, the four steps and the likelihood ask for the same ones, in turn
+def _legs_between(wheels: WheelSamples, stops: tuple[StopObservation, ...], kept: tuple[int, ...]) -> Legs:
+    phi, times, at, unknown = _driven(wheels, stops[kept[0] : kept[-1] + 1])
     some = np.array(kept) - kept[0]
     dphi, ends = np.diff(phi, axis=0), at[some]
     turned = np.concatenate([[0], np.cumsum((dphi[:, 0] != 0) | (dphi[:, 1] != 0))])
@@ -89,12 +94,11 @@ def legs_between(drive: Correspondences, kept: tuple[int, ...] | None = None) ->
     )
 
 
-def _driven(drive: Correspondences, first: int, last: int) -> tuple[Array, Ids, Ids, Ids]:
+def _driven(wheels: WheelSamples, stops: tuple[StopObservation, ...]) -> tuple[Array, Ids, Ids, Ids]:
     """Return the wheel angles from one stop to another, (S + 1, 2), rad, and their times, ns.
 
     And of each stop (P,), where it is among them, and how many samples on the way to it are not covered.
     """
-    wheels, stops = drive.wheels, drive.stops[first : last + 1]
     leaves = np.array([stop.last_sample + 1 for stop in stops[:-1]], dtype=np.int64)
     arrives = np.array([stop.first_sample for stop in stops[1:]], dtype=np.int64)
     way = slice(leaves[0], arrives[-1] + 1) if len(leaves) else slice(0, 0)
