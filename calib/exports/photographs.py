@@ -85,8 +85,8 @@ def small_jpeg(image: Grey) -> bytes:
     """Return an image as a JPEG whose longer side has at most 560 pixels."""
     k = min(1.0, _SIDE_PX / max(image.shape[:2]))
     size = [max(1, round(k * side)) for side in image.shape[1::-1]]
-    if k <= 0.5:  # areas of whole pixels, which are fast; what is left to shrink needs none
-        whole = [max(1, side // int(1 / k)) for side in image.shape[1::-1]]
-        image = cv2.resize(image, whole, interpolation=cv2.INTER_AREA)
-    small = image if k == 1.0 else cv2.resize(image, size, interpolation=cv2.INTER_LINEAR)
+    whole = [max(1, side // int(1 / k)) for side in image.shape[1::-1]]
+    # areas of whole pixels, which are fast; what is left to shrink needs none
+    halved = image if k > 0.5 else cv2.resize(image, whole, interpolation=cv2.INTER_AREA)
+    small = image if k == 1.0 else cv2.resize(halved, size, interpolation=cv2.INTER_LINEAR)
     return cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])[1].tobytes()
