@@ -68,12 +68,12 @@ def room_for(boxes: Any, modules: Any) -> Room:
         most, rows = max(most, width * height), max(rows, height)
     return Room(
         aligned((most // BLOCK + 1) * OF_PIXEL * BLOCK).reshape((most // BLOCK + 1, OF_PIXEL * BLOCK)),
-        aligned(2 * most + BLOCK).view(np.int32),  # those on the lattice may be met twice
-        aligned(most + BLOCK).view(np.int32),
+        np.empty(2 * most + BLOCK, np.int32),  # those on the lattice may be met twice
+        np.empty(most + BLOCK, np.int32),
         np.empty((rows, 2), np.int64),
         np.empty(modules * modules, np.uint32),
-        aligned(BLOCK).view(np.uint32),
-        aligned(BLOCK).view(np.uint32),
+        np.empty(BLOCK, np.uint32),
+        np.empty(BLOCK, np.uint32),
         np.empty(FIGURES, np.float32),
     )
 

@@ -36,49 +36,53 @@ class Work(NamedTuple):
 
     Attributes
     ----------
+    rows : (16 * 64,)
+        Of the Jacobian.
+    total : (5 * 64,)
+        P and its derivatives.
     geometry : (6 * 64,)
         1 / w, 1 / s_u, 1 / s_v, correlation of the blur on the tag, first edges in reach along u and along v.
-    corner : (64,)
-        Place of the modules before these edges in a table.
-    edges_u, edge_v : (16 * 7 * 64,), (7 * 64,)
-        Edges along u and one along v, see :func:`boxcal.detect.alignment.numba.edges.edge`.
     weights : (4 * 64,)
         Differences of modules along u, along v and along both, and modules.
     shown, response_slope : (64,)
         Light, and then grey levels; the response curve's slope.
-    total : (5 * 64,)
-        P and its derivatives.
-    rows : (16 * 64,)
-        Of the Jacobian.
+    edge_v, edges_u : (7 * 64,), (16 * 7 * 64,)
+        An edge along v and those along u, see :func:`boxcal.detect.alignment.numba.edges.edge`.
+    corner : (64,)
+        Place of the modules before the first edges in reach in a table.
     """
 
+    rows: NDArray[np.float32]
+    total: NDArray[np.float32]
     geometry: NDArray[np.float32]
-    corner: NDArray[np.uint32]
-    edges_u: NDArray[np.float32]
-    edge_v: NDArray[np.float32]
     weights: NDArray[np.float32]
     shown: NDArray[np.float32]
     response_slope: NDArray[np.float32]
-    total: NDArray[np.float32]
-    rows: NDArray[np.float32]
+    edge_v: NDArray[np.float32]
+    edges_u: NDArray[np.float32]
+    corner: NDArray[np.uint32]
+
+
+_OF_WORK = tuple(int(k) * BLOCK for k in np.cumsum([ROWS, 5, 6, 4, 1, 1, 7, 7 * _MOST]))
+"""Where the parts of the room to work end."""
 
 
 @kernel(inner=True)
 def room_to_work() -> Work:
     """Return room for what is made of a block of pixels."""
-    work = Work(
-        aligned(6 * BLOCK),
-        aligned(BLOCK).view(np.uint32),
-        aligned(_MOST * OF_EDGE),
-        aligned(OF_EDGE),
-        aligned(4 * BLOCK),
-        aligned(BLOCK),
-        aligned(BLOCK),
-        aligned(5 * BLOCK),
-        aligned(ROWS * BLOCK),
+    room, corner = aligned(_OF_WORK[-1]), np.empty(BLOCK, np.uint32)
+    clear(room[: _OF_WORK[0]])
+    return Work(
+        room[: _OF_WORK[0]],
+        room[_OF_WORK[0] : _OF_WORK[1]],
+        room[_OF_WORK[1] : _OF_WORK[2]],
+        room[_OF_WORK[2] : _OF_WORK[3]],
+        room[_OF_WORK[3] : _OF_WORK[4]],
+        room[_OF_WORK[4] : _OF_WORK[5]],
+        room[_OF_WORK[5] : _OF_WORK[6]],
+        room[_OF_WORK[6] :],
+        corner,
     )
-    clear(work.rows[(ROWS - 1) * BLOCK :])
-    return work
 
 
 @loops(fastmath=True, forceinline=True)
