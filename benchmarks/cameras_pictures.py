@@ -41,8 +41,8 @@ class Pictured:
     seconds: float
 
 
-def pictured(rig: str, number: int, seed: int) -> Pictured | None:
-    """Return what one robot's log gives; None if it has no place to drive or is refused."""
+def pictured(rig: str, number: int, seed: int) -> Pictured | str:
+    """Return what one robot's log gives, or why it gives no pair: no place to drive, or what the refusal says."""
     with TemporaryDirectory() as folder:
         job = Job(
             folder=Path(folder),
@@ -55,27 +55,26 @@ def pictured(rig: str, number: int, seed: int) -> Pictured | None:
             rig=rig,
             own=OwnSettings(late_s=LATE_S, image_sizes=SIZES, frames=FRAMES),
         )
-        if simulate_robot(job).error:
-            return None
+        simulated = simulate_robot(job)
+        if simulated.error:
+            return simulated.error
         truth = json.loads((Path(folder) / f"{job.name}.truth.json").read_text(encoding="utf-8"))
         begun = time.process_time()
         try:
             found = calibrate_cameras(Path(folder) / f"{job.name}.mcap")
-        except BoxcalError:
-            return None
+        except BoxcalError as error:
+            return str(error)
         return _compared(found, truth, rig, time.process_time() - begun)
 
 
-def _compared(found: dict[str, Calibration], truth: dict, rig: str, seconds: float) -> Pictured | None:
+def _compared(found: dict[str, Calibration], truth: dict, rig: str, seconds: float) -> Pictured | str:
     first = found.get("front")
-    if first is None or first.rig is None or len(found) < 2:
-        return None
+    if first is None or first.rig is None or first.detail is None or len(found) < 2:
+        return f"only of {', '.join(found)} a result"
     pair = first.rig.pair("front", rig)
     true = between(*(np.array(t["T_vehicle_camera"]) for t in (truth, truth["cameras"][0])))
     error = np.concatenate([log_so3(true[:3, :3].T @ pair.T_a_b[:3, :3]), pair.T_a_b[:3, 3] - true[:3, 3]])
     wheels = np.array([first.wheels.rR - truth["rR"], first.wheels.rL - truth["rL"], first.wheels.b - truth["b"]])
-    if first.detail is None:
-        return None
     sigma = np.array([first.detail.covariance.sigma[name] for name in ("rR", "rL", "b")])
     return Pictured(
         pair=error / np.sqrt(np.diag(pair.covariance)),
@@ -87,9 +86,14 @@ def _compared(found: dict[str, Calibration], truth: dict, rig: str, seconds: flo
     )
 
 
-def report_pictured(rig: str, outcomes: list[Pictured | None]) -> None:
+def report_pictured(rig: str, outcomes: list[Pictured | str]) -> None:
     """Print the lines of one kind of robots."""
-    done = [o for o in outcomes if o is not None]
+    done = [o for o in outcomes if isinstance(o, Pictured)]
+    for number, why in enumerate(outcomes, 1):
+        if isinstance(why, str):
+            print(f"{rig}, robot {number} gave no pair: {why}")
+    if not done:
+        return
     pair, wheels = np.array([o.pair for o in done]), np.array([o.wheels for o in done])
     seconds = float(np.median([o.seconds for o in done]))
     print(f"{rig}, from pictures: {len(done)} of {len(outcomes)} robots, {seconds:.1f} s each")

@@ -20,7 +20,8 @@ class Row:
     Attributes
     ----------
     drives
-        Each drive with the stops of all cameras; of their landmarks only the places on the box mean anything.
+        Each drive with the stops of all cameras; of their landmarks only the places on the box mean anything, and its
+        pictures are as large as the largest of any camera.
     places
         For each camera where its stops stand in the row, (P_c,); drives one behind the other.
     """
@@ -61,13 +62,19 @@ def one_row(drives: Sequence[Sequence[Correspondences]], kept: Sequence[Sequence
         for place, group in enumerate(together, before):
             for _, c in group:
                 places[c].append(place)
-        rows.append(replace(first, stops=tuple(_seen_by_all(group) for group in together), moving=()))
+        stops = tuple(_seen_by_all(group) for group in together)
+        rows.append(replace(first, image_size=_largest([own[d] for own in drives]), stops=stops, moving=()))
         before += len(together)
     if any(len(set(of_camera)) < len(of_camera) for of_camera in places):
         raise CalibError(
             "its cameras' stops do not match in time", source=rows[0].robot, remedy="read all cameras with one command"
         )
     return Row(drives=tuple(rows), places=tuple(np.array(p, dtype=np.int64) for p in places))
+
+
+def _largest(views: Sequence[Correspondences]) -> tuple[int, int]:
+    """Return width and height, px, that hold the pictures of every camera."""
+    return max(v.image_size[0] for v in views), max(v.image_size[1] for v in views)
 
 
 def _standing_together(views: Sequence[Numbered]) -> list[list[Numbered]]:

@@ -19,7 +19,9 @@ from boxcal.calib.likelihood.cameras.start import beginning
 from boxcal.calib.likelihood.cameras.state import stepped
 from boxcal.calib.likelihood.estimator import reported
 from boxcal.calib.likelihood.rounds import refit
-from tests.calib.cameras.conftest import Rigged
+from boxcal.calib.simulate.more_cameras import with_camera_at, with_images_of
+from boxcal.calib.simulate.robot import turtlebot
+from tests.calib.cameras.conftest import Rigged, rigged
 
 
 def pair_error(rig: Rigged) -> tuple[np.ndarray, np.ndarray]:
@@ -126,6 +128,22 @@ def test_stops_of_all_cameras_stand_in_one_row_in_time(front_and_rear: Rigged) -
     row = one_row([[view] for view in front_and_rear.views], [[range(len(v.stops))] for v in front_and_rear.views])
     assert [tuple(places) for places in row.places] == list(front_and_rear.kept)
     assert len(row.drives[0].stops) == len(front_and_rear.drive.stop_poses)
+
+
+def test_a_camera_of_four_times_the_pixels_is_solved_with_the_first() -> None:
+    robot, right = turtlebot(), np.eye(4)
+    right[0, 3] = 0.06
+    larger = with_images_of(with_camera_at(robot, robot.T_body_cam @ right), (2560, 1920))
+    both = rigged((robot, larger))
+    assert max(stop.uv_px[:, 0].max() for stop in both.views[1].stops) > 2 * both.views[0].image_size[0]
+    together = solve_cameras(both.found, both.fits, [[v] for v in both.views])
+    assert not together.apart
+    a, b = together.estimates
+    J = pair_jacobian(a.T_body_cam, b.T_body_cam)
+    sigma = np.sqrt(np.diag(J @ together.mountings @ J.T))[3:]
+    error = between(a.T_body_cam, b.T_body_cam)[:3, 3] - right[:3, 3]
+    assert np.all(np.abs(error) < 3 * sigma)
+    assert np.all(sigma < 5e-4)
 
 
 def test_cause_in_the_wheels_that_one_camera_shows_is_in_the_solution_of_all(front_and_rear: Rigged) -> None:
