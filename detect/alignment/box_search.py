@@ -74,8 +74,12 @@ class BoxDetection:
     contradicting_faces: tuple[int, ...] = ()
     read: TagCandidates = field(default_factory=TagCandidates.none)
 
-    def off_the_box(self, target: Target, patterns: Patterns, fit: BoxFit, used: Index) -> Index:
+    def off_the_box(
+        self, target: Target, patterns: Patterns, fit: BoxFit, used: Index, image_size: tuple[int, int]
+    ) -> Index:
         """Return the rows of tags that were read, but nowhere near where the box has them, ascending.
+
+        Of a tag that the image's border cuts the outline follows the border, so only its centre is looked at.
 
         Parameters
         ----------
@@ -85,15 +89,19 @@ class BoxDetection:
             The box as it was found in the end.
         used
             Rows of the tags on it: they are where they should be, whatever was read elsewhere.
+        image_size
+            Width and height, px.
         """
         elsewhere = ~among(self.read.rows, used)
         if not elsewhere.any():
             return np.zeros(0, dtype=np.int64)
         read = self.read.take(elsewhere)
-        uv = fit.places(target.tag_corners[read.rows].reshape(-1, 3))
-        off = np.linalg.norm(uv.reshape(-1, 4, 2) - read.corners_px, axis=2).max(axis=1)
-        side = patterns.modules * module_px(patterns, read.corners_px)
-        near = (off < CANDIDATE_TOLERANCE * side) & fit.faces_camera(target)[read.rows]
+        uv = fit.places(target.tag_corners[read.rows].reshape(-1, 3)).reshape(-1, 4, 2)
+        off = np.linalg.norm(uv - read.corners_px, axis=2).max(axis=1)
+        near = off < CANDIDATE_TOLERANCE * patterns.modules * module_px(patterns, read.corners_px)
+        cut = ((uv < -0.5) | (uv > np.array(image_size) - 0.5)).any(axis=(1, 2))
+        near |= cut & _centred_within(uv, read.corners_px)
+        near &= fit.faces_camera(target)[read.rows]
         return distinct(read.rows[~among(read.rows, read.rows[near])])
 
 
@@ -168,6 +176,15 @@ def _outvoted(target: Target, candidates: TagCandidates, fit: BoxFit) -> tuple[i
     seen = np.bincount(faces, minlength=1)
     there = np.bincount(faces[kept], minlength=len(seen))
     return tuple(int(f) for f in np.flatnonzero((seen >= FACE_TAGS) & (there < FACE_KEPT * seen)))
+
+
+def _centred_within(uv: Array, corners_px: Array) -> NDArray[np.bool_]:
+    """Return whether the centres of tags (N, 4, 2), px, lie within those that are predicted (N, 4, 2), px."""
+    across, down = uv[:, 1] - uv[:, 0], uv[:, 3] - uv[:, 0]
+    apart = corners_px.mean(axis=1) - uv.mean(axis=1)
+    pairs = np.stack([across, down, apart, down, across, apart], axis=1).reshape(-1, 3, 2, 2)
+    area, aside, below = np.abs(np.linalg.det(pairs)).T
+    return np.asarray(np.maximum(aside, below) <= OFF_CENTRE * area)
 
 
 def _grown_from(  # noqa: PLR0917

@@ -117,3 +117,24 @@ def test_seeds_that_no_box_explains_do_no_harm():
         tags = detect_tags(image, TARGET)
         assert len(np.unique(tags.ids)) == len(tags.ids)
         assert np.isfinite(tags.corners_px).all()
+
+
+@pytest.mark.parametrize(("azimuth_deg", "height"), [(35.0, 314), (35.0, 371), (35.0, 401), (50.0, 281), (50.0, 380)])
+def test_a_tag_that_the_border_cuts_is_not_said_to_be_elsewhere(azimuth_deg, height):
+    image = view(pose(azimuth_deg, distance=0.5))[:height]
+    tags = detect_tags(np.ascontiguousarray(image), TARGET)
+    assert len(tags.ids) > 20
+    assert tags.rejected_ids.size == 0
+
+
+@pytest.mark.parametrize("height", [404, 408, 412, 416])
+def test_a_print_in_its_neighbour_s_place_is_said_to_be_elsewhere_where_the_border_cuts_its_own(height):
+    T = pose(35.0, distance=0.5)
+    image, uv = view(T), truth(T)[0]
+    assert height - 0.5 < uv[65][:, 1].max()
+    drawn = np.kron(20 + 200 * PATTERNS.cells[65], np.ones((20, 20)))
+    square = np.array([[20, 20], [180, 20], [180, 180], [20, 180]], np.float32)
+    h = cv2.getPerspectiveTransform(square, uv[66].astype(np.float32))
+    cv2.warpPerspective(drawn.astype(image.dtype), h, SIZE, dst=image, borderMode=cv2.BORDER_TRANSPARENT)
+    tags = detect_tags(np.ascontiguousarray(image[:height]), TARGET)
+    assert tags.rejected_ids.tolist() == [65]
