@@ -15,6 +15,8 @@ _ROUNDS = 60
 """Steps of the safeguarded Newton method; halving alone reaches rounding in 60."""
 _CLOSE = 1e-11
 """How near the distortion of an answer must come to what was asked, relative to one plus the distorted radius."""
+_LAST = 1e-12
+"""Step of Newton's method, relative to one plus the radius, after which the next would be below rounding."""
 _STEP = 0.3
 """Longest step of Newton's method in the plane, normalised coordinates."""
 
@@ -85,17 +87,19 @@ def _radius(kind: CameraKind, k: Array, rho_d: Array, limit: float) -> tuple[Arr
     reached = np.isfinite(rho_d) & (rho_d <= top if np.isfinite(top) else True)
     goal = np.where(reached, rho_d, 0.0)
     rho = np.minimum(goal, highest / 2)
+    at = np.arange(len(rho))  # those still sought
     for _ in range(_ROUNDS):
-        value, slope = _radial(kind, radial, rho)
-        error = value - goal
+        here = rho[at]
+        value, slope = _radial(kind, radial, here)
+        error = value - goal[at]
         above = error > 0
-        high, low = np.where(above, rho, high), np.where(above, low, rho)
-        newton = rho - error / np.where(slope > 0, slope, 1.0)
-        inside = (slope > 0) & (newton >= low) & (newton <= high)
-        moved = np.where(inside, newton, (low + high) / 2)
-        done = np.abs(moved - rho) <= 4e-16 * (1 + rho)
-        rho = moved
-        if np.all(done):
+        high[at], low[at] = np.where(above, here, high[at]), np.where(above, low[at], here)
+        newton = here - error / np.where(slope > 0, slope, 1.0)
+        inside = (slope > 0) & (newton >= low[at]) & (newton <= high[at])
+        moved = np.where(inside, newton, (low[at] + high[at]) / 2)
+        rho[at] = moved
+        at = at[np.abs(moved - here) > np.where(inside, _LAST, 4e-16) * (1 + here)]
+        if not len(at):
             break
     return rho, reached
 

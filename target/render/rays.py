@@ -35,7 +35,7 @@ class Rays:
     dark: Mask | None
 
 
-@lru_cache(maxsize=4)
+@lru_cache(maxsize=8)
 def pixel_rays(camera: CameraModel, width: int, height: int) -> Rays:
     """Return the rays of all pixels of an image."""
     u, v = np.meshgrid(np.arange(width, dtype=np.float64), np.arange(height, dtype=np.float64))

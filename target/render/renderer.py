@@ -7,6 +7,7 @@ before they are gathered into pixels, as it acts on the light before it falls on
 """
 
 from dataclasses import replace
+from math import ceil
 
 import cv2
 import numpy as np
@@ -27,6 +28,7 @@ __all__ = ["FLAT", "SensorModel", "encode_jpeg", "render", "visible_tags"]
 
 FLAT = (0.0, 0.0, 0.0, 0.0)
 """Faces that are not bowed."""
+_MARGINS_PX = 16
 
 
 def render(  # noqa: PLR0917 - the noise source last, as a simulation's other steps have it
@@ -76,7 +78,7 @@ def render(  # noqa: PLR0917 - the noise source last, as a simulation's other st
             source="sensor",
             remedy="pass rng",
         )
-    margin = reach_px(sensor)  # light from beyond the picture's border reaches into it
+    margin = _margin_px(sensor)
     wider = replace(camera, cu=camera.cu + margin, cv=camera.cv + margin)
     width, height = width + 2 * margin, height + 2 * margin
     rays = pixel_rays(wider, width, height)
@@ -112,6 +114,15 @@ def encode_jpeg(image: Image, quality: int = 90) -> bytes:
     if not done:
         raise TargetError(f"picture of shape {image.shape} and type {image.dtype}: cannot be encoded as JPEG")
     return bytes(data.tobytes())
+
+
+def _margin_px(sensor: SensorModel) -> int:
+    """Return how far beyond the picture's border is rendered, px: light from there reaches into it.
+
+    Of pictures on the move, each with a blur of its own, in steps, so that they share the rays of their pixels.
+    """
+    reach = reach_px(sensor)
+    return _MARGINS_PX * ceil(reach / _MARGINS_PX) if sensor.motion_blur_px > 0 else reach
 
 
 class _Scene:

@@ -10,6 +10,7 @@ from boxcal.target.arrays import Array
 from boxcal.target.box import FACES, make_target
 from boxcal.target.camera.camera_model import CameraKind, CameraModel, project
 from boxcal.target.render.pictures import looking
+from boxcal.target.render.rays import pixel_rays
 from boxcal.target.render.renderer import FLAT, SensorModel, render
 
 SIZE = (160, 120)
@@ -139,3 +140,12 @@ def test_large_pictures_come_in_strips_without_seams(monkeypatch: pytest.MonkeyP
     whole = render(make_target(), CAMERAS["radial"], POSE, SIZE, SMOOTH)
     monkeypatch.setattr("boxcal.target.render.psf._STRIP", 1)
     np.testing.assert_array_equal(whole, render(make_target(), CAMERAS["radial"], POSE, SIZE, SMOOTH))
+
+
+def test_pictures_of_unlike_motion_share_the_rays_of_their_pixels() -> None:
+    camera = CameraModel(fu=211.0, fv=212.0, cu=63.0, cv=47.0, kr=-0.1)
+    T_cam_box = np.array([[0, 1, 0, 0], [0, 0, -1, 0.1], [-1, 0, 0, 1], [0, 0, 0, 1]], dtype=np.float64)
+    before = pixel_rays.cache_info().misses
+    for motion in (0.5, 2.0, 5.0, 9.0, 14.0):
+        render(make_target(), camera, T_cam_box, (128, 96), SensorModel(psf_px=0.6, motion_blur_px=motion))
+    assert pixel_rays.cache_info().misses == before + 1
