@@ -12,6 +12,7 @@ from boxcal.calib.diagnosis.frozen import without_frozen
 from boxcal.calib.diagnosis.layout import other_layout
 from boxcal.calib.diagnosis.losses import loss_findings
 from boxcal.calib.diagnosis.odd_prints import with_odd_prints
+from boxcal.calib.diagnosis.scrambled_stops import without_scrambled
 from boxcal.calib.diagnosis.sheets import Gluing, find_gluing
 from boxcal.calib.diagnosis.sheets_by_wheels import gluing_by_wheels
 from boxcal.calib.diagnosis.silent_wheels import refuse_silent_wheels
@@ -86,8 +87,9 @@ def first_look(drives: Sequence[Correspondences], target: Target, mode: CameraMo
 def _looked(drives: Sequence[Correspondences], target: Target, mode: CameraMode, findings: list[Finding]) -> FirstLook:
     """Return the four steps of drives that have stops, and all findings, those from before first."""
     thawed = [without_frozen(drive) for drive in drives]
-    drives = [drive for drive, _ in thawed]
-    findings += [finding for _, finding in thawed if finding is not None]
+    unscrambled = [without_scrambled(drive) for drive, _ in thawed]
+    drives = [drive for drive, _ in unscrambled]
+    findings += [finding for _, finding in (*thawed, *unscrambled) if finding is not None]
     odd = with_odd_prints(drives, target)
     if odd is not None:
         target = odd[0]

@@ -27,7 +27,7 @@ def without_frozen(drive: Correspondences) -> tuple[Correspondences, Finding | N
     frozen = frozen_stops(drive.stops)
     if not frozen:
         return drive, None
-    stops = tuple(_unseen(stop) if j in frozen else stop for j, stop in enumerate(drive.stops))
+    stops = tuple(without_corners(stop) if j in frozen else stop for j, stop in enumerate(drive.stops))
     numbers = ", ".join(str(j + 1) for j in frozen)
     finding = Finding(
         cause="pictures-frozen",
@@ -40,7 +40,7 @@ def without_frozen(drive: Correspondences) -> tuple[Correspondences, Finding | N
     return replace(drive, stops=stops), finding
 
 
-def _unseen(stop: StopObservation) -> StopObservation:
+def without_corners(stop: StopObservation) -> StopObservation:
     """Return a stop without corners."""
     none = slice(0, 0)
     return replace(

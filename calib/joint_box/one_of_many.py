@@ -12,6 +12,7 @@ import numpy as np
 from boxcal.calib.diagnosis.choose import explain
 from boxcal.calib.diagnosis.first_look import first_look
 from boxcal.calib.diagnosis.frozen import without_frozen
+from boxcal.calib.diagnosis.scrambled_stops import without_scrambled
 from boxcal.calib.errors import CalibError
 from boxcal.calib.joint_box.block import Block
 from boxcal.calib.joint_box.own_solution import OwnSolution, own_solution, settled
@@ -103,8 +104,8 @@ def begin(member: Member, names: Sequence[str]) -> Part:
         own, block = settled(own.problem(look.drives, member.job.target), own, names)
     except BoxcalError as error:
         return Part(problem=error)
-    except np.linalg.LinAlgError as error:
-        return Part(problem=CalibError(f"its equations cannot be solved ({error})", remedy="leave it out"))
+    except np.linalg.LinAlgError:
+        return Part(problem=CalibError("its equations cannot be solved", remedy="leave it out"))
     return Part(own=own, block=block, drives=tuple(drive_id(drive) for drive in drives))
 
 
@@ -114,7 +115,7 @@ def follow(member: Member, part: Part, names: Sequence[str], shape: Array) -> Pa
     if part.own is None:
         return part
     try:
-        drives = [without_frozen(drive)[0] for drive in member.read()]
+        drives = [without_scrambled(without_frozen(drive)[0])[0] for drive in member.read()]
         own, block = settled(part.own.problem(drives, member.job.target), part.own, names, shape)
     except (BoxcalError, np.linalg.LinAlgError):
         return replace(part, block=None)
@@ -129,8 +130,8 @@ def calibrated(member: Member, box: Target | BoxcalError, known_as: Target) -> C
         return calibrate_with(member, box, known_as)
     except BoxcalError as error:
         return error
-    except np.linalg.LinAlgError as error:
-        return CalibError(f"its equations cannot be solved ({error})")
+    except np.linalg.LinAlgError:
+        return CalibError("its equations cannot be solved", remedy="calibrate it by itself, which says why")
     except OSError as error:
         return CalibError(f"{error.filename or 'a file'}: {error.strerror or error}", remedy="check the folder")
 

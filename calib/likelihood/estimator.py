@@ -66,7 +66,7 @@ def reported(found: Fit, drives: Sequence[Correspondences], options: EstimateOpt
     try:
         result = summarise(found, drives)
     except np.linalg.LinAlgError as error:
-        raise unsolvable(len(found.problem.drive), error) from error
+        raise unsolvable(len(found.problem.drive)) from error
     if found.options.slip is not None and (options is None or options.slip is None):
         legs = len(found.problem.leg_stop)
         note = (
@@ -103,7 +103,7 @@ def fit(
     try:
         found, scores = choose_camera(solve_with, drives[0].image_size)
     except np.linalg.LinAlgError as error:
-        raise unsolvable(sum(len(k) for k in cameras.kept), error) from error
+        raise unsolvable(sum(len(k) for k in cameras.kept)) from error
     return replace(found, camera_scores=scores)
 
 
@@ -116,10 +116,10 @@ def negative_wheels(stops: int, leg_known: Mask) -> CalibError:
     )
 
 
-def unsolvable(stops: int, error: Exception) -> CalibError:
+def unsolvable(stops: int) -> CalibError:
     """Return the error that says that the equations of some stops are singular."""
     return CalibError(
-        f"the equations of {stops} stops cannot be solved ({error}): a stop is held by neither images nor wheels",
+        f"the equations of {stops} stops cannot be solved: a stop is held by neither images nor wheels",
         remedy="leave out stops that show few tags",
     )
 
@@ -136,7 +136,7 @@ def fit_cameras(drives: Sequence[Correspondences], cameras: CameraStart, options
     try:
         fits = [solve_likelihood(problem, state, options) for state in states]
     except np.linalg.LinAlgError as error:
-        raise unsolvable(count, error) from error
+        raise unsolvable(count) from error
     forward = [found for found in fits if np.all(found.state.wheels > 0)]
     if not forward:
         raise negative_wheels(count, problem.leg_known)

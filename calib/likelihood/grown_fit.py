@@ -61,7 +61,7 @@ def grown_fit(known: Fit, drive: Correspondences) -> Fit:
         return _solved(known, problem, state, weights)
     except np.linalg.LinAlgError as error:
         raise CalibError(
-            f"the equations of {len(problem.stop)} stops cannot be solved ({error})",
+            f"the equations of {len(problem.stop)} stops cannot be solved",
             remedy="leave out stops that show few tags",
         ) from error
 

@@ -85,7 +85,7 @@ def _reasons_said(look: FirstLook) -> Iterator[None]:
     try:
         yield
     except np.linalg.LinAlgError as error:
-        raise unsolvable(sum(len(drive.stops) for drive in look.drives), error) from error
+        raise unsolvable(sum(len(drive.stops) for drive in look.drives)) from error
     except CalibError as error:
         said = _said_with_jumps(_said_with_start(error, look.steps), look.drives)
         raise said_without_stops(said, look.drives) from error

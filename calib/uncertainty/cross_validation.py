@@ -121,7 +121,7 @@ def validate(
             try:
                 fit = fit_part(drives, kept, whole, options)
             except np.linalg.LinAlgError as error:
-                raise unsolvable(sum(len(s) for s in kept), error) from error
+                raise unsolvable(sum(len(s) for s in kept)) from error
             out.append(_predict(fit, drives, d, before, j))
     return Validation(stops=tuple(out))
 

@@ -1,0 +1,95 @@
+"""Stops whose corners no view of the box gives, as with landmarks in another order, and the drive without them."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import cv2
+import numpy as np
+
+from boxcal.calib.diagnosis.frozen import without_corners
+from boxcal.calib.errors import CalibError
+from boxcal.calib.likelihood.finding import Finding
+from boxcal.detect.correspondences import Correspondences, StopObservation
+from boxcal.detect.stops import MIN_STOPS
+from boxcal.target.arrays import Array
+from boxcal.target.box import CORNERS
+
+ALIKE = 0.3
+"""Corners that miss an affine view of the box by less than this share of their own spread need no closer look."""
+NEAR = 0.1
+"""A corner belongs to a plane's view if it misses that by less than this share of their spread: a lens bends less."""
+MOST = 0.5
+"""Share of a stop's corners that must belong to the views of their sheets."""
+_LEAST = 2 * CORNERS
+
+
+def scrambled_stops(stops: Sequence[StopObservation]) -> tuple[int, ...]:
+    """Return the stops, from 0, most of whose corners do not lie as those of a sheet seen by any camera.
+
+    A sheet in a picture follows a homography, but for the lens; where sheets are glued or how tags are numbered from
+    sheet to sheet makes no difference to that.
+    """
+    return tuple(j for j, stop in enumerate(stops) if _scrambled(stop))
+
+
+def without_scrambled(drive: Correspondences) -> tuple[Correspondences, Finding | None]:
+    """Return a drive without the corners of stops that show no view of the box, and what is said of them, if any are.
+
+    The stops stay, so that all stops keep their numbers; a stop without corners is not used.
+
+    Raises
+    ------
+    CalibError
+        If too few others are left.
+    """
+    odd = scrambled_stops(drive.stops)
+    if not odd:
+        return drive, None
+    seen = sum(len(stop.landmark_ids) > 0 for stop in drive.stops)
+    numbers = ", ".join(str(j + 1) for j in odd)
+    text = (
+        f"the corners of stop{'s' if len(odd) > 1 else ''} {numbers} (of {len(drive.stops)}) do not lie as those of "
+        "flat sheets do in any picture, as if pixels were assigned to other landmarks"
+    )
+    if seen - len(odd) < MIN_STOPS:
+        raise CalibError(
+            f"{text}; {seen - len(odd)} stops are left",
+            needed=f"at least {MIN_STOPS} are needed",
+            remedy="check the order of landmarks and pixels where they were saved, and the box's target.json",
+        )
+    finding = Finding(
+        cause="stops-scrambled",
+        text=f"{text}: {'these stops were' if len(odd) > 1 else 'this stop was'} left out",
+        advice="Check the order of landmarks and pixels of such stops where they were saved.",
+        adopted=True,
+        stops=odd,
+    )
+    stops = tuple(without_corners(stop) if j in odd else stop for j, stop in enumerate(drive.stops))
+    return replace(drive, stops=stops), finding
+
+
+def _scrambled(stop: StopObservation) -> bool:
+    if len(stop.landmark_ids) < _LEAST or _affine_misfit(stop) < ALIKE:
+        return False
+    belonging = [_belonging(stop, stop.faces == face) for face in np.unique(stop.faces)]
+    looked_at = sum(count for _, count in belonging)
+    return looked_at >= _LEAST and sum(near for near, _ in belonging) < MOST * looked_at
+
+
+def _affine_misfit(stop: StopObservation) -> float:
+    """Return how far corners miss the nearest affine view of the box, root mean square, over their spread."""
+    p, uv = stop.p_box - stop.p_box.mean(axis=0), stop.uv_px - stop.uv_px.mean(axis=0)
+    A = np.linalg.lstsq(p, uv, rcond=1e-6)[0]
+    return float(np.linalg.norm(uv - p @ A) / np.linalg.norm(uv))
+
+
+def _belonging(stop: StopObservation, on: Array) -> tuple[int, int]:
+    """Return how many corners of a sheet agree on a view of its plane, and of how many; none of too few."""
+    p, uv = stop.p_box[on], stop.uv_px[on]
+    if len(p) < _LEAST:
+        return 0, 0
+    p = p - p.mean(axis=0)
+    in_plane = p @ np.linalg.svd(p, full_matrices=False)[2][:2].T
+    spread = float(np.sqrt(np.mean(np.sum((uv - uv.mean(axis=0)) ** 2, axis=1))))
+    _, near = cv2.findHomography(in_plane, uv, cv2.RANSAC, NEAR * spread)
+    return (0 if near is None else int(np.sum(near))), len(p)
