@@ -37,8 +37,9 @@ _FASTEST, _MOST_BLUR_PX = 1.0, 6.0
 then on the way of the box during it, px."""
 _AGREES = 0.01
 """Corners that lie further off the prediction than this (root mean square, widths of the picture) tell no offset."""
-_LEAST_PX_S = 20.0
-"""Corners slower than this (root mean square, px/s) tell nothing of the clock."""
+_TOLD_S = 0.04
+"""Predictions are wrong by as much along the way as they may be at all: corners that take longer than this for so much
+(root mean square) tell that error and nothing of the clock."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -227,7 +228,7 @@ class ClockedViews:
             here, after = self._seen(t_ns, p_box, np.array([late_s, late_s + _STEP_S]))
             speed = (after - here) / _STEP_S
             square = float(np.sum(speed**2))
-            if not square > len(uv_px) * _LEAST_PX_S**2:
+            if not square > len(uv_px) * (_AGREES * self.image_size[0] / _TOLD_S) ** 2:
                 return
             step_s = float(np.sum(speed * (uv_px - here))) / square
             late_s += step_s

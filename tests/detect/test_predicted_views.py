@@ -138,6 +138,33 @@ def test_frames_that_lie_far_off_the_prediction_tell_no_offset(simulated):
     assert not _learned(made, wrong, seen.image_size, 0.03).told_s
 
 
+def test_slow_frames_do_not_take_the_prediction_s_error_for_an_offset(simulated):
+    made, seen = simulated
+    views = views_by_wheels(seen)
+    aside = rigid(exp_so3(np.array([0.0, 0.005, 0.0])), np.zeros(3))  # some 3 px, as after slip
+    speeds = []
+    for share in (1.0, 0.5, 0.25, 0.12, 0.06):
+        for t_ns in np.concatenate([_between(made.drive, part) for part in (0.1, 0.3, 0.7, 0.9)]).tolist():
+
+            def slowly(at, t_ns=t_ns, share=share):
+                return views.T_cam_box_at(t_ns + np.rint(share * (at - t_ns)).astype(np.int64))
+
+            wrong = PredictedViews(camera=views.camera, T_cam_box_at=lambda at, slowly=slowly: aside @ slowly(at))
+            clocked = ClockedViews(views=wrong, target=made.target, image_size=seen.image_size)
+            seen_now = clocked.expected(t_ns)
+            inside = np.all(
+                (seen_now.corners_px > 10) & (seen_now.corners_px < np.array(seen.image_size) - 10), axis=(1, 2)
+            )
+            if np.sum(inside) < 3:
+                continue
+            T = slowly(np.array([t_ns]))[0]
+            p_box = made.target.tag_corners[np.isin(made.target.tag_ids, seen_now.ids[inside])].reshape(-1, 3)
+            clocked.learn(t_ns, p_box, project(views.camera, p_box @ T[:3, :3].T + T[:3, 3]), (np.zeros(2), 1.0))
+            speeds += [float(np.linalg.norm(clocked._motion(t_ns)))] * len(clocked.told_s)
+            assert np.all(np.abs(clocked.told_s) < 0.04)
+    assert speeds
+
+
 def test_the_blur_of_a_frame_tells_the_exposure_and_that_the_blur_of_the_next(simulated):
     made, seen = simulated
     clocked = _learned(made, views_by_wheels(seen), seen.image_size, 0.0)
