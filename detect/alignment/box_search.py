@@ -99,8 +99,8 @@ class BoxDetection:
         uv = fit.places(target.tag_corners[read.rows].reshape(-1, 3)).reshape(-1, 4, 2)
         off = np.linalg.norm(uv - read.corners_px, axis=2).max(axis=1)
         near = off < CANDIDATE_TOLERANCE * patterns.modules * module_px(patterns, read.corners_px)
-        cut = ((uv < -0.5) | (uv > np.array(image_size) - 0.5)).any(axis=(1, 2))
-        near |= cut & _centred_within(uv, read.corners_px)
+        cut = np.isfinite(off) & ((uv < -0.5) | (uv > np.array(image_size) - 0.5)).any(axis=(1, 2))
+        near[cut] |= _centred_within(uv[cut], read.corners_px[cut])
         near &= fit.faces_camera(target)[read.rows]
         return distinct(read.rows[~among(read.rows, read.rows[near])])
 

@@ -9,7 +9,7 @@ from boxcal.calib.calibrate import calibrate
 from boxcal.calib.diagnosis.first_look import first_look
 from boxcal.calib.diagnosis.scrambled_stops import scrambled_stops
 from boxcal.calib.errors import CalibError
-from boxcal.calib.likelihood import estimate
+from boxcal.calib.likelihood.estimator import estimate
 from boxcal.calib.simulate.drive import DriveOptions, exact_correspondences, simulate_drive
 from boxcal.calib.simulate.robot import turtlebot, with_camera
 from boxcal.detect.correspondences import Correspondences, StopObservation
