@@ -62,8 +62,8 @@ def one_row(drives: Sequence[Sequence[Correspondences]], kept: Sequence[Sequence
         for place, group in enumerate(together, before):
             for _, c in group:
                 places[c].append(place)
-        stops = tuple(_seen_by_all(group) for group in together)
-        rows.append(replace(first, image_size=_largest([own[d] for own in drives]), stops=stops, moving=()))
+        seen = tuple(_seen_by_all(group) for group in together)
+        rows.append(replace(first, image_size=_largest([own[d] for own in drives]), stops=seen, moving=()))
         before += len(together)
     if any(len(set(of_camera)) < len(of_camera) for of_camera in places):
         raise CalibError(
