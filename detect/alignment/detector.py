@@ -121,9 +121,7 @@ def detect_in_grey(  # noqa: PLR0917
     if found is None:
         return nothing(_first_response(settings, camera))
     tags, fit = found.tags, found.fit
-    frame = replace(
-        pyramid.around(tags.corners_px), lens=fit.lens, blur=ROUND if expected is None else shape(*expected.blur)
-    )
+    frame = replace(pyramid.level(0), lens=fit.lens, blur=ROUND if expected is None else shape(*expected.blur))
     if camera and camera.imaging.settled:
         taken = ResponseEstimate(imaging=camera.imaging, darkness=None)
     else:

@@ -1,7 +1,6 @@
 """Tags aligned on shrunken copies of the image: few pixels each, and a catch of about a module."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from boxcal.detect.alignment.radial_camera import PER_RADIUS
 from boxcal.detect.alignment.registration.align import align
@@ -11,7 +10,7 @@ from boxcal.detect.alignment.registration.tag_batch import Frame
 from boxcal.detect.alignment.row_sets import distinct
 from boxcal.detect.alignment.tag_patterns import Index, Patterns
 from boxcal.detect.alignment.verification import module_px
-from boxcal.detect.image.gray import Levels, from_levels, halved
+from boxcal.detect.image.gray import Levels, halved
 from boxcal.target.arrays import Array
 
 LEAST_MODULE_PX = 2.4
@@ -19,8 +18,6 @@ LEAST_MODULE_PX = 2.4
 STOP_PX = 0.15
 SIDE_PX = 12.0
 MAX_LEVEL = 6
-AROUND = 0.6
-"""How far around tags the image is needed, sides of the largest: alignments look a quarter beyond corners."""
 
 
 class Pyramid:
@@ -41,7 +38,6 @@ class Pyramid:
     def __init__(self, levels: Levels, response: Array, lens: Array) -> None:
         self._response, self._lens = response, lens
         self._copies: list[Levels] = [levels]
-        self._greys: dict[int, _GreyLevels] = {}
 
     @property
     def size(self) -> tuple[int, int]:
@@ -52,7 +48,7 @@ class Pyramid:
     def under(self, lens: Array) -> "Pyramid":
         """Return the same images, taken through another lens."""
         other = Pyramid(self._copies[0], self._response, lens)
-        other._copies, other._greys = self._copies, self._greys
+        other._copies = self._copies
         return other
 
     def copy(self, level: int) -> Levels:
@@ -63,55 +59,10 @@ class Pyramid:
 
     def level(self, level: int) -> Frame:
         """Return the copy shrunk by ``2**level``."""
-        height, width = self.copy(level).shape
-        return self._frame(level, (0, 0, width, height))
-
-    def around(self, corners_px: Array, level: int = 0) -> Frame:
-        """Return a copy; of 8 bits, it may be black but around tags with corners (N, 4, 2), px of that copy."""
-        height, width = self.copy(level).shape
-        if len(corners_px) == 0:
-            return self.level(level)
-        beyond = AROUND * float((corners_px.max(axis=1) - corners_px.min(axis=1)).max())
-        (x0, y0), (x1, y1) = corners_px.min(axis=(0, 1)) - beyond, corners_px.max(axis=(0, 1)) + beyond + 1
-        return self._frame(level, (max(int(x0), 0), max(int(y0), 0), min(int(x1) + 1, width), min(int(y1) + 1, height)))
-
-    def _frame(self, level: int, box: tuple[int, int, int, int]) -> Frame:
-        """Return the copy shrunk by ``2**level``, as it is within a box (first x and y, x and y after the last)."""
-        if level not in self._greys:
-            self._greys[level] = _GreyLevels(self.copy(level))
         lens = self._lens.copy()
         lens[:2] = (lens[:2] + 0.5) / 2**level - 0.5
         lens[PER_RADIUS] *= 2**level
-        return Frame(grey=self._greys[level].within(*box), response=self._response, lens=lens)
-
-
-class _GreyLevels:
-    """Grey levels from 0 to 1; of an image of 8 bits made where they are asked for, in a rectangle around all that."""
-
-    def __init__(self, levels: Levels) -> None:
-        self._levels, self._made = levels, (0, 0, 0, 0)
-        self._grey = from_levels(levels) if levels.dtype != np.uint8 else np.zeros(levels.shape, dtype=np.float32)
-        self._all = levels.dtype != np.uint8
-
-    def within(self, x0: int, y0: int, x1: int, y1: int) -> NDArray[np.float32]:
-        """Return the image with columns x0 up to x1 of rows y0 up to y1 as they are; others may be black."""
-        left, top, right, bottom = self._made
-        if self._all or (x0 >= left and y0 >= top and x1 <= right and y1 <= bottom):
-            return self._grey
-        if right == 0:
-            left, top, right, bottom = x0, y0, x0, y1
-        x0, y0, x1, y1 = min(x0, left), min(y0, top), max(x1, right), max(y1, bottom)
-        for rows, columns in (
-            (slice(y0, top), slice(x0, x1)),
-            (slice(bottom, y1), slice(x0, x1)),
-            (slice(top, bottom), slice(x0, left)),
-            (slice(top, bottom), slice(right, x1)),
-        ):
-            np.multiply(
-                self._levels[rows, columns], np.float32(1 / 255), out=self._grey[rows, columns], dtype=np.float32
-            )
-        self._made = x0, y0, x1, y1
-        return self._grey
+        return Frame(grey=self.copy(level), response=self._response, lens=lens)
 
 
 def align_coarsely(
@@ -125,7 +76,7 @@ def align_coarsely(
         factor = 2.0**level
         small = (corners_px[at] + 0.5) / factor - 0.5
         tags = align(
-            pyramid.around(small, int(level)),
+            pyramid.level(int(level)),
             patterns,
             rows[at],
             small,

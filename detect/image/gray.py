@@ -28,7 +28,7 @@ def to_levels(image: NDArray[np.generic], bits: int | None = None) -> tuple[Leve
     """
     single, full = _single(image, bits)
     if single.dtype == np.uint8:
-        grey8 = np.ascontiguousarray(single, dtype=np.uint8)
+        grey8 = np.require(single, np.uint8, ["C", "W"])  # as compiled code takes it
         return grey8, grey8
     grey = np.multiply(single, np.float32(1 / full), dtype=np.float32)
     return grey, _eight_bits(grey)

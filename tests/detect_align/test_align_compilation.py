@@ -55,6 +55,10 @@ def test_nothing_is_compiled_for_a_picture_beyond_what_is_prepared():
     assert min(prepared) > 0
     detect_tags(view(pose(20.0)), TARGET)
     detect_tags(np.asfortranarray(view(pose(20.0))), TARGET)
+    detect_tags(view(pose(20.0)) / 255, TARGET)
+    kept = view(pose(20.0))
+    kept.flags.writeable = False
+    detect_tags(kept, TARGET)
     assert [len(k.signatures) for k in kernels] == prepared
 
 

@@ -17,6 +17,7 @@ from boxcal.detect.alignment.registration.finish import finish
 from boxcal.detect.alignment.registration.gauss_newton import LEAST_THINNED, THINNED
 from boxcal.detect.alignment.registration.parameters import BLACK, CONTRAST, LOG_PSF, PARAMETERS
 from boxcal.detect.alignment.registration.tag_batch import ROUND, Frame
+from boxcal.detect.image.gray import from_levels
 from boxcal.detect.image.response_curve import response_table
 
 
@@ -96,6 +97,17 @@ def test_compiled_pixels_are_those_of_the_reference(roll_deg, thinned, lens, str
         np.testing.assert_allclose(grey[fast], plain.grey[expected], atol=1e-6)
         again = model.apply_h(batch.theta[k, None, :8], np.stack([x, y], -1).astype(float)[None])[0]
         np.testing.assert_allclose(again, np.stack([u, v], -1), atol=2e-5)
+
+
+def test_grey_levels_of_eight_bits_are_taken_as_they_are():
+    image = view(pose(25.0))
+    uv, rows = truth(pose(25.0))
+    frame = Frame(grey=image, response=response_table("linear"), lens=LENS)
+    exact = Frame(grey=from_levels(image), response=response_table("linear"), lens=LENS)
+    for compute in (numpy_backend(), numba_backend()):
+        tags, expected = (align(f, PATTERNS, rows[:2], uv[rows[:2]], compute=compute) for f in (frame, exact))
+        np.testing.assert_array_equal(tags.corners_px, expected.corners_px)
+        np.testing.assert_array_equal(tags.blocks, expected.blocks)
 
 
 @pytest.mark.parametrize("lens", [LENS, BENT], ids=["plain", "fisheye"])

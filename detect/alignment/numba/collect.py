@@ -18,7 +18,9 @@ from boxcal.detect.alignment.numba.radial_camera import depth, local_undistortio
 from boxcal.detect.alignment.radial_camera import CENTRE_X, CENTRE_Y, PER_RADIUS
 from boxcal.detect.alignment.registration.gauss_newton import LEAST_THINNED, THINNED
 from boxcal.detect.alignment.registration.image_model import NEAR_SIGMAS
+from boxcal.detect.alignment.registration.tag_batch import LEVEL
 
+_PER_LEVEL = np.float32(LEVEL)
 _SHORT = 65535
 """What the column takes of a pixel's number."""
 _RUN = 16
@@ -109,7 +111,7 @@ def collect(batch: Any, k: Any, thinned: Any, room: Any) -> Any:
     few, kept = n, room.kept
     if thinned and n >= LEAST_THINNED:
         few, kept = _thinned_first(room.kept, n, box, room.met), room.met
-    _fill_pixels(batch.grey, kept, n, box, room.pixels)
+    _fill_pixels(batch, kept, n, box, room.pixels)
     return n, few
 
 
@@ -251,14 +253,17 @@ def _thinned_first(kept: Any, n: Any, box: Any, into: Any) -> int:
 
 
 @loops()
-def _fill_pixels(grey: Any, kept: Any, n: Any, box: Any, pixels: Any) -> None:
+def _fill_pixels(batch: Any, kept: Any, n: Any, box: Any, pixels: Any) -> None:
     """Fill grey levels, columns and rows of n pixels, and what is left of the last block as the first pixel."""
-    left, top = box[0], box[2]
+    left, top, grey, grey8 = box[0], box[2], batch.grey, batch.grey8
     for p in range(n, (n + BLOCK - 1) // BLOCK * BLOCK):
         kept[p] = kept[0]
     for first in range(0, n, BLOCK):
         block, numbers = pixels[first // BLOCK], kept[first : first + BLOCK]
         _unpack(numbers, box, block)
         for p in range(BLOCK):
-            number = numbers[p]
-            block[GREY + p] = grey[np.uint64((number >> 16) + top), np.uint64((number & _SHORT) + left)]
+            row, column = np.uint64((numbers[p] >> 16) + top), np.uint64((numbers[p] & _SHORT) + left)
+            if batch.eight_bits:
+                block[GREY + p] = np.float32(grey8[row, column]) * _PER_LEVEL
+            else:
+                block[GREY + p] = grey[row, column]

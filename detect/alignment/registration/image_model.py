@@ -166,7 +166,7 @@ def differentiate(batch: Batch, k: int) -> TagPixels | None:
     )
     predicted, slope_t = response_value(frame.response, light)
     jacobian *= slope_t[:, None]
-    grey = frame.grey[lines, columns].astype(float)
+    grey = frame.grey_at(lines, columns)
     return TagPixels(columns=columns, lines=lines, grey=grey, uv=uv, predicted=predicted, jacobian=jacobian)
 
 
@@ -184,7 +184,7 @@ def initial_intensity(batch: Batch) -> None:
         middle = np.all(np.abs(uv - np.floor(uv) - 0.5) < MIDDLE, axis=1)
         at = (uv[middle] + 1).astype(int)
         white = batch.cells[batch.rows[k]][at[:, 1], at[:, 0]] > 0.5
-        grey = batch.frame.grey[lines[middle], columns[middle]]
+        grey = batch.frame.grey_at(lines[middle], columns[middle])
         if white.any() and not white.all():
             levels = np.array([grey[~white].mean(), grey[white].mean()])
             black, bright = np.interp(levels, response, np.linspace(0, 1, len(response)))

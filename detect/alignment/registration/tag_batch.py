@@ -11,6 +11,9 @@ from boxcal.target.arrays import Array
 
 ROUND = np.array([1.0, 0.0, 1.0])
 """A PSF that is equally wide in all directions."""
+LEVEL = 1 / 255
+"""A grey level of 8 bits."""
+_NO_GREY, _NO_GREY8 = np.zeros((1, 1), dtype=np.float32), np.zeros((1, 1), dtype=np.uint8)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -19,8 +22,8 @@ class Frame:
 
     Attributes
     ----------
-    grey : (H, W) float32
-        Grey levels, scaled so that 1 is full scale.
+    grey : (H, W)
+        Grey levels: float32, 1 at full scale, or of 8 bits as they are.
     response : (K,)
         Grey level T(m) of light m at ``m = k / (K - 1)``; the identity for a linear camera.
     lens : (6,)
@@ -29,10 +32,15 @@ class Frame:
         The PSF's covariance over sigma^2 is ``L L^T``, L lower triangular: its entries (0, 0), (1, 0) and (1, 1).
     """
 
-    grey: NDArray[np.float32]
+    grey: NDArray[np.float32] | NDArray[np.uint8]
     response: Array
     lens: Array
     blur: Array = field(default_factory=lambda: ROUND)
+
+    def grey_at(self, rows: Index, columns: Index) -> Array:
+        """Return the grey levels of pixels (P,), 1 at full scale."""
+        levels = self.grey[rows, columns].astype(np.float32)
+        return np.asarray(levels * np.float32(LEVEL) if self.grey.dtype == np.uint8 else levels, dtype=np.float64)
 
     @property
     def linear(self) -> bool:
@@ -41,9 +49,14 @@ class Frame:
 
 
 class BatchArrays(NamedTuple):
-    """A frame and its tags as compiled code takes them, see :class:`Frame` and :class:`Batch`."""
+    """A frame and its tags as compiled code takes them, see :class:`Frame` and :class:`Batch`.
 
+    Grey levels stand in one of two arrays, by how many bits they have; so code is compiled once for both.
+    """
+
+    eight_bits: bool
     grey: NDArray[np.float32]
+    grey8: NDArray[np.uint8]
     response: NDArray[np.float32]
     linear: bool
     lens: Array
@@ -106,8 +119,11 @@ class Batch:
     def arrays(self) -> BatchArrays:
         """Return all of it as compiled code takes it; the tags' parameters are shared, not copied."""
         frame = self.frame
+        eight = frame.grey.dtype == np.uint8
         return BatchArrays(
-            grey=np.ascontiguousarray(frame.grey),
+            eight_bits=eight,
+            grey=_NO_GREY if eight else np.require(frame.grey, np.float32, ["C", "W"]),
+            grey8=np.require(frame.grey, np.uint8, ["C", "W"]) if eight else _NO_GREY8,
             response=frame.response.astype(np.float32),
             linear=frame.linear,
             lens=frame.lens,
