@@ -26,12 +26,13 @@ from boxcal.target.cli import main as make_target
 
 ROOT = Path(__file__).resolve().parents[1]
 FURTHER = "boxcal.calib.likelihood.compiled.compilation"
-INSTALLED = "import boxcal.calib.calibrate, boxcal.calib.cli, boxcal.calib.fleet.batch, numba"
+INSTALLED = "import boxcal.calib.cli, boxcal.calib.fleet.batch, boxcal.calib.one_robot.from_drives, numba"
 """What has bytecode written of all that it imports."""
 STARTS = {
     "Python": "",
     "help of a command": "from boxcal.calib.cli import main\ntry: main(['--help'])\nexcept SystemExit: pass",
-    "what calibrates, imported": "import boxcal.calib.calibrate",
+    "what reads a log, imported": "import boxcal.calib.calibrate",
+    "what calibrates, imported": "import boxcal.calib.calibrate, boxcal.calib.one_robot.from_drives",
     "numba, imported": "import numba",
     "compiled code, the first time": f"from {FURTHER} import prepare_all\nprepare_all(print)",
     "compiled code, later": (
