@@ -16,6 +16,7 @@ from boxcal.calib.likelihood.estimate import Estimate
 from boxcal.calib.likelihood.estimator import fit, reported
 from boxcal.calib.likelihood.fit import Fit
 from boxcal.calib.likelihood.moving.clock import LATE, one_time
+from boxcal.calib.likelihood.moving.grid import Probable
 from boxcal.calib.likelihood.moving.levels import Settled
 from boxcal.calib.likelihood.moving.noise import FrameNoise
 from boxcal.calib.likelihood.moving.solve import joined, solved
@@ -114,7 +115,14 @@ def _bound_with_frames(stops: Cameras, fits: Sequence[Fit], views: Sequence[Corr
         clocks = one_time(1).plus(np.array([late_s]), np.zeros(1))
         joint = joined(f, [view], np.arange(len(view.moving)), clocks, noise)
         at = solved(f, joint, noise, np.array([SLIP]), np.array([JITTER_S]))
-        seen.append(Seen(fit=f, drive=view, settled=Settled(joint=joint, noise=noise, levels=at, weight=np.ones(1))))
+        known = Probable(
+            levels=at,
+            weight=np.ones(1),
+            slip=np.array([SLIP]),
+            jitter_s=np.array([JITTER_S]),
+            log_likelihood=np.zeros(1),
+        )
+        seen.append(Seen(fit=f, drive=view, settled=Settled(joint=joint, noise=noise, probable=known)))
     cov, joint_of_all = covariance_at(stops.fit, stops.drives[0], seen, SLIP)
     out = []
     for part, camera in zip(joint_of_all.row.robot.parts, joint_of_all.state.cameras, strict=True):
