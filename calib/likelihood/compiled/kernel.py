@@ -7,7 +7,7 @@ from typing import Any
 from boxcal.detect.alignment.numba.kernel import Decorator, compiled_in, folder_for
 
 _HERE = Path(__file__).resolve().parent
-_SOURCES = (*sorted(_HERE.glob("*.py")), _HERE.parent / "leg_propagation.py")
+_SOURCES = (*sorted(_HERE.glob("*.py")), *(_HERE.parent / name for name in ("leg_propagation.py", "leg_sums.py")))
 """Of the compiled code and of the constants in it."""
 
 
