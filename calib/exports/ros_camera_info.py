@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from boxcal.calib.exports.lens_models import ros_distortion
-from boxcal.calib.exports.text import comment, heading, numbers, ros_name, sigma_line
+from boxcal.calib.exports.text import comment, heading, numbers, ros_name, sigma_line, yaml_name
 from boxcal.calib.results.calibration import Calibration
 from boxcal.target.arrays import Array
 
@@ -54,7 +54,7 @@ def camera_info(calibration: Calibration, rectified: Rectified | None = None, na
         comment(lines),
         f"image_width: {width}\n",
         f"image_height: {height}\n",
-        f"camera_name: {name or ros_name(calibration.robot)}\n",
+        f"camera_name: {yaml_name(name or ros_name(calibration.robot))}\n",
         _matrix("camera_matrix", 3, 3, K),
         f"distortion_model: {lens.model}\n",
         _matrix("distortion_coefficients", 1, len(lens.coefficients), list(lens.coefficients)),

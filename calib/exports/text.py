@@ -10,6 +10,7 @@ from boxcal.calib.results.verdict import Level
 from boxcal.detect.log.safe_text import printable
 
 MAX_ROS_NAME = 60
+_YAML_WORDS = {"y", "n", "yes", "no", "true", "false", "on", "off", "null"}
 _UNITS = {
     **dict.fromkeys(("fu", "fv", "cu", "cv"), "px"),
     **dict.fromkeys(("rR", "rL", "b", "tx", "ty", "tz"), "m"),
@@ -38,6 +39,11 @@ def ros_name(robot: str) -> str:
     if any(c.isalnum() and not c.isascii() for c in robot):  # what is lost tells robots apart
         name = f"{name[: MAX_ROS_NAME - 9] or 'robot'}_{crc32(robot.encode('utf-8', 'replace')):08x}"
     return name if name[:1].isalpha() else f"robot_{name}".rstrip("_")
+
+
+def yaml_name(name: str) -> str:
+    """Return a name of letters, digits and underscores as YAML 1.1 reads it: ``"False"`` or ``"no"`` in quotes."""
+    return f'"{name}"' if name.lower() in _YAML_WORDS else name
 
 
 def in_comment(text: str) -> str:

@@ -58,6 +58,8 @@ def _urdf_pose(text: str, top: str, bottom: str) -> Array:
 @settings(max_examples=200, deadline=None)
 @given(made=RANDOM)
 @example(made=calibration(robot=EVIL, detail=detail()))
+@example(made=calibration(robot="False", detail=detail()))
+@example(made=calibration(robot="no", detail=detail()))
 def test_every_file_reads_back_with_another_reader(made: Calibration) -> None:
     files = {name: content.decode() for name, content in exports(made, NOMINAL).items()}
     c, w, T = made.camera, made.wheels, made.T_body_cam
