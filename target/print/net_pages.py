@@ -18,6 +18,7 @@ from boxcal.target.print.page import (
     OUTLINE_MARGIN,
     PRINTABLE_MARGIN,
     SLIM_BAR,
+    printable,
     slim_rims,
 )
 from boxcal.target.print.papers import Paper
@@ -128,9 +129,10 @@ def tiled_net(target: Target, paper: Paper) -> Drawing:
     up = [box.height / 2 + (k - (box.rows - 2) / 2) * box.pitch for k in range(box.rows - 1)]
     below = Rect(left=left, bottom=bottom - _TILED_BELOW, right=right, top=bottom - CLEAR_OF_OUTLINE)
     beside = Rect(left=left - _TILED_BESIDE, bottom=0.0, right=left - CLEAR_OF_OUTLINE, top=box.height)
+    content = Rect(left=beside.left, bottom=below.bottom, right=right, top=top)
     bare = Drawing(
         name="Net",
-        content=Rect(left=beside.left, bottom=below.bottom, right=right, top=top),
+        content=content,
         joints_across=tuple(across),
         joints_up=tuple(up),
         draw=lambda _: None,
@@ -138,7 +140,7 @@ def tiled_net(target: Target, paper: Paper) -> Drawing:
     )
     parts = tiles(bare, paper)
     lefts, tops = tuple(t.trim.left for t in parts), tuple(t.trim.top for t in parts)
-    flat, upright = _rims(box, [(net, (0.0, 0.0))])
+    flat, upright = _rims(box, [(net, (0.0, 0.0))], content)
     marks = _marks(
         [piece for strip in (*flat, Strip(room=below, start="top")) for piece in strip.pieces(lefts)],
         [piece for strip in (*upright, Strip(room=beside, start="right")) for piece in strip.pieces(tops)],
@@ -170,7 +172,7 @@ def _page(box: Box, nets: Sequence[Net], paper: Paper, notes: Callable[[float], 
             placed.append((net, (x - left, y - top)))
             y -= top - bottom + BETWEEN_NETS
         inside = [Strip(room=panel, start="top") for net, at in placed for panel in _panels(net, at)]
-        flat, upright = _rims(box, placed)
+        flat, upright = _rims(box, placed, printable(width, height))
         beside = _around(
             width, height, Rect(left=x, right=x + wide, bottom=(height - high) / 2, top=(height + high) / 2)
         )
@@ -180,7 +182,7 @@ def _page(box: Box, nets: Sequence[Net], paper: Paper, notes: Callable[[float], 
     return None
 
 
-def _rims(box: Box, placed: Sequence[tuple[Net, tuple[float, float]]]) -> tuple[list[Strip], list[Strip]]:
+def _rims(box: Box, placed: Sequence[tuple[Net, tuple[float, float]]], within: Rect) -> tuple[list[Strip], list[Strip]]:
     """Return the faces' rims below their tags, and those left and right of them: marks there stay when a net is cut."""
     quiet = box.tag_size / modules_per_side(box.dictionary)
     across, up = ((n - 1) * box.pitch + box.tag_size for n in (box.columns, box.rows))
@@ -194,7 +196,7 @@ def _rims(box: Box, placed: Sequence[tuple[Net, tuple[float, float]]]) -> tuple[
             low, gap = face.bottom + CLEAR_OF_OUTLINE, CLEAR_OF_OUTLINE
             room = Rect(left=face.left + gap, right=face.right - gap, bottom=low, top=tags.bottom - quiet)
             flat.append(Strip(room=room, start="bottom"))
-            upright += slim_rims(face, tags, quiet)
+            upright += slim_rims(face, tags, quiet, within)
     return flat, upright
 
 

@@ -143,7 +143,7 @@ def lay_out(
     )
     across = place("a scale bar", (rim_bottom, rim_top, below, above), lambda _: BAR_THICKNESS, BAR_LENGTH)
     up = room.find((rim_left, rim_right), lambda _: BAR_THICKNESS, BAR_LENGTH)
-    up = up or room.find(slim_rims(outline, tags, quiet), lambda _: SLIM_BAR, BAR_LENGTH)
+    up = up or room.find(slim_rims(outline, tags, quiet, printable(width, height)), lambda _: SLIM_BAR, BAR_LENGTH)
     up = up or place("a scale bar", (left, right), lambda _: BAR_THICKNESS, BAR_LENGTH)
     notes = place(
         "the printing notes",
@@ -171,13 +171,23 @@ def fits(box: Box, face: int, paper: Paper) -> bool:
     )
 
 
-def slim_rims(face: Rect, tags: Rect, quiet: float) -> tuple[Strip, ...]:
-    """Return what is left of a face's rim left and right of its tags for a slim bar (``quiet``: a tag's border, m)."""
-    low, high = face.bottom + SLIM_CLEAR, face.top - SLIM_CLEAR
+def slim_rims(face: Rect, tags: Rect, quiet: float, within: Rect) -> tuple[Strip, ...]:
+    """Return what is left of a face's rim left and right of its tags for a slim bar (``quiet``: a tag's border, m).
+
+    ``within`` is where printers print.
+    """
+    left, right = max(face.left + SLIM_CLEAR, within.left), min(face.right - SLIM_CLEAR, within.right)
+    low, high = max(face.bottom + SLIM_CLEAR, within.bottom), min(face.top - SLIM_CLEAR, within.top)
     return (
-        Strip(room=Rect(left=face.left + SLIM_CLEAR, right=tags.left - quiet, bottom=low, top=high), start="left"),
-        Strip(room=Rect(left=tags.right + quiet, right=face.right - SLIM_CLEAR, bottom=low, top=high), start="right"),
+        Strip(room=Rect(left=left, right=tags.left - quiet, bottom=low, top=high), start="left"),
+        Strip(room=Rect(left=tags.right + quiet, right=right, bottom=low, top=high), start="right"),
     )
+
+
+def printable(width: float, height: float) -> Rect:
+    """Return where most printers print on a page."""
+    margin = PRINTABLE_MARGIN
+    return Rect(left=margin, bottom=margin, right=width - margin, top=height - margin)
 
 
 def _centred(page_width: float, page_height: float, width: float, height: float) -> Rect:

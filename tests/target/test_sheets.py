@@ -13,7 +13,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from hypothesis import event, given, settings
+from hypothesis import event, example, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
@@ -284,6 +284,9 @@ def distance(one: Rect, other: Rect) -> float:
     gap=st.floats(0.126, 0.4),
     spare_across=st.floats(0.26, 2),
     spare_up=st.floats(0.26, 2),
+)
+@example(  # a slim bar in a rim that lies where printers do not print
+    paper="letter", columns=4, rows=4, tag_size=0.040339, gap=0.218143, spare_across=0.438515, spare_up=1.27
 )
 def test_marks_of_any_box_keep_off_tags_cuts_each_other_and_the_papers_edge(
     *, paper: str, columns: int, rows: int, tag_size: float, gap: float, spare_across: float, spare_up: float
