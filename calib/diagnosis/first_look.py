@@ -11,8 +11,9 @@ from boxcal.calib.diagnosis.counters import counter_finding
 from boxcal.calib.diagnosis.frozen import without_frozen
 from boxcal.calib.diagnosis.layout import other_layout
 from boxcal.calib.diagnosis.losses import loss_findings
+from boxcal.calib.diagnosis.odd_corners import said_with_odd_corners, without_odd_corners
 from boxcal.calib.diagnosis.odd_prints import with_odd_prints
-from boxcal.calib.diagnosis.scrambled_stops import without_scrambled
+from boxcal.calib.diagnosis.scrambled_stops import ALIKE, without_scrambled
 from boxcal.calib.diagnosis.sheets import Gluing, find_gluing
 from boxcal.calib.diagnosis.sheets_by_wheels import gluing_by_wheels
 from boxcal.calib.diagnosis.silent_wheels import refuse_silent_wheels
@@ -78,14 +79,31 @@ def first_look(drives: Sequence[Correspondences], target: Target, mode: CameraMo
     """
     findings = list(loss_findings(drives))
     drives, without_stops = with_frames_for_stops(drives)
+    drives, odd = without_odd_corners(drives, ALIKE)
+    findings += [*without_stops, *odd]
     try:
-        return _looked(drives, target, mode, [*findings, *without_stops])
+        return _looked(drives, target, mode, findings)
     except CalibError as error:
-        raise said_without_stops(error, drives) from error
+        look = _without_odd(drives, target, mode, findings)
+        if look is None:
+            raise said_with_odd_corners(said_without_stops(error, drives), findings) from error
+        return look
+
+
+def _without_odd(
+    drives: Sequence[Correspondences], target: Target, mode: CameraMode, findings: list[Finding]
+) -> FirstLook | None:
+    """Return the look at drives without corners that are odd in any stop; None if there are none, or it does not do."""
+    sound, odd = without_odd_corners(drives)
+    try:
+        return _looked(sound, target, mode, [*findings, *odd]) if odd else None
+    except CalibError:
+        return None
 
 
 def _looked(drives: Sequence[Correspondences], target: Target, mode: CameraMode, findings: list[Finding]) -> FirstLook:
     """Return the four steps of drives that have stops, and all findings, those from before first."""
+    findings = list(findings)
     thawed = [without_frozen(drive) for drive in drives]
     unscrambled = [without_scrambled(drive) for drive, _ in thawed]
     drives = [drive for drive, _ in unscrambled]

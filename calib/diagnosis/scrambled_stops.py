@@ -20,7 +20,8 @@ NEAR = 0.1
 """A corner belongs to a plane's view if it misses that by less than this share of their spread: a lens bends less."""
 MOST = 0.5
 """Share of a stop's corners that must belong to the views of their sheets."""
-_LEAST = 2 * CORNERS
+LEAST = 2 * CORNERS
+"""Corners of a sheet that tell its view."""
 
 
 def scrambled_stops(stops: Sequence[StopObservation]) -> tuple[int, ...]:
@@ -69,27 +70,40 @@ def without_scrambled(drive: Correspondences) -> tuple[Correspondences, Finding 
 
 
 def _scrambled(stop: StopObservation) -> bool:
-    if len(stop.landmark_ids) < _LEAST or _affine_misfit(stop) < ALIKE:
+    if len(stop.landmark_ids) < LEAST or affine_misfit(stop) < ALIKE:
         return False
-    belonging = [_belonging(stop, stop.faces == face) for face in np.unique(stop.faces)]
-    looked_at = sum(count for _, count in belonging)
-    return looked_at >= _LEAST and sum(near for near, _ in belonging) < MOST * looked_at
+    missed = missed_views(stop)
+    looked_at = np.isfinite(missed)
+    return int(looked_at.sum()) >= LEAST and np.sum(missed <= NEAR) < MOST * looked_at.sum()
 
 
-def _affine_misfit(stop: StopObservation) -> float:
+def affine_misfit(stop: StopObservation) -> float:
     """Return how far corners miss the nearest affine view of the box, root mean square, over their spread."""
     p, uv = stop.p_box - stop.p_box.mean(axis=0), stop.uv_px - stop.uv_px.mean(axis=0)
     A = np.linalg.lstsq(p, uv, rcond=1e-6)[0]
     return float(np.linalg.norm(uv - p @ A) / np.linalg.norm(uv))
 
 
-def _belonging(stop: StopObservation, on: Array) -> tuple[int, int]:
-    """Return how many corners of a sheet agree on a view of its plane, and of how many; none of too few."""
-    p, uv = stop.p_box[on], stop.uv_px[on]
-    if len(p) < _LEAST:
-        return 0, 0
+def missed_views(stop: StopObservation) -> Array:
+    """Return how far corners (L,) lie from the view of their sheet's plane on which most of it agrees, over its spread.
+
+    Infinite where no view is found, NaN on sheets of too few corners to tell.
+    """
+    missed = np.full(len(stop.landmark_ids), np.nan)
+    for face in np.unique(stop.faces):
+        on = stop.faces == face
+        if on.sum() >= LEAST:
+            missed[on] = _missed_view(stop.p_box[on], stop.uv_px[on])
+    return missed
+
+
+def _missed_view(p: Array, uv: Array) -> Array:
     p = p - p.mean(axis=0)
     in_plane = p @ np.linalg.svd(p, full_matrices=False)[2][:2].T
     spread = float(np.sqrt(np.mean(np.sum((uv - uv.mean(axis=0)) ** 2, axis=1))))
-    _, near = cv2.findHomography(in_plane, uv, cv2.RANSAC, NEAR * spread)
-    return (0 if near is None else int(np.sum(near))), len(p)
+    H, _ = cv2.findHomography(in_plane, uv, cv2.RANSAC, NEAR * spread)
+    if H is None:
+        return np.full(len(p), np.inf)
+    seen = np.column_stack([in_plane, np.ones(len(p))]) @ H.T
+    seen[seen[:, 2] == 0, 2] = np.finfo(float).tiny  # on the horizon: as far as can be
+    return np.asarray(np.linalg.norm(seen[:, :2] / seen[:, 2:] - uv, axis=1) / spread)

@@ -12,6 +12,7 @@ import numpy as np
 from boxcal.calib.diagnosis.choose import explain
 from boxcal.calib.diagnosis.first_look import first_look
 from boxcal.calib.diagnosis.frozen import without_frozen
+from boxcal.calib.diagnosis.odd_corners import CORNERS_ODD
 from boxcal.calib.diagnosis.scrambled_stops import without_scrambled
 from boxcal.calib.errors import CalibError
 from boxcal.calib.joint_box.block import Block
@@ -99,6 +100,9 @@ def begin(member: Member, names: Sequence[str]) -> Part:
                 "the sheets of its box are not where the description has them (turned, or in another order)",
                 remedy="glue them as described, or calibrate it without --joint-box",
             )
+        for finding in look.findings:
+            if finding.cause == CORNERS_ODD:
+                raise CalibError(finding.text, remedy="calibrate it without --joint-box")
         found = explain(fit(look.drives, look.steps, options_of(member.job))).fit
         own = own_solution(found)
         own, block = settled(own.problem(look.drives, member.job.target), own, names)

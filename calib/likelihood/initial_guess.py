@@ -35,6 +35,7 @@ _NEAR, _MANY_LEGS, _KEPT = 50.0, 12, 3
 _ALIKE = 0.3
 """How unlike the radii of a robot's two wheels are thought to be, as a logarithm; judges the start only."""
 _WINDINGS = np.array([(k, m) for k in (-1, 0, 1) for m in (-1, 0, 1)], dtype=np.float64)
+_NO_MOUNTING = "the moves do not determine the mounting; add legs that both turn and drive on"
 _MIN_RANK_RATIO = 1e-3
 
 
@@ -259,11 +260,13 @@ def _planar(
     singular = np.linalg.svd(rows.reshape(-1, 5), compute_uv=False)
     if len(singular) < 4 or singular[3] < _MIN_RANK_RATIO * singular[2]:
         solve_mounting(beta=beta, theta=-turn, u=-u, aR=aR, aL=aL)  # says what is missing
-        raise CalibError("the moves do not determine the mounting; add legs that both turn and drive on")
+        raise CalibError(_NO_MOUNTING)
     i, j = _couples(len(turn), -size)
     four = np.concatenate([rows[i], rows[j]], axis=1)
     found = np.linalg.qr(np.swapaxes(four, 1, 2), mode="complete")[0][:, :, -1]  # what the four leave
     found = found[np.hypot(found[:, 3], found[:, 4]) > 1e-6]
+    if not len(found):
+        raise CalibError(_NO_MOUNTING)
     found /= np.hypot(found[:, 3], found[:, 4])[:, None]
     left = rows @ found.T  # (N, 2, H)
     score = np.sum((left[:, 0] ** 2 + left[:, 1] ** 2) ** 0.25, axis=0)
