@@ -102,7 +102,7 @@ def _missed_view(p: Array, uv: Array) -> Array:
     in_plane = p @ np.linalg.svd(p, full_matrices=False)[2][:2].T
     spread = float(np.sqrt(np.mean(np.sum((uv - uv.mean(axis=0)) ** 2, axis=1))))
     H, _ = cv2.findHomography(in_plane, uv, cv2.RANSAC, NEAR * spread)
-    if H is None:
+    if np.ndim(H) != 2:  # None where no view is found
         return np.full(len(p), np.inf)
     seen = np.column_stack([in_plane, np.ones(len(p))]) @ H.T
     seen[seen[:, 2] == 0, 2] = np.finfo(float).tiny  # on the horizon: as far as can be
