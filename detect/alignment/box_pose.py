@@ -6,7 +6,7 @@ lens and pose, each held by a weak prior, fitted robustly to the corners of one 
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 
 import numpy as np
@@ -16,6 +16,7 @@ from boxcal.detect.alignment.backend import backend
 from boxcal.detect.alignment.box_refinement import CAMERA, FITTED
 from boxcal.detect.alignment.radial_camera import (
     A1,
+    P1,
     fisheye_distortion,
     local_undistortion,
     no_distortion,
@@ -36,11 +37,12 @@ FISHEYES = (0.32, 0.45)
 """Focal lengths of the fisheyes that are tried where no ordinary camera explains the tags, image widths."""
 LEAST_SIGMA_PX = 0.05
 _ALONG = 1e-18
-_PRIORS = np.array([0.7, 0.05, 0.05, 0.15, 0.05, 0.02, 0.03, 0.003, 0.001, 0.001])
-"""Deviations of log f, centre (image widths), a1 to a3, log aspect, skew and tangential terms of an unknown camera.
-
-Tangential terms of lenses are up to some thousandths, which corners show clearly. With a weaker prior they took up what
-the radial terms leave of a fisheye seen from one side, and curved its tags' charts: corners erred a tenth more."""
+_PRIORS = np.array([0.7, 0.05, 0.05, 0.15, 0.05, 0.02, 0.03, 0.003, 0.003, 0.003])
+"""Deviations of log f, centre (image widths), a1 to a3, log aspect, skew and tangential terms of an unknown camera."""
+_TANGENTIAL = 0.001
+"""The largest deviation of tangential terms where corners are aligned. Lenses have some thousandths, which such corners
+show clearly. With a weaker prior these terms take up what the radial ones leave of a fisheye seen from one side, and
+curve its tags' charts: corners err a tenth more."""
 _LEAST_PRIORS = np.array([0.003, 0.003, 0.003, 0.003, 0.001, 0.0005, 0.001, 0.001, 0.001, 0.001])
 """The same of a camera that took an earlier picture: as well as that picture told, and no better."""
 
@@ -158,7 +160,8 @@ def fit_box(
     """
     refine = partial(_refine, target, rows, corners_px, sigma_px=sigma_px)
     if start is not None:
-        fit = refine(start.focal_px, start.lens, start.T_cam_box, prior=start.prior, fair=FAIR * sigma_px)
+        prior = _of_aligned(start.prior) if sigma_px <= LEAST_SIGMA_PX else start.prior
+        fit = refine(start.focal_px, start.lens, start.T_cam_box, prior=prior, fair=FAIR * sigma_px)
         if median(fit.off_px) < FAIR * sigma_px or abs(fit.lens[A1]) < PLAIN:
             return fit
     faces = target.tag_faces[rows]
@@ -171,6 +174,15 @@ def fit_box(
         if median(fits[-1].off_px) < GOOD * sigma_px and (prior is camera or abs(fits[-1].lens[A1]) < PLAIN):
             break
     return min(fits, key=lambda fit: median(fit.off_px))
+
+
+def _of_aligned(prior: CameraPrior) -> CameraPrior:
+    """Return the prior for corners that are aligned."""
+    deviation, first = prior.deviation.copy(), 1 + FITTED.index(P1)
+    if deviation[first] <= _TANGENTIAL:
+        return prior
+    deviation[first:] = np.minimum(deviation[first:], _TANGENTIAL)
+    return replace(prior, deviation=deviation)
 
 
 def unknown_deviation(image_size: tuple[int, int]) -> Array:
