@@ -53,34 +53,3 @@ def finite(a: Any) -> bool:
     for k in range(len(a)):
         good = good and np.isfinite(a[k])
     return good
-
-
-@loops()
-def median(a: Any, room: Any) -> Any:
-    """Return the median of a (n,), which is put into room (n,) and parted there by Hoare's method."""
-    n = len(a)
-    put(room, a)
-    middle, low, high = n // 2, 0, n - 1
-    while low < high:
-        pivot, i, j = room[(low + high) // 2], low, high
-        while i <= j:
-            while room[i] < pivot:
-                i += 1
-            while room[j] > pivot:
-                j -= 1
-            if i <= j:
-                room[i], room[j] = room[j], room[i]
-                i, j = i + 1, j - 1
-        if middle <= j:
-            high = j
-        elif middle >= i:
-            low = i
-        else:
-            break
-    upper = room[middle]
-    if n % 2 == 1:
-        return upper
-    lower = room[0]
-    for k in range(1, middle):
-        lower = max(lower, room[k])
-    return 0.5 * (lower + upper)

@@ -16,7 +16,7 @@ from boxcal.detect.alignment.box_refinement import (
     RANGE,
     State,
 )
-from boxcal.detect.alignment.numba.arrays import clear, clear_rows, median, put, put_rows
+from boxcal.detect.alignment.numba.arrays import clear, clear_rows, put, put_rows
 from boxcal.detect.alignment.numba.box_jacobian import (
     POINTS,
     ROWS,
@@ -83,7 +83,7 @@ def _refine(  # noqa: PLR0912, PLR0917 - arrays in, arrays out
     prior, expected = knowledge
     _bring_forward(focal, lens, T, p_box, uv)
     moved = (focal, lens.copy(), T.copy())
-    now_off, room = np.empty(len(uv)), np.empty(len(uv))
+    now_off = np.empty(len(uv))
     gradient, step = np.zeros(_UNKNOWNS), np.zeros(_UNKNOWNS)
     camera, A, flat = np.empty(_CAMERA), np.empty((_UNKNOWNS, _UNKNOWNS)), np.zeros(ROWS * WIDE)
     clear_rows(information)
@@ -92,11 +92,11 @@ def _refine(  # noqa: PLR0912, PLR0917 - arrays in, arrays out
     clear(off)
     damping, cost = 1e-4, np.inf
     for iteration in range(MORE_ITERATIONS):
-        if iteration >= ITERATIONS and median(off, room) < fair:
+        if iteration >= ITERATIONS and np.median(off) < fair:
             break
         now_focal, now_lens, now_T = moved
         before = deviations(p_box, uv, scalars(now_focal, now_lens), now_T, now_off)
-        scale = 3 * max(sigma_px, 1.2 * median(now_off, room))
+        scale = 3 * max(sigma_px, 1.2 * np.median(now_off))
         camera[0] = np.log(now_focal)
         for i in range(1, _CAMERA):
             camera[i] = now_lens[_FITTED[i - 1]]
