@@ -81,9 +81,9 @@ def calibrate(
         at_box(s, box, given=target is not None) if isinstance(s, Correspondences) else read(path, job)
         for s, path in zip(sources, paths, strict=True)
     ]
-    from boxcal.calib.one_robot.from_drives import calibrated  # noqa: PLC0415 - see the top
+    from boxcal.calib.one_robot.from_drives import looked_and_calibrated  # noqa: PLC0415 - see the top
 
-    return calibrated(job, drives)
+    return looked_and_calibrated(job, drives)[1]
 
 
 @one_thread()

@@ -18,9 +18,9 @@ from boxcal.calib.errors import CalibError
 from boxcal.calib.joint_box.block import Block
 from boxcal.calib.joint_box.own_solution import OwnSolution, own_solution, settled
 from boxcal.calib.likelihood.estimator import fit
-from boxcal.calib.one_robot.judging import judged
+from boxcal.calib.one_robot.from_drives import looked_and_calibrated
 from boxcal.calib.one_robot.reading import placed, read
-from boxcal.calib.one_robot.solving import options_of, solve
+from boxcal.calib.one_robot.solving import options_of
 from boxcal.calib.one_robot.writing import write
 from boxcal.calib.results.calibration import TARGET, Calibration
 from boxcal.calib.settings import Job
@@ -160,9 +160,8 @@ def calibrate_with(member: Member, box: Target, known_as: Target) -> Calibration
     """
     job = replace(member.job, target=box)
     drives = replace(member, job=job).read()
-    look = first_look(drives, box, job.settings.camera_mode)
+    look, result = looked_and_calibrated(job, drives)
     job = replace(job, target=look.target)
-    result = judged(solve(job, look), look.drives, look.target)
     name = target_sha256(known_as)
     inputs = {**result.provenance.inputs, TARGET: name}
     result = replace(result, provenance=replace(result.provenance, inputs=inputs))

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
-from boxcal.calib.diagnosis.first_look import first_look
+from boxcal.calib.diagnosis.first_look import FirstLook, first_look
 from boxcal.calib.errors import CalibError
 from boxcal.calib.one_robot.judging import judged
 from boxcal.calib.one_robot.solving import solve
@@ -13,11 +13,10 @@ from boxcal.calib.settings import READ_SHARE, SOLVED_SHARE, Job, listed
 from boxcal.detect.correspondences import Correspondences
 
 
-def calibrated(job: Job, drives: Sequence[Correspondences]) -> Calibration:
-    """Return the calibration of one robot from its drives, with its verdict; nothing is written."""
+def looked_and_calibrated(job: Job, drives: Sequence[Correspondences]) -> tuple[FirstLook, Calibration]:
+    """Return the first look at drives of one robot, and their calibration with its verdict; nothing is written."""
     look = first_look(drives, job.target, job.settings.camera_mode)
-    result = solve(job, look)
-    return judged(result, look.drives, look.target)
+    return look, judged(solve(job, look), look.drives, look.target)
 
 
 def calibrate_drives(
@@ -34,14 +33,11 @@ def calibrate_drives(
     tell = tell or _silent
     tell("solve", f"solving {sum(len(drive.stops) or len(drive.moving) for drive in drives)} stops", READ_SHARE)
     try:
-        look = first_look(drives, job.target, job.settings.camera_mode)
-        job, drives = replace(job, target=look.target), list(look.drives)
-        result = solve(job, look)
+        look, result = looked_and_calibrated(job, drives)
     except CalibError as error:
         raise error.of(listed(job.logs)) from error
-    result = judged(result, drives, job.target)
     tell("write", "writing the results", SOLVED_SHARE)
-    write(job, result, drives, photos)
+    write(replace(job, target=look.target), result, look.drives, photos)
     return result
 
 

@@ -181,8 +181,8 @@ def _mean(
         for frame in frames:
             cv2.accumulate(frame, total)
         return np.asarray(total * np.float32(1 / len(frames)))
-    for frame, share in zip(frames, (gain / np.cumsum(gain)).tolist(), strict=True):
-        cv2.accumulateWeighted(frame, total, share)  # the mean by gains of those so far
+    for frame, weight in zip(frames, (gain / np.cumsum(gain)).tolist(), strict=True):
+        cv2.accumulateWeighted(frame, total, weight)  # the mean by gains of those so far
     scale = float(gain.sum() / (gain @ gain))
     return np.asarray(total * np.float32(scale) - np.float32(gain @ offset / (gain @ gain)))
 

@@ -96,7 +96,8 @@ def test_a_linear_camera_is_told_by_itself_and_can_be_named(tmp_path: Path) -> N
             for stop, angle in zip(found.stops, ANGLES, strict=True)
         ]
         rms.append(np.sqrt(np.mean(np.concatenate(off) ** 2)))
-    assert rms[0] == pytest.approx(rms[1], rel=1e-4)  # tags may start under another curve
+    # tags may start under the other curve: where they end differs by less than a hundredth of their error
+    assert rms[0] == pytest.approx(rms[1], rel=0.01)
     assert rms[0] < 0.1
     assert rms[2] > 2 * rms[0]
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from boxcal.detect.alignment.numba.arrays import aligned, put
 from boxcal.detect.alignment.numba.kernel import kernel, loops
 from boxcal.detect.alignment.numba.pixels import BLOCK, COLUMN, GREY, OF_PIXEL, ROW, U, V, widths
-from boxcal.detect.alignment.numba.place import FIGURES, IN_PLACE, fill_figures, place
+from boxcal.detect.alignment.numba.place import COEFFICIENTS, IN_PLACE, fill_coefficients, place
 from boxcal.detect.alignment.numba.radial_camera import depth, local_undistortion, square
 from boxcal.detect.alignment.radial_camera import CENTRE_X, CENTRE_Y, PER_RADIUS
 from boxcal.detect.alignment.registration.gauss_newton import LEAST_THINNED, THINNED
@@ -47,7 +47,7 @@ class Room(NamedTuple):
         Edges of each module at which black and white meet.
     at, wanted : (64,)
         Of each pixel of a block a place in a table, and what must be there.
-    figures : (24,)
+    coefficients : (24,)
         What places on a tag are made of, see :mod:`boxcal.detect.alignment.numba.place`.
     """
 
@@ -58,7 +58,7 @@ class Room(NamedTuple):
     edges: NDArray[np.uint32]
     at: NDArray[np.uint32]
     wanted: NDArray[np.uint32]
-    figures: NDArray[np.float32]
+    coefficients: NDArray[np.float32]
 
 
 @kernel(inner=True)
@@ -76,7 +76,7 @@ def room_for(boxes: Any, modules: Any) -> Room:
         np.empty(modules * modules, np.uint32),
         np.empty(BLOCK, np.uint32),
         np.empty(BLOCK, np.uint32),
-        np.empty(FIGURES, np.float32),
+        np.empty(COEFFICIENTS, np.float32),
     )
 
 
@@ -88,7 +88,7 @@ def collect(batch: Any, k: Any, thinned: Any, room: Any) -> Any:
     """
     side, margin, box, stride = batch.cells.shape[1], batch.margin[k], batch.bounding_boxes[k], batch.stride[k]
     theta, normalisation = batch.theta[k], batch.normalisation[k]
-    fill_figures(batch.lens, theta, normalisation, room.figures)
+    fill_coefficients(batch.lens, theta, normalisation, room.coefficients)
     _fill_spans(batch.lens, theta, normalisation, box, -margin, side - 2 + margin, room.spans)
     _fill_edges(batch.cells[batch.rows[k]], room.edges)
     on_lattice, met = _meet(box, stride, room.spans, room.met)
@@ -102,7 +102,7 @@ def collect(batch: Any, k: Any, thinned: Any, room: Any) -> Any:
     for first in range(0, met, BLOCK):
         numbers = room.met[first : first + BLOCK]
         _unpack(numbers, box, block)
-        place(room.figures, block)
+        place(room.coefficients, block)
         lattice = (left, top, every, along, offset, np.int32(on_lattice - first))
         _look(block, side, limits, lattice, room.at, room.wanted)
         for p in range(min(BLOCK, met - first)):

@@ -16,7 +16,7 @@ from boxcal.detect.alignment.numba.edges import module_differences
 from boxcal.detect.alignment.numba.image_model import ROWS, add_products, differentiate, room_to_work, sum_of_squares
 from boxcal.detect.alignment.numba.kernel import kernel, loops
 from boxcal.detect.alignment.numba.pixels import BLOCK, add_residuals, initial_intensity
-from boxcal.detect.alignment.numba.place import fill_figures, place_all
+from boxcal.detect.alignment.numba.place import fill_coefficients, place_all
 from boxcal.detect.alignment.registration.finish import KURTOSIS_PRIOR
 from boxcal.detect.alignment.registration.gauss_newton import (
     KURTOSIS_RANGE,
@@ -83,8 +83,8 @@ def _iterate(batch: Any, sums: Any, normalised: Any, module_px: Any, rules: Any,
                 since = 0.0
             guess, thinned = rules.guess and number == 0, number == 0 and few < n
             m = few if thinned else n
-            fill_figures(batch.lens, theta[k], batch.normalisation[k], room.figures)
-            place_all(room.figures, room.pixels, n if guess else m)
+            fill_coefficients(batch.lens, theta[k], batch.normalisation[k], room.coefficients)
+            place_all(room.coefficients, room.pixels, n if guess else m)
             if guess:
                 initial_intensity(batch, k, room.pixels, n)
             width = (m + BLOCK - 1) // BLOCK * BLOCK
