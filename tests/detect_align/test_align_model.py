@@ -70,7 +70,7 @@ def test_compiled_sums_are_those_of_the_reference(response, side, lens):
 def _collected(batch, k, thinned):
     room = room_for(batch.bounding_boxes, batch.cells.shape[1])
     n, few = collect(batch, k, thinned, room)
-    place_all(room.figures, room.pixels, n)
+    place_all(room.coefficients, room.pixels, n)
     return room.pixels, n, few
 
 
