@@ -7,6 +7,7 @@ from typing import TypeVar
 import numpy as np
 
 from boxcal.calib.diagnosis.clock import clock_finding, find_offset, moving_pictures
+from boxcal.calib.diagnosis.corner_order import with_corners_in_order
 from boxcal.calib.diagnosis.counters import counter_finding
 from boxcal.calib.diagnosis.frozen import without_frozen
 from boxcal.calib.diagnosis.layout import other_layout
@@ -18,6 +19,7 @@ from boxcal.calib.diagnosis.sheets import Gluing, find_gluing
 from boxcal.calib.diagnosis.sheets_by_wheels import gluing_by_wheels
 from boxcal.calib.diagnosis.silent_wheels import refuse_silent_wheels
 from boxcal.calib.diagnosis.standing import Standing, how_it_stands, side_finding
+from boxcal.calib.diagnosis.turned_pictures import turned_stops, without_turned
 from boxcal.calib.diagnosis.wheel_signs import LEAST_STOPS, Explained, agree, explain_signs
 from boxcal.calib.diagnosis.without_stops import said_without_stops, with_frames_for_stops
 from boxcal.calib.errors import CalibError
@@ -78,16 +80,22 @@ def first_look(drives: Sequence[Correspondences], target: Target, mode: CameraMo
         If the drives do not determine the calibration: the cause, where one explains that.
     """
     findings = list(loss_findings(drives))
+    ordered = [with_corners_in_order(drive) for drive in drives]
+    findings += [finding for _, found in ordered for finding in found]
+    drives = [drive for drive, _ in ordered]
     drives, without_stops = with_frames_for_stops(drives)
     drives, odd = without_odd_corners(drives, ALIKE)
     findings += [*without_stops, *odd]
     try:
-        return _looked(drives, target, mode, findings)
+        look = _looked(drives, target, mode, findings)
     except CalibError as error:
-        look = _without_odd(drives, target, mode, findings)
+        look = _without_odd(drives, target, mode, findings) or _without_turned(drives, target, mode, findings)
         if look is None:
             raise said_with_odd_corners(said_without_stops(error, drives), findings) from error
         return look
+    if any(turned_stops(steps.camera)[0] for steps in look.steps):
+        return _without_turned(look.drives, look.target, mode, look.findings) or look
+    return look
 
 
 def _without_odd(
@@ -101,7 +109,20 @@ def _without_odd(
         return None
 
 
-def _looked(drives: Sequence[Correspondences], target: Target, mode: CameraMode, findings: list[Finding]) -> FirstLook:
+def _without_turned(
+    drives: Sequence[Correspondences], target: Target, mode: CameraMode, findings: Sequence[Finding]
+) -> FirstLook | None:
+    """Return the look at drives without pictures that were turned; None if none were, or it does not do."""
+    sound, turned = without_turned(drives, mode)
+    try:
+        return _looked(sound, target, mode, [*findings, *turned]) if turned else None
+    except CalibError:
+        return None
+
+
+def _looked(
+    drives: Sequence[Correspondences], target: Target, mode: CameraMode, findings: Sequence[Finding]
+) -> FirstLook:
     """Return the four steps of drives that have stops, and all findings, those from before first."""
     findings = list(findings)
     thawed = [without_frozen(drive) for drive in drives]

@@ -52,10 +52,12 @@ def without_scrambled(drive: Correspondences) -> tuple[Correspondences, Finding 
         f"the corners of stop{'s' if len(odd) > 1 else ''} {numbers} (of {len(drive.stops)}) do not lie as those of "
         "flat sheets do in any picture, as if pixels were assigned to other landmarks"
     )
-    if seen - len(odd) < MIN_STOPS:
+    left = seen - len(odd)
+    if left < max(MIN_STOPS, len(odd)):
+        others = ", ".join(str(j + 1) for j, s in enumerate(drive.stops) if len(s.landmark_ids) and j not in odd)
         raise CalibError(
-            f"{text}; {seen - len(odd)} stops are left",
-            needed=f"at least {MIN_STOPS} are needed",
+            f"{text}; {left} stops are left{f' ({others})' if left else ''}",
+            needed=f"at least {MIN_STOPS} are needed, and more than are in disorder",
             remedy="check the order of landmarks and pixels where they were saved, and the box's target.json",
         )
     finding = Finding(

@@ -1,0 +1,62 @@
+"""Stops whose picture shows the box at another tilt than the others do: pictures or a camera that were turned."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from boxcal.calib.diagnosis.frozen import without_corners
+from boxcal.calib.errors import CalibError
+from boxcal.calib.four_steps.camera_mode import CameraMode
+from boxcal.calib.four_steps.step1_camera import CameraStep, calibrate_camera
+from boxcal.calib.likelihood.finding import Finding
+from boxcal.detect.correspondences import Correspondences
+from boxcal.detect.stops import MIN_STOPS
+
+TURNED_DEG = 45.0
+"""A box whose upright is seen so far from where most stops see it is no box that leans: the picture was turned."""
+
+
+def turned_stops(camera: CameraStep) -> tuple[tuple[int, ...], float]:
+    """Return the stops, from 0, that see the box's upright elsewhere than most do, and by what angle at most, deg.
+
+    A robot turns about the upright only, so that its camera sees it in one direction at all stops.
+    """
+    up = camera.T_cam_box[:, :3, 2]
+    off = np.degrees(np.arccos(np.clip(up @ up.T, -1, 1)))
+    alike = off < TURNED_DEG
+    most = int(np.argmax(alike.sum(axis=1)))
+    odd = np.flatnonzero(~alike[most])
+    return tuple(camera.kept[k] for k in odd.tolist()), float(off[most].max(initial=0.0))
+
+
+def without_turned(drives: Sequence[Correspondences], mode: CameraMode) -> tuple[list[Correspondences], list[Finding]]:
+    """Return drives without the corners of turned pictures, and what is said of them: nothing if there are none.
+
+    Drives are left as they are where turned pictures are no minority, or no camera is found.
+    """
+    sound, findings = [], []
+    for drive in drives:
+        sound.append(drive)
+        try:
+            camera = calibrate_camera(drive.stops, drive.image_size, mode)
+        except CalibError:
+            continue
+        odd, angle = turned_stops(camera)
+        if odd and len(camera.kept) - len(odd) >= max(MIN_STOPS, len(odd) + 1):
+            stops = tuple(without_corners(stop) if j in odd else stop for j, stop in enumerate(drive.stops))
+            sound[-1] = replace(drive, stops=stops)
+            findings.append(_finding(odd, angle, len(drive.stops)))
+    return sound, findings
+
+
+def _finding(odd: tuple[int, ...], angle: float, count: int) -> Finding:
+    numbers = ", ".join(str(j + 1) for j in odd)
+    return Finding(
+        cause="pictures-turned",
+        text=f"the box stands in the pictures of stop{'s' if len(odd) > 1 else ''} {numbers} (of {count}) by up to "
+        f"{angle:.0f} deg otherwise than in the others, as if pictures or camera had been turned, or the box been laid "
+        "on its side: these were left out",
+        advice="Fasten the camera, leave the picture's orientation alone during a drive, and drive again.",
+        stops=odd,
+    )
