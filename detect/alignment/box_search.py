@@ -74,17 +74,16 @@ class BoxDetection:
     contradicting_faces: tuple[int, ...] = ()
     read: TagCandidates = field(default_factory=TagCandidates.none)
 
-    def off_the_box(
-        self, target: Target, patterns: Patterns, fit: BoxFit, used: Index, image_size: tuple[int, int]
-    ) -> Index:
+    def off_the_box(self, target: Target, fit: BoxFit, used: Index, image_size: tuple[int, int]) -> Index:
         """Return the rows of tags that were read, but nowhere near where the box has them, ascending.
 
-        Of a tag that the image's border cuts the outline follows the border, so only its centre is looked at.
+        Corners are compared along the tag's own edges: rough ones of a tag seen at a slant are off along its length by
+        more than it is wide. Of a tag that the image's border cuts the outline follows that, so only its centre counts.
 
         Parameters
         ----------
-        target, patterns
-            The box and what its tags look like.
+        target
+            The box.
         fit
             The box as it was found in the end.
         used
@@ -97,10 +96,12 @@ class BoxDetection:
             return np.zeros(0, dtype=np.int64)
         read = self.read.take(elsewhere)
         uv = fit.places(target.tag_corners[read.rows].reshape(-1, 3)).reshape(-1, 4, 2)
-        off = np.linalg.norm(uv - read.corners_px, axis=2).max(axis=1)
-        near = off < CANDIDATE_TOLERANCE * patterns.modules * module_px(patterns, read.corners_px)
-        cut = np.isfinite(off) & ((uv < -0.5) | (uv > np.array(image_size) - 0.5)).any(axis=(1, 2))
-        near[cut] |= _centred_within(uv[cut], read.corners_px[cut])
+        near = (
+            _off_by(uv, read.corners_px - uv).max(axis=1) < CANDIDATE_TOLERANCE
+        )  # not where a point has no image: NaN
+        cut = np.isfinite(uv).all(axis=(1, 2)) & ((uv < -0.5) | (uv > np.array(image_size) - 0.5)).any(axis=(1, 2))
+        centres = np.mean(read.corners_px[cut] - uv[cut], axis=1, keepdims=True)
+        near[cut] |= _off_by(uv[cut], centres)[:, 0] <= OFF_CENTRE
         near &= fit.faces_camera(target)[read.rows]
         return distinct(read.rows[~among(read.rows, read.rows[near])])
 
@@ -178,13 +179,15 @@ def _outvoted(target: Target, candidates: TagCandidates, fit: BoxFit) -> tuple[i
     return tuple(int(f) for f in np.flatnonzero((seen >= FACE_TAGS) & (there < FACE_KEPT * seen)))
 
 
-def _centred_within(uv: Array, corners_px: Array) -> NDArray[np.bool_]:
-    """Return whether the centres of tags (N, 4, 2), px, lie within those that are predicted (N, 4, 2), px."""
-    across, down = uv[:, 1] - uv[:, 0], uv[:, 3] - uv[:, 0]
-    apart = corners_px.mean(axis=1) - uv.mean(axis=1)
-    pairs = np.stack([across, down, apart, down, across, apart], axis=1).reshape(-1, 3, 2, 2)
-    area, aside, below = np.abs(np.linalg.det(pairs)).T
-    return np.asarray(np.maximum(aside, below) <= OFF_CENTRE * area)
+def _off_by(uv: Array, apart: Array) -> Array:
+    """Return how far off (N, k), in sides of the tags (N, 4, 2), px, something is that lies (N, k, 2), px, apart."""
+    across, down = uv[:, None, 1] - uv[:, None, 0], uv[:, None, 3] - uv[:, None, 0]
+    area = np.abs(_cross(across, down))
+    return np.asarray(np.maximum(np.abs(_cross(apart, down)), np.abs(_cross(across, apart))) / area)
+
+
+def _cross(a: Array, b: Array) -> Array:
+    return np.asarray(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])
 
 
 def _grown_from(  # noqa: PLR0917

@@ -151,7 +151,7 @@ def detect_in_grey(  # noqa: PLR0917
     located = replace(
         _located(frame, patterns, tags, left_out),
         contradicting_faces=found.contradicting_faces,
-        rejected_ids=np.sort(patterns.tag_ids[found.off_the_box(target, patterns, fit, tags.rows, size)]),
+        rejected_ids=np.sort(patterns.tag_ids[found.off_the_box(target, fit, tags.rows, size)]),
     )
     located = _with_lens_and_box(located, target, frame, fit, uneven, flat=left_out.deformation_px2 == 0)
     if len(tags) < FEW_TAGS:

@@ -3,7 +3,9 @@ import numpy as np
 import pytest
 from aligned_views import SIZE, TARGET, pose, truth, view
 
-from boxcal.detect.alignment.candidates import find_candidates
+from boxcal.detect.alignment.box_pose import fit_box
+from boxcal.detect.alignment.box_search import BoxDetection
+from boxcal.detect.alignment.candidates import TagCandidates, find_candidates
 from boxcal.detect.alignment.detector import detect_copies, detect_tags
 from boxcal.detect.alignment.face_agreement import consistent_candidates
 from boxcal.detect.alignment.tag_patterns import target_patterns
@@ -138,3 +140,20 @@ def test_a_print_in_its_neighbour_s_place_is_said_to_be_elsewhere_where_the_bord
     cv2.warpPerspective(drawn.astype(image.dtype), h, SIZE, dst=image, borderMode=cv2.BORDER_TRANSPARENT)
     tags = detect_tags(np.ascontiguousarray(image[:height]), TARGET)
     assert tags.rejected_ids.tolist() == [65]
+
+
+@pytest.mark.parametrize(("along", "across", "elsewhere"), [(0.25, 0.0, False), (0.0, 0.25, False), (0.0, 2.5, True)])
+def test_a_tag_seen_at_a_slant_is_elsewhere_only_if_it_is_off_in_its_own_sides(along, across, elsewhere):
+    T = pose(72.0, distance=0.5)
+    uv, seen = truth(T)
+    narrow = [t for t in seen if np.linalg.norm(uv[t][1] - uv[t][0]) < 0.45 * np.linalg.norm(uv[t][3] - uv[t][0])]
+    (tag, *_) = narrow
+    right, down = uv[tag][1] - uv[tag][0], uv[tag][3] - uv[tag][0]
+    assert 0.25 * np.linalg.norm(down) > 0.5 * np.linalg.norm(right)
+    read = TagCandidates(rows=np.array([tag]), corners_px=uv[[tag]] + along * down + across * right, score=np.ones(1))
+    box = BoxDetection(
+        tags=None, fit=fit_box(TARGET, seen, uv[seen], image_size=SIZE, sigma_px=0.5),
+        lost_module_px=0.0, lost_region_px=np.zeros((2, 2)), read=read,
+    )  # fmt: skip
+    off = box.off_the_box(TARGET, box.fit, np.zeros(0, np.int64), SIZE)
+    assert off.tolist() == [tag] * elsewhere
