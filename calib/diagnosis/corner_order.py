@@ -36,7 +36,7 @@ _Seen = TypeVar("_Seen", StopObservation, MovingFrame)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CornerOrder:
-    """How the tags of a picture lie.
+    """Order in which the corners of a picture's tags come, and its handedness.
 
     Attributes
     ----------
