@@ -89,10 +89,10 @@ def first_look(drives: Sequence[Correspondences], target: Target, mode: CameraMo
     try:
         look = _looked(drives, target, mode, findings)
     except CalibError as error:
-        look = _without_odd(drives, target, mode, findings) or _without_turned(drives, target, mode, findings)
-        if look is None:
+        other = _without_odd(drives, target, mode, findings) or _without_turned(drives, target, mode, findings)
+        if other is None:
             raise said_with_odd_corners(said_without_stops(error, drives), findings) from error
-        return look
+        return other
     if any(turned_stops(steps.camera)[0] for steps in look.steps):
         return _without_turned(look.drives, look.target, mode, look.findings) or look
     return look
