@@ -9,6 +9,8 @@ ALL_INSTALLED := $(VENV)/.installed-all
 LIVE_INSTALLED := $(VENV)/.installed-live
 # The package as it is installed, as links: what the type checker and the import linter read.
 TREE := build/tree
+# What tests import from their own folder or another's by its bare name.
+HELPERS := $(filter-out %/conftest.py,$(wildcard tests/*/[!t]*.py tests/calib/joint_box/[!t]*.py))
 EXTRAS ?= dev,docs,cad,models-test,live
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable
 
@@ -101,10 +103,12 @@ $(LIVE_INSTALLED): $(INSTALLED)
 	$(INSTALL) '.[report,live]'
 	touch $(LIVE_INSTALLED)
 
-$(TREE): Makefile $(wildcard boxcal/*.py)
+$(TREE): Makefile $(wildcard boxcal/*.py) $(HELPERS)
 	mkdir -p $(TREE)/boxcal
 	cd $(TREE)/boxcal && ln -sfn ../../../target target && ln -sfn ../../../detect detect && ln -sfn ../../../calib calib
 	cd $(TREE)/boxcal && for file in ../../../boxcal/*.py ../../../boxcal/py.typed; do ln -sfn $$file .; done
+	cd $(TREE) && ln -sfn ../../benchmarks benchmarks && ln -sfn ../../tests tests
+	rm -rf $(TREE)/helpers && mkdir $(TREE)/helpers && cd $(TREE)/helpers && ln -s $(HELPERS:%=../../../%) .
 	touch $(TREE)
 
 clean:

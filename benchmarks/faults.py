@@ -175,14 +175,14 @@ def main() -> int:
             f"({np.sqrt(np.mean(z**2)):.2f}), runs beyond 3 sigma {int(np.sum(np.any(z > 3, axis=1)))}",
             flush=True,
         )
-    legs, corners, z = 0, 0, []
+    legs, corners, scores = 0, 0, list[np.ndarray]()
     for run in range(clean):
         rng = np.random.default_rng([arguments.seed, 99, run])
         drive = clean_drive(rng)
         found = estimate([seen(drive, rng)])
         legs, corners = legs + bool(found.flagged_legs), corners + bool(found.flagged_corners)
-        z.append(errors(found, truth_of(drive)) / np.sqrt(np.diag(found.cov)))
-    beyond = int(np.sum(np.any(np.abs(z) > 3, axis=1)))
+        scores.append(errors(found, truth_of(drive)) / np.sqrt(np.diag(found.cov)))
+    beyond = int(np.sum(np.any(np.abs(scores) > 3, axis=1)))
     print(
         f"{'no fault':20} {clean} runs: a leg named in {legs}, a corner in {corners} (1 % stated for each), "
         f"runs beyond 3 sigma {beyond} (3.7 % expected of 14 independent parameters)"

@@ -187,7 +187,7 @@ def _print(face: int) -> Grey:
         side = corners[1, 0] - corners[0, 0]
         (x, y), shape = corners[0], (side, side)
         sheet[y : y + side, x : x + side] = cv2.resize(modules, shape, interpolation=cv2.INTER_NEAREST)
-    return cv2.GaussianBlur(sheet, (0, 0), 1.2)
+    return cv2.GaussianBlur(sheet, (0, 0), 1.2).astype(np.uint8)
 
 
 def rendered(views: int, first_seed: int = 140) -> Iterator[tuple[str, Callable[[], list[Scene]]]]:

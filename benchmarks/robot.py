@@ -34,12 +34,17 @@ from tag_detectors import opencv
 from tag_scenes import TARGET
 
 from boxcal.calib import calibrate as calibrating
+from boxcal.calib.assessment.verdict import judge
 from boxcal.calib.fleet.batch import calibrate_fleet
 from boxcal.calib.one_robot import from_drives, judging
+from boxcal.calib.one_robot.solving import solve
+from boxcal.calib.one_robot.writing import write
 from boxcal.calib.settings import Job, Settings
 from boxcal.calib.simulate.cli import main as simulate_fleet
 from boxcal.detect import extract as extracting
+from boxcal.detect.log.open_recording import open_recording
 from boxcal.detect.tags import box_at_stops
+from boxcal.detect.tags.stop_measurement import measure_stop
 from boxcal.one_thread import one_thread
 
 KHEPERA = Path(__file__).resolve().parents[2] / "shared" / "data" / "fleet" / "khepera.mcap"
@@ -102,12 +107,12 @@ def robot(log: Path, out: Path) -> tuple[Counter[str], float]:
     frames = box_at_stops.BoxAtStops._images  # noqa: SLF001 - measured, not used
     start = time.process_time()
     with (
-        mock.patch.object(extracting, "open_recording", watch.around(STAGES[0], extracting.open_recording)),
+        mock.patch.object(extracting, "open_recording", watch.around(STAGES[0], open_recording)),
         mock.patch.object(box_at_stops.BoxAtStops, "_images", watch.along(STAGES[1], frames)),
-        mock.patch.object(box_at_stops, "measure_stop", watch.around(STAGES[2], box_at_stops.measure_stop)),
-        mock.patch.object(from_drives, "solve", watch.around(STAGES[3], from_drives.solve)),
-        mock.patch.object(judging, "judge", watch.around(STAGES[4], judging.judge)),
-        mock.patch.object(from_drives, "write", watch.around(STAGES[5], from_drives.write)),
+        mock.patch.object(box_at_stops, "measure_stop", watch.around(STAGES[2], measure_stop)),
+        mock.patch.object(from_drives, "solve", watch.around(STAGES[3], solve)),
+        mock.patch.object(judging, "judge", watch.around(STAGES[4], judge)),
+        mock.patch.object(from_drives, "write", watch.around(STAGES[5], write)),
     ):
         calibrating.calibrate_robot(job)
     return watch.seconds, time.process_time() - start

@@ -123,7 +123,7 @@ def test_a_log_begins_to_be_read_before_what_solves_it_is_loaded() -> None:
 
 def test_a_name_that_there_is_not_is_said() -> None:
     with pytest.raises(AttributeError, match="no_such_name"):
-        boxcal.no_such_name  # noqa: B018
+        boxcal.no_such_name  # type: ignore[attr-defined]  # noqa: B018
 
 
 def test_the_documentation_of_the_interface_is_complete() -> None:

@@ -74,7 +74,8 @@ def _statements(tree: ast.Module, source: str) -> list[str]:
     for node in ast.walk(tree):
         text = isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str)
         declared = isinstance(node, ast.AnnAssign) and node.value is None
-        if text or declared or isinstance(node, (ast.Import, ast.ImportFrom)):
+        imported = isinstance(node, (ast.Import, ast.ImportFrom))
+        if isinstance(node, ast.stmt) and (text or declared or imported):
             left_out |= set(range(node.lineno, (node.end_lineno or 0) + 1))
     lines = [line.strip() for n, line in enumerate(source.splitlines(), 1) if n not in left_out]
     arguments = re.compile(r"\w+: .*,")

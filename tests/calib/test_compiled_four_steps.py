@@ -1,3 +1,5 @@
+from typing import Any
+
 import numpy as np
 
 from boxcal.calib.four_steps.backend import backend, loops, reference
@@ -71,4 +73,5 @@ def test_nothing_is_compiled_in_use_beyond_what_is_prepared():
     compile_all()
     drive = simulate_drive(khepera(), make_target(), DriveOptions(stops=8, slip=3e-4), np.random.default_rng(1))
     solve_four_steps(exact_correspondences(khepera(), make_target(), drive, 0.2, np.random.default_rng(2)))
-    assert [len(k.signatures) for k in (reprojection_sums.fill_sums, damped_step.fill_step)] == [1, 1]
+    kernels: tuple[Any, ...] = (reprojection_sums.fill_sums, damped_step.fill_step)
+    assert [len(k.signatures) for k in kernels] == [1, 1]

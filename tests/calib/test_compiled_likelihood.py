@@ -1,3 +1,5 @@
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -189,7 +191,7 @@ def test_compiled_legs_are_the_reference(still, added):
 
 def test_nothing_is_compiled_in_use_beyond_what_is_prepared():
     compile_all()
-    kernels = (
+    kernels: tuple[Any, ...] = (
         chain._eliminate,
         chain.substitute_back,
         chain._covariances,

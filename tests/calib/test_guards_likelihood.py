@@ -8,7 +8,6 @@ import pytest
 
 from boxcal.calib.four_steps.procedure import solve_four_steps
 from boxcal.calib.geometry.diff_drive import Legs
-from boxcal.calib.geometry.so3_se3 import Array
 from boxcal.calib.likelihood import EstimateOptions
 from boxcal.calib.likelihood.estimator import estimate, fit
 from boxcal.calib.likelihood.initial_guess import camera_start, first_states
@@ -23,6 +22,7 @@ from boxcal.calib.simulate.drive import DriveOptions, exact_correspondences, exa
 from boxcal.calib.simulate.robot import khepera
 from boxcal.detect.correspondences import Correspondences, StopObservation
 from boxcal.detect.log.wheel_samples import WheelSamples
+from boxcal.target.arrays import Array
 from boxcal.target.box import make_target
 
 TARGET = make_target()

@@ -9,7 +9,7 @@ from scipy import stats
 
 from boxcal.calib.four_steps.procedure import solve_four_steps
 from boxcal.calib.geometry.parameters import MOUNTING, ORDER
-from boxcal.calib.geometry.so3_se3 import Array, exp_se3, exp_so3, log_so3
+from boxcal.calib.geometry.so3_se3 import exp_se3, exp_so3, log_so3
 from boxcal.calib.likelihood import Estimate, EstimateOptions
 from boxcal.calib.likelihood.estimator import estimate, fit, fit_cameras
 from boxcal.calib.likelihood.initial_guess import camera_start
@@ -21,6 +21,7 @@ from boxcal.calib.uncertainty.cramer_rao import Truth, errors
 from boxcal.calib.uncertainty.cross_validation import HeldOut, _predict
 from boxcal.calib.uncertainty.propagation import ground_uncertainty
 from boxcal.detect.correspondences import Correspondences
+from boxcal.target.arrays import Array
 from boxcal.target.box import make_target
 from boxcal.target.camera.camera_model import CameraModel, project, unproject
 from boxcal.target.camera.distortion import CameraKind

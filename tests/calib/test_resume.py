@@ -17,12 +17,14 @@ from boxcal.calib.calibrate import calibrate_robot
 from boxcal.calib.cli import main
 from boxcal.calib.errors import CalibError
 from boxcal.calib.one_robot import log_identity, put_files
+from boxcal.calib.one_robot.reading import read
 from boxcal.calib.settings import Job, Settings
 from boxcal.calib.simulate.drive import DriveOptions, exact_correspondences, simulate_drive
 from boxcal.calib.simulate.robot import turtlebot
 from boxcal.detect.correspondences import Correspondences
 from boxcal.detect.log.source import Source
 from boxcal.target.box import make_target
+from boxcal.target.files.atomic_write import write_together
 
 ROOT = Path(__file__).resolve().parents[2]
 PAPER = ("--lens", "radial", "--floor", "rigid", "--scale-prior-percent", "0", "--face-prior-mm", "0")
@@ -102,10 +104,8 @@ def test_what_is_unchanged_is_kept_and_the_record_says_why_the_rest_was_done(
 def test_a_log_that_changes_while_it_is_read_is_one_line(
     logs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    reads = one_robot.read
-
     def and_grows(log: Path, *further: object) -> Correspondences:
-        found = reads(log, *further)  # type: ignore[arg-type]
+        found = read(log, *further)  # type: ignore[arg-type]
         with log.open("ab") as file:
             file.write(b"more")
         return found
@@ -145,7 +145,6 @@ def test_a_full_disk_is_one_line_a_robot_and_the_same_command_goes_on(
 ) -> None:
     run()
     before = (tmp_path / "out" / "r1" / "calibration.json").read_bytes()
-    whole = put_files.write_together
 
     def full(folder: Path, files: object, **further: object) -> None:
         raise OSError(28, "No space left on device", str(folder / ".camera.urdf.part"))
@@ -158,7 +157,7 @@ def test_a_full_disk_is_one_line_a_robot_and_the_same_command_goes_on(
     assert states["r1"][1].endswith("No space left on device")
     assert (tmp_path / "out" / "r1" / "calibration.json").read_bytes() == before
     assert "Traceback" not in said
-    monkeypatch.setattr(put_files, "write_together", whole)
+    monkeypatch.setattr(put_files, "write_together", write_together)
     assert run("--tilt-prior-deg", 2)[1]["r1"][0] == "done"
 
 

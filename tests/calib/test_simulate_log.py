@@ -1,6 +1,7 @@
 """The log writer: what it writes, other libraries read."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -34,8 +35,9 @@ def test_messages_read_back_with_types_stamps_and_content(tmp_path: Path, compre
         ("sensor_msgs/msg/CompressedImage", "ros2msg", "/cam/compressed", "cdr", 3_000_000),
         ("sensor_msgs/msg/Image", "ros2msg", "/cam", "cdr", 4_000_000),
     ]
-    joints, picture, image = (STORE.deserialize_cdr(m.data, s.name) for s, _, m in rows)
-    assert [m.header.stamp.sec * 10**9 + m.header.stamp.nanosec - T0 for m in (joints, picture, image)] == [7, 8, 9]
+    messages: list[Any] = [STORE.deserialize_cdr(m.data, s.name) for s, _, m in rows]
+    joints, picture, image = messages
+    assert [m.header.stamp.sec * 10**9 + m.header.stamp.nanosec - T0 for m in messages] == [7, 8, 9]
     assert (joints.name, joints.position.tolist(), joints.velocity.tolist()) == (["l", "r"], [0.25, -0.5], [1.0, 2.0])
     assert (picture.format, bytes(picture.data)) == ("jpeg", b"\xff\xd8not a picture")
     assert (image.height, image.width, image.step, image.encoding) == (3, 4, 4, "mono8")

@@ -48,7 +48,7 @@ def rows(path: Path) -> list[Row]:
     with path.open("rb") as file:
         for schema, channel, message in make_reader(file).iter_messages(log_time_order=False):
             assert schema is not None
-            content = STORE.deserialize_cdr(message.data, schema.name)
+            content: Any = STORE.deserialize_cdr(message.data, schema.name)
             stamp = content.header.stamp.sec * 10**9 + content.header.stamp.nanosec
             found.append(
                 Row(topic=channel.topic, kind=schema.name, log_ns=message.log_time, stamp_ns=stamp, message=content)

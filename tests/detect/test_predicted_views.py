@@ -12,6 +12,7 @@ from boxcal.calib.one_robot.views_by_wheels import views_by_wheels
 from boxcal.calib.simulate.drive import DriveOptions, exact_correspondences
 from boxcal.calib.simulate.recorder import RecordOptions, write_log
 from boxcal.detect.alignment import detector
+from boxcal.detect.alignment.pyramid_search import find_box
 from boxcal.detect.extract import ExtractSettings, extract
 from boxcal.detect.tags.predicted_views import ClockedViews, PredictedViews
 from boxcal.target.camera.camera_model import project
@@ -197,8 +198,7 @@ def test_frames_are_found_where_they_are_predicted_without_searching_their_pictu
 ):
     made, _ = simulated
     searched = []
-    whole = detector.find_box
-    monkeypatch.setattr(detector, "find_box", lambda *a, **k: searched.append(1) or whole(*a, **k))
+    monkeypatch.setattr(detector, "find_box", lambda *a, **k: searched.append(1) or find_box(*a, **k))
     found = extract(recorded, made.target, settings=ExtractSettings(predictor=views_by_wheels))
     assert len(found.moving) >= 3
     assert len(searched) <= OPTIONS.stops + 1

@@ -24,6 +24,7 @@ from boxcal.calib.calibrate import calibrate
 from boxcal.calib.results.calibration import Calibration
 from boxcal.detect.errors import DetectError
 from boxcal.detect.extract import extract
+from boxcal.detect.log.containers.mcap import McapFile
 from boxcal.detect.log.open_recording import open_recording
 from boxcal.detect.log.opener import open_container, robot_name_of
 from boxcal.detect.log.remote.range_file import RangeFile
@@ -74,7 +75,9 @@ def test_of_an_indexed_log_only_wheels_and_stops_are_fetched(folder: Path, memor
     path = folder / "r07.mcap"
     found = open_recording(Path(f"{memory}/r07.mcap"))
     frames = dict(found.read_frames(range(found.frame_t_ns.size)))
-    remote = found.source.container._file
+    container = found.source.container
+    assert isinstance(container, McapFile)
+    remote = container._file
     assert isinstance(remote, RangeFile)
     right = open_recording(path)
     np.testing.assert_array_equal(found.wheels.phi_R, right.wheels.phi_R)

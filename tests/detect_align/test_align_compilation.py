@@ -9,6 +9,7 @@ import types
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -38,7 +39,7 @@ def test_plain_install_runs_compiled_code():
 
 def test_nothing_is_compiled_for_a_picture_beyond_what_is_prepared():
     prepare()
-    kernels = (
+    kernels: tuple[Any, ...] = (
         gauss_newton._iterate,
         sandwich_sums._fill,
         begin._begin,
@@ -200,7 +201,7 @@ def further(monkeypatch, tmp_path):
     """A module with code of its own: where it is kept, and what happened."""
     folder = tmp_path / "further"
     folder.mkdir()
-    module = types.ModuleType("module_with_code")
+    module: Any = types.ModuleType("module_with_code")
     module.folder, module.calls = folder, []
     module.cache_folder = lambda: module.folder
     module.compile_all = lambda: module.calls.append((compilation._second(tmp_path).exists(), gc.isenabled()))

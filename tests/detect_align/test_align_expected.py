@@ -9,6 +9,8 @@ from aligned_views import PATTERNS, PLAIN, TARGET, pose, truth, view
 from boxcal.detect.alignment import box_growth, detector, expected_tags
 from boxcal.detect.alignment.detector import detect_tags
 from boxcal.detect.alignment.expected_tags import ExpectedTags
+from boxcal.detect.alignment.pyramid import align_coarsely
+from boxcal.detect.alignment.pyramid_search import find_box
 from boxcal.detect.alignment.resemblance import resemblance
 
 POSE = pose(28.0, distance=0.55)
@@ -23,8 +25,7 @@ def seen(monkeypatch):
     found = detect_tags(image, TARGET)
     found = replace(detect_tags(image, TARGET, camera=found.camera), camera=found.camera)
     searches = []
-    whole = detector.find_box
-    monkeypatch.setattr(detector, "find_box", lambda *a, **k: searches.append(1) or whole(*a, **k))
+    monkeypatch.setattr(detector, "find_box", lambda *a, **k: searches.append(1) or find_box(*a, **k))
     return image, found, searches
 
 
@@ -89,9 +90,13 @@ def test_other_tags_of_the_box_are_found_from_a_few_expected_ones(seen):
 def test_no_more_tags_are_measured_than_are_wanted(seen, off_px, monkeypatch):
     image, found, searches = seen
     aligned = []
-    coarsely = expected_tags.align_coarsely
+
+    def counted(*given, **named):
+        aligned.append(len(given[2]))
+        return align_coarsely(*given, **named)
+
     for module in (expected_tags, box_growth):
-        monkeypatch.setattr(module, "align_coarsely", lambda *a, **k: aligned.append(len(a[2])) or coarsely(*a, **k))
+        monkeypatch.setattr(module, "align_coarsely", counted)
     expected = ExpectedTags(ids=found.ids, corners_px=found.corners_px + off_px, most=8)
     few = detect_tags(image, TARGET, camera=found.camera, expected=expected)
     assert len(few.ids) == 8

@@ -7,7 +7,7 @@ from numba import njit
 
 from boxcal.detect.alignment.backend import numba_backend, numpy_backend
 from boxcal.detect.alignment.homography import from_square, least_squares_homography, map_points, to_square
-from boxcal.detect.alignment.numba.collect import collect, room_for
+from boxcal.detect.alignment.numba.collect import Room, collect, room_for
 from boxcal.detect.alignment.numba.pixels import OF_PIXEL
 from boxcal.detect.alignment.numba.place import place_all
 from boxcal.detect.alignment.registration import image_model as model
@@ -68,7 +68,7 @@ def test_compiled_sums_are_those_of_the_reference(response, side, lens):
 
 @njit(nogil=True, error_model="numpy")
 def _collected(batch, k, thinned):
-    room = room_for(batch.bounding_boxes, batch.cells.shape[1])
+    room: Room = room_for(batch.bounding_boxes, batch.cells.shape[1])
     n, few = collect(batch, k, thinned, room)
     place_all(room.coefficients, room.pixels, n)
     return room.pixels, n, few

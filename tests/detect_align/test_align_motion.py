@@ -7,11 +7,12 @@ import pytest
 from aligned_views import PATTERNS, PLAIN, TARGET, pose, some_tags, truth, view, width_px
 
 from boxcal.detect.alignment import detector, motion_blur
+from boxcal.detect.alignment.detection import DetectorSettings
 from boxcal.detect.alignment.detector import detect_tags
 from boxcal.detect.alignment.motion_blur import MOST, estimate_blur, shape
 from boxcal.detect.alignment.radial_camera import no_distortion
 from boxcal.detect.alignment.registration import image_model as model
-from boxcal.detect.alignment.registration.align import align
+from boxcal.detect.alignment.registration.align import align, aligned_batch
 from boxcal.detect.alignment.registration.tag_batch import ROUND, Frame
 from boxcal.detect.image.gray import to_grey
 from boxcal.detect.image.response_curve import response_table
@@ -77,8 +78,8 @@ def test_a_motion_that_is_known_is_told_anew_only_where_it_is_clearly_another(of
     right = motion_blur.shape_of(estimate_blur(frame, PATTERNS, tags))
     under = replace(frame, blur=shape(*(right - [off, 0.0])))
     tags = align(under, PATTERNS, tags.rows, tags.corners_px, start=tags)
-    batches, sums = [], motion_blur.aligned_batch
-    monkeypatch.setattr(motion_blur, "aligned_batch", lambda *given: batches.append(given) or sums(*given))
+    batches = []
+    monkeypatch.setattr(motion_blur, "aligned_batch", lambda *given: batches.append(given) or aligned_batch(*given))
     found = estimate_blur(under, PATTERNS, tags)
     if off < motion_blur.LEAST / 2:
         assert found is None
@@ -106,7 +107,7 @@ def test_a_camera_at_rest_is_not_asked_again_whether_it_moved_until_it_did(monke
 
     def seen(sensor, seed, camera):
         grey = to_grey(view(pose(12.0 + seed, distance=0.55), sensor, seed=seed))
-        return detector.detect_in_grey(*grey, TARGET, detector.DetectorSettings(), camera).camera
+        return detector.detect_in_grey(*grey, TARGET, DetectorSettings(), camera).camera
 
     moved = replace(PLAIN, motion_blur_px=6.0, motion_angle=0.6)
     camera = replace(seen(PLAIN, 0, None), round_inflation=1.2)

@@ -10,6 +10,7 @@ from boxcal.detect.alignment import box_growth
 from boxcal.detect.alignment.box_pose import fit_box
 from boxcal.detect.alignment.detector import detect_tags
 from boxcal.detect.alignment.placed_by_box import OFF_MODULES, ON_FACE, placed_surely, spread_over_faces
+from boxcal.detect.alignment.pyramid import align_coarsely
 from boxcal.detect.alignment.tag_patterns import target_patterns
 from boxcal.detect.alignment.verification import module_px
 
@@ -20,8 +21,13 @@ PATTERNS = target_patterns(TARGET)
 @pytest.fixture
 def aligned(monkeypatch):
     """Return how many tags were aligned roughly in each call."""
-    counts, align = [], box_growth.align_coarsely
-    monkeypatch.setattr(box_growth, "align_coarsely", lambda *a, **k: counts.append(len(a[2])) or align(*a, **k))
+    counts = []
+
+    def counted(*given, **named):
+        counts.append(len(given[2]))
+        return align_coarsely(*given, **named)
+
+    monkeypatch.setattr(box_growth, "align_coarsely", counted)
     return counts
 
 

@@ -28,14 +28,15 @@ def _aligned(srgb):
 @pytest.fixture
 def asked(monkeypatch):
     """Return how many tags were aligned under each curve, one after the other."""
-    counts, plain = [], response_curve.align
-    monkeypatch.setattr(response_curve, "align", lambda *a, **k: counts.append(len(a[2])) or plain(*a, **k))
+    counts = []
+    monkeypatch.setattr(response_curve, "align", lambda *a, **k: counts.append(len(a[2])) or align(*a, **k))
     return counts
 
 
 @pytest.mark.parametrize("srgb", [False, True])
 def test_one_tag_that_tells_the_curve_clearly_is_enough(asked, srgb):
-    told = estimate_response(*_pair(_aligned(srgb)), "auto").imaging
+    frame, tags = _aligned(srgb)
+    told = estimate_response(frame, PATTERNS, tags, "auto").imaging
     assert (told.response, told.settled) == ("srgb" if srgb else "linear", True)
     assert asked == [1, 1]
 
@@ -43,7 +44,8 @@ def test_one_tag_that_tells_the_curve_clearly_is_enough(asked, srgb):
 @pytest.mark.parametrize("srgb", [False, True])
 def test_where_the_largest_tag_does_not_tell_others_are_asked(asked, monkeypatch, srgb):
     monkeypatch.setattr(response_curve, "CLEAR_ALONE", 0.0)
-    told = estimate_response(*_pair(_aligned(srgb)), "auto").imaging
+    frame, tags = _aligned(srgb)
+    told = estimate_response(frame, PATTERNS, tags, "auto").imaging
     assert told.response == ("srgb" if srgb else "linear")
     assert asked == [1, 1, TAGS - 1, TAGS - 1]
 
@@ -65,8 +67,3 @@ def test_tags_that_do_not_fit_tell_nothing():
     assert told.darkness is None
     assert told.imaging.response in left
     assert not told.imaging.settled
-
-
-def _pair(aligned):
-    frame, tags = aligned
-    return frame, PATTERNS, tags

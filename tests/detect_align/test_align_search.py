@@ -8,7 +8,7 @@ from boxcal.detect.alignment import pyramid_search as find
 from boxcal.detect.alignment.box_growth import ALIGNED_SIGMA_PX, fit_aligned
 from boxcal.detect.alignment.box_pose import _nearest_rotation, fit_box
 from boxcal.detect.alignment.box_search import CANDIDATE_SIGMA_PX, predict_regions
-from boxcal.detect.alignment.candidates import TagCandidates
+from boxcal.detect.alignment.candidates import TagCandidates, find_candidates
 from boxcal.detect.alignment.detector import detect_tags
 from boxcal.detect.alignment.tag_patterns import target_patterns
 from boxcal.target.camera.camera_model import CameraModel, project
@@ -55,12 +55,12 @@ def test_a_large_near_box_is_found_without_looking_at_the_whole_picture(monkeypa
     T = pose(25.0, distance=0.7)
     image = render(TARGET, camera, T, SIZE, SensorModel(noise=2.0, psf_px=0.6), np.random.default_rng(1))
     sizes = []
-    whole = find.find_candidates
-    monkeypatch.setattr(
-        find,
-        "find_candidates",
-        lambda searched, *arguments, **named: sizes.append(searched.shape) or whole(searched, *arguments, **named),
-    )
+
+    def counted(searched, *further, **named):
+        sizes.append(searched.shape)
+        return find_candidates(searched, *further, **named)
+
+    monkeypatch.setattr(find, "find_candidates", counted)
     assert len(detect_tags(image, TARGET).ids) >= 60
     assert sizes == [(480, 640)]
 

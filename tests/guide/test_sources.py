@@ -305,7 +305,7 @@ def test_of_raw_and_compressed_pictures_the_compressed_are_taken_unless_named() 
 
 def test_a_camera_that_is_named_on_the_page_is_listened_to() -> None:
     other = Channel(topic="/rear/compressed", type=CAMERA.type, encoding="cdr")
-    asked: list[dict[str, object]] = []
+    asked: list[dict[str, Any]] = []
 
     async def talk(socket: ServerConnection) -> None:
         await socket.send(INFO)

@@ -7,13 +7,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from boxcal.target.camera.camera_model import (
-    DISTORTION_NAMES,
     CameraKind,
     CameraModel,
     project,
     project_with_jacobians,
     unproject,
 )
+from boxcal.target.camera.distortion import DISTORTION_NAMES
 from boxcal.target.camera.undistort import radius_limit
 
 

@@ -112,7 +112,8 @@ def test_travel_that_one_wheel_does_not_know_is_unknown_for_both(seed: int) -> N
         one = encoder(stamps(rng, len(phi)) + int(rng.integers(0, 10_000_000)), phi, 0.0)
         covered = np.concatenate([[True], rng.random(len(one.phi) - 1) < 0.9])
         sides.append(replace(one, covered=covered))
-    found = join(*sides, "log")
+    right, left = sides
+    found = join(right, left, "log")
     for k in range(1, len(found.t_ns)):
         unknown = [
             e.t_ns[j - 1] < found.t_ns[k] and found.t_ns[k - 1] < e.t_ns[j]

@@ -22,7 +22,8 @@ from boxcal.detect.correspondences import Correspondences, load_correspondences
 from boxcal.detect.log.source import Source
 from boxcal.detect.log.wheel_samples import WheelSamples
 from boxcal.target.box import Box, make_target
-from boxcal.target.camera.camera_model import DISTORTION_NAMES, CameraKind, CameraModel
+from boxcal.target.camera.camera_model import CameraKind, CameraModel
+from boxcal.target.camera.distortion import DISTORTION_NAMES
 from boxcal.target.errors import TargetError
 from boxcal.target.files.target_json import load_target, save_target, target_bytes
 

@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -85,7 +86,7 @@ def more_streams(folder: Path) -> Path:
             log.raw(channel.topic, schema.name, message.log_time, message.data)
             if channel.topic != "/front/image_raw/compressed":
                 continue
-            seen = get_typestore(Stores.ROS2_HUMBLE).deserialize_cdr(message.data, schema.name)
+            seen: Any = get_typestore(Stores.ROS2_HUMBLE).deserialize_cdr(message.data, schema.name)
             picture = cv2.imdecode(np.asarray(seen.data), cv2.IMREAD_GRAYSCALE)
             t, stamp = message.log_time, seen.header.stamp.sec * 10**9 + seen.header.stamp.nanosec
             log.image("/front/image_raw", stamp, t, picture)

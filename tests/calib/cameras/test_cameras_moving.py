@@ -160,8 +160,8 @@ def test_derivatives_by_clock_and_readout_of_each_camera_are_those_of_the_residu
         assert np.allclose(-legs, joint.here.at.legs.J_explained[:, :, k - first], atol=1e-6 * (1 + np.abs(legs).max()))
         for c, part in enumerate(robot.parts):
             seen = (plus.cameras[c].corners.residual - minus.cameras[c].corners.residual) / 2e-5
-            own = joint.here.cameras[c].corners
-            columns = own.jacobian @ own.J_shared[own.group][:, :, k][:, :, None]
+            corners = joint.here.cameras[c].corners
+            columns = corners.jacobian @ corners.J_shared[corners.group][:, :, k][:, :, None]
             assert np.allclose(-seen, columns[:, :, 0], atol=1e-5 * (1 + np.abs(seen).max())), (name, c)
             assert np.any(seen != 0) == (name == ("camera_readout", "camera2-camera_readout")[c])
             assert len(part.places) == len(np.unique(part.places))

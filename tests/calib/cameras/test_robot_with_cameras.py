@@ -14,6 +14,7 @@ from boxcal.calib.diagnosis.cameras import one_place, swapped
 from boxcal.calib.geometry.camera_pair import between
 from boxcal.calib.one_robot import several_cameras
 from boxcal.calib.one_robot.camera_names import camera_names
+from boxcal.calib.one_robot.judging import judged
 from boxcal.calib.report.robot import robot_report
 from boxcal.calib.results.json_format import calibration_document
 from boxcal.calib.results.verdict import Level, Reason
@@ -113,7 +114,7 @@ def test_second_topic_of_one_camera_is_recognised(stereo: Rigged) -> None:
     assert list(found) == ["left"]
     assert any("shows the camera of /left/image_raw once more" in note for note in found["left"].notes)
     assert one_place(stereo.fits[0], stereo.fits[0], [[seen["left"]]] * 2)
-    assert not one_place(*stereo.fits, [[seen["left"]], [seen["right"]]])
+    assert not one_place(stereo.fits[0], stereo.fits[1], [[seen["left"]], [seen["right"]]])
 
 
 def test_camera_that_was_asked_for_and_sees_too_little_is_said_and_never_good(front_and_rear: Rigged) -> None:
@@ -158,11 +159,10 @@ def test_another_camera_that_must_not_be_used_keeps_the_robot_from_good(
     of_robot: bool, front_and_rear: Rigged, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """It is the camera's fault unless the robot's own verdict says the same."""
-    judge = several_cameras.judged
     reason = Reason(rule="position", level=Level.REDO, text="After 10 m the position is off by 2 m.")
 
     def strict(result: boxcal.Calibration, *rest: object) -> boxcal.Calibration:
-        found = judge(result, *rest)
+        found = judged(result, *rest)
         assert found.verdict is not None
         if not of_robot and "/" not in result.robot:
             return found
