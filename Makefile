@@ -108,7 +108,8 @@ $(TREE): Makefile $(wildcard boxcal/*.py) $(HELPERS)
 	cd $(TREE)/boxcal && ln -sfn ../../../target target && ln -sfn ../../../detect detect && ln -sfn ../../../calib calib
 	cd $(TREE)/boxcal && for file in ../../../boxcal/*.py ../../../boxcal/py.typed; do ln -sfn $$file .; done
 	cd $(TREE) && ln -sfn ../../benchmarks benchmarks && ln -sfn ../../tests tests
-	rm -rf $(TREE)/helpers && mkdir $(TREE)/helpers && cd $(TREE)/helpers && ln -s $(HELPERS:%=../../../%) .
+	rm -rf $(TREE)/helpers && mkdir $(TREE)/helpers
+	cd $(TREE)/helpers && for file in $(HELPERS); do ln -s ../../../$$file .; done
 	touch $(TREE)
 
 clean:
