@@ -31,7 +31,7 @@ def of_dataclass(
     kind
         The dataclass.
     given
-        Schemas of fields whose annotation does not tell, such as arrays.
+        Schemas of fields whose annotation does not say, such as arrays.
     nullable
         Whether numbers may be null (infinite or undefined).
     skip_arrays

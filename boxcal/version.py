@@ -18,7 +18,7 @@ def installed_version() -> str:
 
 @cache
 def code_sha256() -> str:
-    """Return the SHA-256 of the program's own sources, hexadecimal: it tells builds of one version apart."""
+    """Return the SHA-256 of the program's own sources, hexadecimal: it distinguishes builds of one version."""
     digest = hashlib.sha256()
     for package, pattern in (("", "*.py"), (".target", "**/*.py"), (".detect", "**/*.py"), (".calib", "**/*.py")):
         for root in import_module(f"boxcal{package}").__path__:

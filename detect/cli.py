@@ -1,4 +1,4 @@
-"""The command ``detect-tags``: pictures in, the box's tags out - as text, as JSON, and drawn to be looked at."""
+"""The command ``detect-tags``: images in, the box's tags out - as text, as JSON, and drawn to be looked at."""
 
 import argparse
 import json
@@ -21,7 +21,7 @@ MAX_FILE_BYTES = 1 << 29
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run ``detect-tags``; return 0, or 1 if a picture could not be read or written (argparse exits with 2)."""
+    """Run ``detect-tags``; return 0, or 1 if an image could not be read or written (argparse exits with 2)."""
     args = _parser().parse_args(argv)
     try:
         target = _target(args.target)
@@ -80,7 +80,7 @@ def _target(name: str | None) -> "Target":
 
 
 def _one(path: Path, target: "Target", args: argparse.Namespace, number: int) -> tuple[dict[str, Any], str]:
-    """Return what a picture shows, as JSON and as a line of text; draw it if that is asked for."""
+    """Return what an image shows, as JSON and as a line of text; draw it if that is asked for."""
     from boxcal.detect.alignment.detection import DetectorSettings
     from boxcal.detect.alignment.detector import detect_tags
 
@@ -141,7 +141,7 @@ def _summary(tags: "DetectorOutput", target: "Target") -> str:
 
 
 def _sensor(image: Any) -> str:
-    """Return what the picture is that it does not say: a colour mosaic, or interlaced; empty if it is neither."""
+    """Return what the image is that it does not say: a colour mosaic, or interlaced; empty if it is neither."""
     from boxcal.detect.image.bayer import alternation, unnamed_mosaic
 
     if image.ndim != 2 or min(image.shape) < 16:

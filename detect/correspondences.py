@@ -152,7 +152,7 @@ class Correspondences:
 
     @property
     def legs_covered(self) -> Flags:
-        """Whether the wheels tell the whole way from each stop to the next, (P - 1,) bool.
+        """Whether the wheels cover the whole path from each stop to the next, (P - 1,) bool.
 
         A leg that is not covered carries no wheel information: readings are missing, or its counter was reset.
         """

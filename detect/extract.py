@@ -50,10 +50,10 @@ class ExtractSettings:
     stops, tags
         How stops and tags are found.
     response
-        The camera response function (``srgb`` or ``linear``); None tells it from the tags of the first stops.
+        The camera response function (``srgb`` or ``linear``); None estimates it from the tags of the first stops.
     bits
         Of the grey levels of a camera of more than 8 bits (10, 12, 14, 16), as its messages do not say how many of
-        their 16 are used; None tells it from the largest value in some frames. It matters little where the response
+        their 16 are used; None takes it from the largest value in some frames. It matters little where the response
         curve is linear.
     settle : s
         Frames this soon after coming to rest or before leaving are used only if there are no others.
@@ -121,7 +121,7 @@ def extract(
     settings
         The defaults if None.
     progress
-        Told of each stop, and what share of the log is read.
+        Called at each stop with a message and the fraction of the log that is read.
     pictures
         Given a frame of each usable stop, so that none need be decoded again to be shown.
 
@@ -139,11 +139,11 @@ def extract(
     (5, 2)
     """
     path = Path(path)
-    tell = progress or _silent
+    report = progress or _silent
     box, recording = given_target(target), open_recording(path, topics, units, nominal)
     for note in recording.notes:
-        tell(note, 0.0)
-    return extract_recording(recording, box, settings=settings, progress=tell, pictures=pictures)
+        report(note, 0.0)
+    return extract_recording(recording, box, settings=settings, progress=report, pictures=pictures)
 
 
 def extract_recording(
@@ -155,19 +155,19 @@ def extract_recording(
     pictures: Pictures | None = None,
 ) -> Correspondences:
     """Return what a robot saw and did in a recording that is open already; as :func:`extract`."""
-    settings, tell = settings or ExtractSettings(), progress or _silent
+    settings, report = settings or ExtractSettings(), progress or _silent
     stops = find_stops(recording.wheels, settings.stops)
-    prepare(lambda line: tell(line, 0.0))
-    found = _seen(recording, stops, target, settings, tell, pictures)
+    prepare(lambda line: report(line, 0.0))
+    found = _seen(recording, stops, target, settings, report, pictures)
     if _clock_in_doubt(stops, found):
         recording = recording.with_all_images()
         offset = _offset_by_pictures(recording, stops)
         if offset is not None:
             recording = recording.with_clock_offset(offset)
-            found = _seen(recording, stops, target, settings, tell, pictures)
+            found = _seen(recording, stops, target, settings, report, pictures)
     recording.refuse_times_apart()
     found, looked_for = as_built(
-        found, target, tell, lambda box, known: _seen(recording, stops, box, settings, tell, pictures, known)
+        found, target, report, lambda box, known: _seen(recording, stops, box, settings, report, pictures, known)
     )
     look, seen = found
     moving: tuple[MovingFrame, ...] = ()
@@ -176,7 +176,7 @@ def extract_recording(
         seen, moving = [], look.on_the_move() if settings.moving and len(stops) < MIN_STOPS else ()
         if len(moving) < LEAST_WITHOUT_STOPS:
             raise DetectError(why, source=recording.path.name)
-        tell(f"{TOO_FEW_PLACES}: {len(moving)} frames taken on the move stand for stops", 1.0)
+        report(f"{TOO_FEW_PLACES}: {len(moving)} frames taken on the move stand for stops", 1.0)
     covs = covariances([at.corners for at in seen], settings.floor_px)
     drive = Correspondences(
         robot=robot_name_of(recording.path),
@@ -200,7 +200,7 @@ def _seen(  # noqa: PLR0917
     stops: tuple[Stop, ...],
     target: Target,
     settings: ExtractSettings,
-    tell: Progress,
+    report: Progress,
     pictures: Pictures | None,
     known: KnownBox | None = None,
 ) -> Seen:
@@ -211,7 +211,7 @@ def _seen(  # noqa: PLR0917
     for number, stop in enumerate(stops, 1):
         detections, left_out = look.at(frames_at(recording, stop, settings.settle, settings.max_frames), number - 1)
         usable = detections.tags >= settings.min_tags
-        tell(
+        report(
             f"stop {number} of {len(stops)}: {detections.frames} frames, {detections.tags} tags"
             f"{f' (frames left out: {left_out})' if left_out else ''}{'' if usable else ', left out'}",
             number / len(stops),
@@ -229,14 +229,14 @@ def _with_box(drive: Correspondences, box: Target) -> Correspondences:
 
 
 def _clock_in_doubt(stops: tuple[Stop, ...], found: Seen) -> bool:
-    """Tell whether stops that show too little or move give cause to compare the camera's clock with the wheels'."""
+    """Return whether stops that show too little or move give cause to compare the camera's clock with the wheels'."""
     look, seen = found
     few = len(seen) < MIN_STOPS or len(seen) <= len(stops) / 2
     return len(stops) >= MIN_STOPS and (few or look.moved > len(stops) / 3)
 
 
 def _offset_by_pictures(recording: Recording, stops: tuple[Stop, ...]) -> int | None:
-    """Return by how many ns the camera's clock is ahead by its pictures, None if that is little or they do not tell."""
+    """Return by how many ns the camera's clock is ahead by its images, None if that is little or undetermined."""
     stands = np.array([(stop.t_start_ns, stop.t_end_ns) for stop in stops], dtype=np.int64)
     offset = clock_offset_by_pictures(recording, stands)
     return offset if offset is not None and abs(offset) > _LEAST_OFFSET_NS else None
@@ -245,7 +245,7 @@ def _offset_by_pictures(recording: Recording, stops: tuple[Stop, ...]) -> int | 
 def frames_at(recording: Recording, stop: Stop, settle: float, max_frames: int) -> Ids:
     """Return the frames of a stop to look at: away from its ends if there are such, at most ``max_frames``.
 
-    Of more frames every second, fourth, eighth ... of the topic's is taken, which a reader can tell in passing.
+    Of more frames every second, fourth, eighth ... of the topic's is taken, which a reader can do in passing.
     """
     margin = round(settle * 1e9)
     frames = recording.frames_between(stop.t_start_ns + margin, stop.t_end_ns - margin)
@@ -260,25 +260,25 @@ def frames_at(recording: Recording, stop: Stop, settle: float, max_frames: int) 
 def _bits_and_size(
     recording: Recording, stops: tuple[Stop, ...], settings: ExtractSettings
 ) -> tuple[int, tuple[int, int]]:
-    """Return the bits of the camera's grey levels, as given or told, and the usual size of its images, px.
+    """Return the bits of the camera's grey levels, as given or found, and the usual size of its images, px.
 
     A number of bits too small is refused.
     """
     some = recording.read_raw_frames(_some_frames(recording, stops, settings))
     looked_at = [(bits_of(image), (image.shape[1], image.shape[0])) for _, image in some]
-    told, given = max((bits for bits, _ in looked_at), default=8), settings.bits
-    if given is not None and told > given:
+    found, given = max((bits for bits, _ in looked_at), default=8), settings.bits
+    if given is not None and found > given:
         raise DetectError(
-            f"images in {printable(recording.camera_topic)} have values of {told} bits, {given} or fewer are expected",
+            f"images in {printable(recording.camera_topic)} have values of {found} bits, {given} or fewer are expected",
             source=recording.path.name,
-            remedy=f"give bits {told} or none",
+            remedy=f"give bits {found} or none",
         )
     sizes = [size for _, size in looked_at]
-    return given or told, max(sizes, key=sizes.count, default=(0, 0))
+    return given or found, max(sizes, key=sizes.count, default=(0, 0))
 
 
 def _tag_settings(settings: ExtractSettings) -> TagSettings:
-    """Return the tag settings under the response curve that was given; without one the tags tell it."""
+    """Return the tag settings under the response curve that was given; without one it is estimated from the tags."""
     if settings.response is None:
         return settings.tags
     corners = replace(settings.tags.corners, response=settings.response)
@@ -296,7 +296,7 @@ def _some_frames(recording: Recording, stops: tuple[Stop, ...], settings: Extrac
 def observation(
     stop: Stop, detections: AveragedCorners, cov_px2: Array, target: Target, rejected_tags: int = 0
 ) -> StopObservation:
-    """Return a stop of the wheels with what its pictures show, and the covariance (L, 2, 2), px^2, of each landmark."""
+    """Return a stop of the wheels with what its images show, and the covariance (L, 2, 2), px^2, of each landmark."""
     return StopObservation(
         t_start_ns=stop.t_start_ns,
         t_end_ns=stop.t_end_ns,

@@ -1,7 +1,7 @@
 """Detection of stops from the wheels alone.
 
 A *stand* is a run of samples in which each wheel stays within a band of a little more than one encoder step, for long
-enough. Slow creep seen through a coarse encoder looks like a stand too, until the next step comes; what tells them
+enough. Slow creep seen through a coarse encoder looks like a stand too, until the next step comes; what separates them
 apart needs no speed: a robot that stood leaves the place (several bands away) in less time than it stood there, a
 creeping one never does. Everything is scale-free but the shortest stand and the smallest band. Noise of the
 readings widens the band: it is read off the quietest part of the drive.
@@ -169,7 +169,7 @@ def _end_of_band(q: Array, first: int, end: int) -> int:
 
 
 def _left_faster_than_stood(t: Array, q: Array, run: tuple[int, int]) -> bool:
-    """Tell a stand from slow creep: coming and going took little longer than the stand.
+    """Return whether a stand is none of slow creep: coming and going took little longer than the stand.
 
     Where the log ends before the robot got away, it must have stood for most of what is left of it.
     """

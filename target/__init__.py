@@ -1,1 +1,1 @@
-"""The landmark box: its geometry, tags, printable sheets and pictures of it."""
+"""The landmark box: its geometry, tags, printable sheets and images of it."""

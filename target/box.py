@@ -18,7 +18,7 @@ MAX_TAGS_A_FACE = 10_000
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Box:
-    """The figures of a box; the defaults are the default target.
+    """The dimensions of a box; the defaults are the default target.
 
     Frame ``box``: origin at the centre of the base, on the floor, z up. Faces 0, 1, 2, 3 have the outward
     normals +x, +y, -x, -y. Each carries ``rows x columns`` tags, centred; seen from outside with z up, columns
@@ -33,7 +33,7 @@ class Box:
     tag_size : m
         Outer edge of a tag's black border.
     pitch : m
-        From one tag's centre to the next, both ways.
+        From one tag's centre to the next, along both axes.
     first_id
         Id of face 0's top-left tag; ids then run on by columns, rows and faces.
     dictionary
@@ -126,7 +126,7 @@ class Target:
     Attributes
     ----------
     box
-        The figures that the box was made from.
+        The dimensions that the box was made from.
     tag_ids : (T,)
         Ascending.
     tag_corners : (T, 4, 3), m
@@ -190,7 +190,7 @@ def make_target(
     Raises
     ------
     TargetError
-        If a measured figure lies more than 5 % from the design.
+        If a measured dimension lies more than 5 % from the design.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""The command ``make-target``: a box's figures in, its landmark table, paper and models out."""
+"""The command ``make-target``: a box's dimensions in, its landmark table, paper and models out."""
 
 import argparse
 import sys

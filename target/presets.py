@@ -1,4 +1,4 @@
-"""Boxes that are ready made; light, for a command's ``--help`` shows their figures."""
+"""Boxes that are ready made; light, for a command's ``--help`` shows their dimensions."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

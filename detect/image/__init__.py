@@ -1,1 +1,1 @@
-"""Images before detection: bit depth, Bayer mosaics, gray levels, response curves; and annotated pictures after."""
+"""Images before detection: bit depth, Bayer mosaics, gray levels, response curves; and annotated images after."""

@@ -1,4 +1,4 @@
-"""A picture with its tags drawn in: outlines, the first corner, ids, and corners' uncertainty enlarged."""
+"""An image with its tags drawn in: outlines, the first corner, ids, and corners' uncertainty enlarged."""
 
 from typing import TYPE_CHECKING, Any
 

@@ -13,7 +13,7 @@ MOSAICS = ("bayer_rggb", "bayer_bggr", "bayer_gbrg", "bayer_grbg")
 _SIGMA_PX = 2.0
 _MIN_SIDE_PX = 16
 _STRONG, _STRONGEST = 0.5, 0.995
-"""A step counts that has this share of the one that so many do not reach."""
+"""A step counts if it is at least this fraction of the quantile above."""
 _GAINS = (0.05, 20.0)
 """Of a colour against green; others are no print's."""
 
@@ -21,13 +21,14 @@ _GAINS = (0.05, 20.0)
 _LINES = 480
 """Rows that are looked at, and so many pairs of neighbouring rows."""
 _FEW, _SURELY_NOT = 4, 0.9
-"""One in so many of them tells that nothing alternates, by less than this share of the differences two rows apart."""
+"""One in so many of them shows that nothing alternates, by less than this fraction of the differences two rows
+apart."""
 _ALTERNATES, _LEAST_LEVELS2 = 1.03, 0.05
-"""Neighbours alternate whose mean squared difference, over the whole picture, is so many times that of pixels two
+"""Neighbours alternate whose mean squared difference, over the whole image, is so many times that of pixels two
 apart, and so many squared levels more.
 
 Scenes have .3 to .6 times, white noise once, two fields of a box that moved by 2 px 1.03 to 1.6 times. Means of
-differences without their squares do not tell as well: .5 to .9, once, 0.98 to 1.3.
+differences without their squares separate less well: .5 to .9, once, 0.98 to 1.3.
 """
 
 
@@ -35,7 +36,7 @@ def alternation(image: NDArray[Any]) -> tuple[bool, bool]:
     """Return whether a grey image (H, W) alternates from column to column as well as from row to row, and the latter.
 
     Of a scene, neighbours differ less than pixels two apart. Where they differ more, columns and rows alternate in a
-    colour mosaic that was sent as grey, rows alone in an interlaced picture of something that moved. Where rows do not
+    colour mosaic that was sent as grey, rows alone in an interlaced image of something that moved. Where rows do not
     alternate, columns are not looked at.
     """
     if image.dtype not in {np.dtype(np.uint8), np.dtype(np.uint16)}:

@@ -24,7 +24,7 @@ def to_grey(image: NDArray[np.generic], bits: int | None = None) -> tuple[NDArra
 def to_levels(image: NDArray[np.generic], bits: int | None = None) -> tuple[Levels, NDArray[np.uint8]]:
     """Return an image's grey levels, and in 8 bits, as :func:`to_grey`, but those of 8 bits as they are.
 
-    Of a large picture it takes long to make others of them all, and tags fill a part of it.
+    Of a large image it takes long to make others of them all, and tags fill a part of it.
     """
     single, full = _single(image, bits)
     if single.dtype == np.uint8:
@@ -63,7 +63,7 @@ def eight_bit_copy(levels: NDArray[np.float32], full: float) -> NDArray[np.uint8
 def _single(image: NDArray[np.generic], bits: int | None) -> tuple[NDArray[Any], float]:
     """Return the one channel (H, W) of an image, and its full scale.
 
-    Colour is mixed to grey, a mosaic evened out, the fields of an interlaced picture averaged.
+    Colour is mixed to grey, a mosaic evened out, the fields of an interlaced image averaged.
     """
     if image.ndim not in {2, 3} or (image.ndim == 3 and image.shape[2] not in {1, 3, 4}):
         raise DetectError(f"an image of shape {image.shape}: (H, W) or (H, W, 3) is needed; convert it first")

@@ -1,4 +1,4 @@
-"""Interlaced pictures of something that moved: two fields, of the even and of the odd rows, half a frame apart."""
+"""Interlaced images of something that moved: two fields, of the even and of the odd rows, half a frame apart."""
 
 from typing import Any
 

@@ -1,7 +1,7 @@
 """The camera response function: grey levels from linear intensity, known or estimated from the tags.
 
 A lens mixes light, the curve comes after: under sRGB a blurred edge is no longer symmetric, bright borders bloom and
-tags seem to shrink. The wrong curve leaves larger residuals at every edge; that tells which one the camera has.
+tags seem to shrink. The wrong curve leaves larger residuals at every edge, which shows which one the camera has.
 """
 
 from dataclasses import dataclass, replace
@@ -30,7 +30,7 @@ CLEAR, CLEAR_ALONE = 0.8, 0.5
 """A response curve that leaves this fraction of the other's squared residuals is the camera's; of one tag's, so clearly
 that no other need be asked."""
 FITTED = 0.8
-"""Least correlation of a tag that tells."""
+"""Least correlation of a tag from which the curve is estimated."""
 _ENTRIES, _TINY = 1025, 1e-9
 
 
@@ -65,7 +65,7 @@ def with_response(tags: TagAlignments, old: Array, new: Array) -> TagAlignments:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ImagingParameters:
-    """Imaging parameters that all tags of a picture share.
+    """Imaging parameters that all tags of an image share.
 
     Attributes
     ----------
@@ -74,7 +74,7 @@ class ImagingParameters:
     kurtosis
         Excess kurtosis of the blur.
     settled
-        Whether the response curve was given, or told clearly.
+        Whether the response curve was given, or is clearly determined.
     """
 
     response: str
@@ -84,15 +84,15 @@ class ImagingParameters:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ResponseEstimate:
-    """Imaging parameters and darkness of black, as a few tags tell them.
+    """Imaging parameters and darkness of black, estimated from a few tags.
 
     Attributes
     ----------
     imaging
         The response curve and the PSF's kurtosis.
     darkness
-        Light of tags' black over that of white. Roughly aligned tags tell it badly where white blooms into black and
-        the curve is steep there; on a box all are printed alike.
+        Light of tags' black over that of white. Roughly aligned tags determine it badly where white blooms into black
+        and the curve is steep there; on a box all are printed alike.
     """
 
     imaging: ImagingParameters
@@ -102,7 +102,7 @@ class ResponseEstimate:
 def estimate_response(frame: Frame, patterns: Patterns, tags: TagAlignments, response: Response) -> ResponseEstimate:
     """Return the response curve under which roughly aligned tags leave the smallest residuals, and the PSF's kurtosis.
 
-    The largest tag is asked, about both curves or the given one, and a few others too where it does not tell clearly;
+    The largest tag is asked, about both curves or the given one, and a few others too where it does not say clearly;
     the answer is ``linear`` where neither is clearly better, as then it makes no difference.
     """
     diagonal = tags.corners_px[:, 2] - tags.corners_px[:, 0]
@@ -145,14 +145,14 @@ def _residuals(left: dict[str, TagAlignments]) -> tuple[NDArray[np.bool_], dict[
 
 
 def _estimate(left: dict[str, TagAlignments]) -> ResponseEstimate:
-    """Return what tags tell that were aligned under each of some response curves."""
+    """Return the estimate from tags that were aligned under each of some response curves."""
     fitted, residual = _residuals(left)
     best = min(left, key=lambda name: residual[name] * (1.0 if name == "linear" else 1.03))
-    told = left[best].theta[fitted]
+    estimates = left[best].theta[fitted]
     imaging = ImagingParameters(
         response=best,
-        kurtosis=median(told[:, KURTOSIS]) if len(told) else 0.0,
-        settled=len(left) == 1 or (len(told) > 0 and min(residual.values()) <= CLEAR * max(residual.values())),
+        kurtosis=median(estimates[:, KURTOSIS]) if len(estimates) else 0.0,
+        settled=len(left) == 1 or (len(estimates) > 0 and min(residual.values()) <= CLEAR * max(residual.values())),
     )
-    darkness = told[:, BLACK] / (told[:, BLACK] + told[:, CONTRAST])
-    return ResponseEstimate(imaging=imaging, darkness=median(darkness) if len(told) else None)
+    darkness = estimates[:, BLACK] / (estimates[:, BLACK] + estimates[:, CONTRAST])
+    return ResponseEstimate(imaging=imaging, darkness=median(darkness) if len(estimates) else None)

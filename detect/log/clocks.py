@@ -54,7 +54,7 @@ def offset_by_recording(image_t: Ids, image_log: Ids, wheel_t: Ids, wheel_log: I
 
     Both kinds of message are recorded by one clock, soon after they were stamped: stamp less time of recording is the
     same for both but for what an image takes longer, unless one of the clocks is off. Recordings whose times are
-    copies of the stamps tell nothing.
+    copies of the stamps carry no information.
     """
     ages = [(t - log) / 1e9 for t, log in ((image_t, image_log), (wheel_t, wheel_log)) if t.size >= _FEWEST]
     if len(ages) < 2 or any(np.all(age == 0) for age in ages):
@@ -88,7 +88,7 @@ def without_jumps(t_ns: Ids, log_ns: Ids, others: tuple[Ids, Ids]) -> tuple[Ids,
 
 
 def without_own_jumps(t_ns: Ids, log_ns: Ids) -> tuple[Ids, tuple[Jump, ...]]:
-    """Return stamps with jumps of their clock taken out, told by themselves, (N,) ns, and the jumps.
+    """Return stamps with jumps of their clock removed, found from the stamps alone, (N,) ns, and the jumps.
 
     Of messages that come regularly either the stamps or the times of recording go on as usual at a jump: those of the
     clock that did not jump. See :func:`without_jumps`.
@@ -140,7 +140,7 @@ def offset_by_standstills(image_t: Ids, still: "np.ndarray[tuple[int], np.dtype[
     image_t : (F,) ns
         Stamps of frames, ascending.
     still : (F - 1,) bool
-        Whether the picture stayed the same from each frame to the next.
+        Whether the image stayed the same from each frame to the next.
     stands : (P, 2) ns
         First and last time of each stand of the wheels.
     """

@@ -79,7 +79,7 @@ def clean(t_ns: Ids, phi: Array, who: str, periods: Sequence[float] = (), step: 
     who
         Recording and joint, for messages.
     periods : rad
-        Ranges of the counter that the message type tells.
+        Ranges of the counter that the message type defines.
     step : rad, optional
         Of the encoder, where it is known; else it is read off the readings.
 
@@ -213,7 +213,7 @@ def join(right: Encoder, left: Encoder, who: str) -> WheelSamples:
     phi_R, phi_L = (np.interp(at, (e.t_ns - start).astype(np.float64), e.phi) for e in (right, left))
     covered = np.ones(t_ns.size, dtype=np.bool_)
     for encoder in (right, left):
-        for k in np.flatnonzero(~encoder.covered):  # all of the joined samples on the way to such a reading
+        for k in np.flatnonzero(~encoder.covered):  # all of the joined samples up to such a reading
             first = np.searchsorted(t_ns, encoder.t_ns[k - 1], side="right")
             covered[first : np.searchsorted(t_ns, encoder.t_ns[k], side="right")] = False
     return WheelSamples(t_ns=t_ns, phi_R=phi_R, phi_L=phi_L, encoder_steps=steps, covered=covered)

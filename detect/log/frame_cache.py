@@ -97,7 +97,7 @@ class FrameCache:
             self._file = None
 
     def _remember(self, key: int, number: int, data: memoryview) -> None:
-        """Hold a video's packets since its last picture that needs none before it: a frame needs all of them."""
+        """Hold a video's packets since its last image that needs none before it: a frame needs all of them."""
         group = self._group.setdefault(key, [])
         if holds_key(data):
             group.clear()

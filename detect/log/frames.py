@@ -11,7 +11,7 @@ from boxcal.detect.log.images import ImageSeries, VideoPacket, decode_frame, ima
 from boxcal.detect.log.video import VideoDecoder, is_key
 
 _MAX_GROUP = 600
-"""Most packets from a video's picture that needs none before it to one that is asked for."""
+"""Most packets from a video's image that needs none before it to one that is asked for."""
 _MAX_DELAY = 4
 """Most packets that a decoder holds back."""
 
@@ -85,7 +85,7 @@ class FrameSource:
         return data
 
     def _video_frame(self, wanted: int) -> DeepGrey:
-        """Return a frame of a video, by way of the pictures that it builds on."""
+        """Return a frame of a video, by way of the images that it builds on."""
         if self._decoder is None or not self._next <= wanted < self._next + _MAX_GROUP:
             self._next = self._key_before(wanted)
             self._decoder = None

@@ -1,4 +1,4 @@
-"""Losses of a recording as data: what was lost of it, or what it does not tell, that no good calibration has."""
+"""Losses of a recording as data: what was lost of it, or what it does not say, that no good calibration has."""
 
 from dataclasses import dataclass
 from enum import StrEnum
@@ -7,7 +7,7 @@ MOST_STRAYS = 0.02
 """Largest part of a signal's readings that may be wrong and be taken out as strays.
 
 A reading is found astray by its neighbours, which have to be right themselves; where more are off, they are taken for
-the signal itself. Messages damaged on the way show about as often in their frame (lengths, names), so that they do
+the signal itself. Messages damaged in transfer show about as often in their frame (lengths, names), so that they do
 not decode, as in their numbers, so that they do: where more than this part does not decode, or is no number, as
 many wrong numbers may be among the rest as no filter takes out.
 """

@@ -47,7 +47,7 @@ class Transform:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CameraInfo:
-    """Nominal camera figures as a driver publishes them.
+    """Nominal camera parameters as a driver publishes them.
 
     Attributes
     ----------
@@ -79,7 +79,7 @@ class Metadata:
     transforms
         Static transforms by child frame.
     cameras
-        Camera figures by topic.
+        Camera parameters by topic.
     parameters
         What nodes' parameters say of wheels, by node and name: the last that the recording has.
     """
@@ -92,7 +92,7 @@ class Metadata:
     _events: int = 0
 
     def wants(self, kind: str, topic: str) -> bool:
-        """Tell whether a message of a topic can say anything new."""
+        """Return whether a message of a topic can say anything new."""
         if kind == STRING:
             return topic.endswith("robot_description") and not self.description
         if kind == TRANSFORMS:
@@ -106,12 +106,12 @@ class Metadata:
 
         None if neither says them.
         """
-        told = reckoned_by(self.parameters.values())
-        if told is not None or not self.description:
-            return told
+        found = reckoned_by(self.parameters.values())
+        if found is not None or not self.description:
+            return found
         try:
             return urdf_wheels(self.description.encode(), "/robot_description")
-        except DetectError:  # a robot of other joints; whoever needs the figures is told that they are not known
+        except DetectError:  # a robot of other joints; whoever needs the values is told that they are not known
             return None
 
     def base_frame(self) -> str:
@@ -121,18 +121,18 @@ class Metadata:
 
     def fixed_transform(self, parent: str, child: str) -> Array | None:
         """Return the pose of one frame in another, (4, 4), by static transforms; None if they do not join the two."""
-        ways = []
+        chains = []
         for start in (parent.lstrip("/"), child.lstrip("/")):
-            frame, T, way = start, np.eye(4), {start: np.eye(4)}
-            while (found := self.transforms.get(frame)) is not None and found.parent not in way:
+            frame, T, chain = start, np.eye(4), {start: np.eye(4)}
+            while (found := self.transforms.get(frame)) is not None and found.parent not in chain:
                 T = found.matrix() @ T
                 frame = found.parent
-                way[frame] = T.copy()
-            ways.append(way)
-        common = next((frame for frame in ways[0] if frame in ways[1]), None)
+                chain[frame] = T.copy()
+            chains.append(chain)
+        common = next((frame for frame in chains[0] if frame in chains[1]), None)
         if common is None or not parent or not child:
             return None
-        return np.asarray(np.linalg.inv(ways[0][common]) @ ways[1][common])
+        return np.asarray(np.linalg.inv(chains[0][common]) @ chains[1][common])
 
     def take(self, kind: str, topic: str, message: Any) -> None:
         """Take a message (DetectError if it is not what its type says)."""

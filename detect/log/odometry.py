@@ -45,11 +45,11 @@ def virtual_wheels(signal: OdometrySignal, t_ns: Ids, nominal: tuple[float, floa
     dx, dy = np.diff(x), np.diff(y)
     middle = heading[:-1] + turn / 2
     chord = dx * np.cos(middle) + dy * np.sin(middle)
-    way = chord / np.sinc(turn / (2 * np.pi))
+    travel = chord / np.sinc(turn / (2 * np.pi))
     jump = (np.hypot(dx, dy) > _JUMP_M) | (np.abs(turn) > _JUMP_RAD)
-    way, turn = np.where(jump, 0.0, way), np.where(jump, 0.0, turn)
+    travel, turn = np.where(jump, 0.0, travel), np.where(jump, 0.0, turn)
     phi_R, phi_L = (
-        np.concatenate([[0.0], np.cumsum((way + side * separation / 2 * turn) / radius)]) for side in (1.0, -1.0)
+        np.concatenate([[0.0], np.cumsum((travel + side * separation / 2 * turn) / radius)]) for side in (1.0, -1.0)
     )
     covered = gaps_covered(t_ns, phi_R) & gaps_covered(t_ns, phi_L)
     covered[1:] &= ~jump

@@ -38,7 +38,7 @@ def open_recording(
     Parameters
     ----------
     path
-        A file (MCAP, sqlite3, ROS 1 bag, compressed or not), a bag folder, or a folder of pictures.
+        A file (MCAP, sqlite3, ROS 1 bag, compressed or not), a bag folder, or a folder of images.
     topics
         Names where the recording is ambiguous.
     units

@@ -1,4 +1,4 @@
-"""Opens a recording, whatever kind it is: told by its first bytes, not by its name."""
+"""Opens a recording of any kind, recognised by its first bytes, not by its name."""
 
 import re
 import shutil

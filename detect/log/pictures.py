@@ -1,4 +1,4 @@
-"""Pictures as bytes (JPEG, PNG, WebP, TIFF) and rows of pixels as grey images."""
+"""Images as bytes (JPEG, PNG, WebP, TIFF) and rows of pixels as grey images."""
 
 import os
 import struct
@@ -100,8 +100,8 @@ def grey_of_rows(  # noqa: PLR0917  the message's fields in their order
 def grey_of_picture(content: bytes, format: str = "") -> DeepGrey:  # noqa: A002  the field's name in the message
     """Return a JPEG, PNG, WebP or TIFF as a grey image (H, W): uint16 if it has 16 bits a pixel, else uint8.
 
-    The picture's own header decides what it is and how large (checked before decoding); ``format`` is not trusted. A
-    rotation in EXIF data is not applied: pixels are the sensor's. A picture that decodes only in part is refused.
+    The image's own header decides what it is and how large (checked before decoding); ``format`` is not trusted. A
+    rotation in EXIF data is not applied: pixels are the sensor's. An image that decodes only in part is refused.
 
     Raises
     ------
@@ -214,10 +214,10 @@ def _tiff_size(content: bytes, order: str) -> tuple[int, int] | None:
 
 @contextmanager
 def _decoder_complaints() -> Iterator[list[str]]:
-    """Catch what picture libraries write to the standard error while they decode: a damaged picture, or a mere hint.
+    """Catch what image libraries write to the standard error while they decode: a damaged image, or a mere hint.
 
     libjpeg, libpng and libtiff print; OpenCV offers no other way to hear them. What they say of damage is given to the
-    caller, so that the terminal stays clean and a half decoded picture is not taken for a whole one.
+    caller, so that the terminal stays clean and a half decoded image is not taken for a whole one.
     """
     complaints: list[str] = []
     catcher = _catcher()
@@ -240,7 +240,7 @@ def _decoder_complaints() -> Iterator[list[str]]:
 
 @cache
 def _catcher() -> IO[bytes]:
-    """Return the file that the standard error of decoders goes to, empty between pictures."""
+    """Return the file that the standard error of decoders goes to, empty between images."""
     return tempfile.TemporaryFile()
 
 

@@ -104,7 +104,7 @@ class Readings:
                     signal.forget()
 
     def wheel_signals(self) -> list[Signal]:
-        """Return the signals that tell whether the robot rests: velocities only where nothing else moves."""
+        """Return the signals that show whether the robot rests: velocities only where nothing else moves."""
         found = [s for of_topic in self.signals.values() for s in of_topic.values() if s.count]
         moving = [s for s in found if s.quantity is not Quantity.VELOCITY and s.high > s.low]
         return moving or found

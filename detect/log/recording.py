@@ -63,7 +63,7 @@ class Recording:
     lost_messages, lost_s
         What could not be read, as far as that is known.
     losses
-        What of that, and of what the log does not tell, no good calibration has; the notes say it, too.
+        What of that, and of what the log does not say, no good calibration has; the notes say it, too.
     units
         What the wheel readings were taken for.
     source
@@ -121,7 +121,7 @@ class Recording:
             )
 
     def with_clock_offset(self, offset_ns: int) -> "Recording":
-        """Return the same recording with the images' stamps taken back by an offset that the pictures told."""
+        """Return the recording with the images' stamps shifted back by an offset estimated from the images."""
         note = (
             f"the camera's clock is {abs(offset_ns) / 1e9:.1f} s {'ahead of' if offset_ns > 0 else 'behind'} the "
             "wheels' (its pictures stand still that much apart from them); its stamps were put right by that"
@@ -146,7 +146,7 @@ class Recording:
         yield from self._decoded(indices)
 
     def read_frames(self, indices: Iterable[int]) -> Iterator[tuple[int, Grey]]:
-        """Decode frames one at a time, in 8 bits: pictures to look at, deeper ones each at the bits it has.
+        """Decode frames one at a time, in 8 bits: images to look at, deeper ones each at the bits it has.
 
         Frames that do not decode are passed over and counted (:meth:`frames_missing`).
 

@@ -32,7 +32,7 @@ class ImageTopics:
 
 
 def image_topics(path: Path) -> ImageTopics:
-    """Return the image topics of a recording, told apart by their names and kinds of pictures.
+    """Return the image topics of a recording, told apart by their names and kinds of images.
 
     Raises
     ------

@@ -16,7 +16,7 @@ LATEST_NS = 1 << 62
 _MANY = 64
 """So many pieces are joined for good: a live drive asks for all its readings several times a second."""
 _FEW = 4
-"""Fewer readings in a piece tell no usual speed."""
+"""Fewer readings in a piece do not determine its usual speed."""
 
 
 class Quantity(StrEnum):
@@ -41,7 +41,7 @@ class Signal:
     side
         The wheel that the name or the message type says; None if neither does.
     ticks_per_turn
-        Of a wheel, where the message type tells; None if it does not.
+        Of a wheel, where the message type says; None if it does not.
     fastest
         Mean change in a nanosecond in the fastest piece.
     stamped
@@ -86,8 +86,8 @@ class Signal:
         self._values.append(values)
         self.count += int(values.size)
         if values.size > _FEW:
-            way, time = float(np.sum(np.abs(np.diff(values)))), int(t_ns[-1] - t_ns[0])
-            self.fastest = max(self.fastest, way / time if time > 0 else 0.0)
+            travel, time = float(np.sum(np.abs(np.diff(values)))), int(t_ns[-1] - t_ns[0])
+            self.fastest = max(self.fastest, travel / time if time > 0 else 0.0)
         self.low, self.high = min(self.low, float(values.min())), max(self.high, float(values.max()))
 
     @property

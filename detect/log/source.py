@@ -28,22 +28,22 @@ class Source:
     camera_topic, camera_frame
         Where the images are, and the frame that they name.
     base_frame
-        The robot's base frame, as its odometry or its static transforms name it; empty if the log does not tell.
+        The robot's base frame, as its odometry or its static transforms name it; empty if the log does not say.
     wheel_topics, wheel_quantity
         Where the wheels' readings are, and what they are: ``positions``, ``velocities``, ``ticks`` or ``odometry``.
     nominal_radius, nominal_separation : m
         Of the wheels as the robot's description in the log has them, or as odometry was taken apart with; 0 if
         unknown.
     nominal_T_base_cam : (16,), row by row
-        The camera's pose in the base frame by the static transforms of the log; empty if they do not tell.
+        The camera's pose in the base frame by the static transforms of the log; empty if they do not say.
     clock_offset : s
         By how much the camera's clock was ahead of the wheels' before its stamps were put right.
     print_sizes : (FACES,)
-        Sizes of the faces' prints over that of most, where the pictures show that they differ; else empty.
+        Sizes of the faces' prints over that of most, where the images show that they differ; else empty.
     lost_messages, lost_s
         What of the log could not be read, as far as that is known.
     losses
-        What of that, and of what the log does not tell, no good calibration has; the notes say it, too.
+        What of that, and of what the log does not say, no good calibration has; the notes say it, too.
     notes
         What a user should know of how the log was read: choices, losses, what was put right. A sentence each.
     """

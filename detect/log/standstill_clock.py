@@ -1,4 +1,4 @@
-"""Clock offset between camera and wheels, estimated from pictures that stay the same while the wheels stand still."""
+"""Clock offset between camera and wheels, estimated from images that stay the same while the wheels stand still."""
 
 import cv2
 import numpy as np
@@ -10,11 +10,11 @@ from boxcal.target.arrays import Ids, Mask
 _MOST_FRAMES = 3000
 _SMALL_PX = (80, 60)
 _LEAST_CONTRAST = 2.0
-"""Pictures on the move must differ from frame to frame by so many times what they differ at rest."""
+"""Images on the move must differ from frame to frame by so many times what they differ at rest."""
 
 
 def clock_offset_by_pictures(recording: Recording, stands: Ids) -> int | None:
-    """Return by how many ns the camera's clock is ahead of the wheels', None if the pictures do not tell.
+    """Return by how many ns the camera's clock is ahead of the wheels', None if the images do not determine it.
 
     Parameters
     ----------

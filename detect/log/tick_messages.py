@@ -40,7 +40,7 @@ class Field:
     side
         Which wheel; None if only the user knows.
     ticks_per_turn
-        None if the type does not tell.
+        None if the type does not say.
     resolution
         The field that carries the ticks a turn where the driver fills it in, empty if none does.
     """

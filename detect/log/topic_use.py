@@ -1,4 +1,4 @@
-"""The use that a topic can be of, told before any of its messages: what a live reader subscribes to."""
+"""Possible use of a topic, decided before any of its messages: what a live reader subscribes to."""
 
 from enum import StrEnum
 

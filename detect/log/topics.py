@@ -36,7 +36,7 @@ class Topics:
 
 
 def same_topic(a: str, b: str) -> bool:
-    """Tell whether two topic names are one: a leading slash does not matter."""
+    """Return whether two topic names are one: a leading slash does not matter."""
     return a.lstrip("/") == b.lstrip("/")
 
 
@@ -56,7 +56,7 @@ def choose_camera(
     """Return the camera's topic.
 
     Depth images are none. Where a camera has several transports (``X``, ``X/compressed`` ...) the raw one is taken: it
-    has no compression noise. Infrared and derived pictures are taken only where there is no other. Topics without
+    has no compression noise. Infrared and derived images are taken only where there is no other. Topics without
     messages count only where no other has any.
 
     Parameters
@@ -124,7 +124,7 @@ def _likely(counts: Mapping[str, int], depth: Collection[str]) -> list[str]:
 
 
 def distances(topic: str) -> bool:
-    """Tell whether a topic holds distances, by its name."""
+    """Return whether a topic holds distances, by its name."""
     return _DEPTH.search(topic) is not None
 
 
@@ -134,20 +134,20 @@ def without_transport(topic: str) -> str:
 
 
 def says_raw(topic: str) -> bool:
-    """Tell whether a topic's name says that its pictures are the camera's own: ``image_raw``, with any transport."""
+    """Return whether a topic's name says that its images are the camera's own: ``image_raw``, with any transport."""
     last = re.split(r"[/_]", without_transport(topic).lower())[-1]
     return last == "raw" and _DERIVED.search(topic) is None
 
 
 def made_from_another(topic: str, others: Collection[str]) -> bool:
-    """Tell whether a topic's name says that its pictures are made from those of another one beside it."""
+    """Return whether a topic's name says that its images are made from those of another one beside it."""
     folder = topic.rpartition("/")[0]
     beside = (other for other in others if other.rpartition("/")[0] == folder)
     return _DERIVED.search(topic) is not None and any(not _DERIVED.search(other) for other in beside)
 
 
 def transport_rank(topic: str) -> int:
-    """Return how little a topic's transport spoils pictures: 0 for raw images."""
+    """Return how little a topic's transport spoils images: 0 for raw images."""
     found = _TRANSPORT.search(topic)
     suffix = found.group(0) if found else ""
     return _ORDER.index(suffix) if suffix in _ORDER else len(_ORDER)

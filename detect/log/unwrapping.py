@@ -22,7 +22,7 @@ def unwrapped(phi: Array, step: float, periods: Sequence[float]) -> tuple[Array,
     step : rad
         Of the encoder, 0 if none shows.
     periods : rad
-        Ranges of the counter that the message type tells; a turn and what the readings show are tried besides.
+        Ranges of the counter that the message type defines; a turn and what the readings show are tried besides.
     """
     extent = float(np.ptp(phi))
     delta = np.diff(phi)
@@ -46,7 +46,7 @@ def unwrapped(phi: Array, step: float, periods: Sequence[float]) -> tuple[Array,
 
 
 def _in_motion(delta: Array, jumps: Ids) -> bool:
-    """Tell whether jumps happen while the wheel turns, as wraps do; a counter that is set anew may stand."""
+    """Return whether jumps happen while the wheel turns, as wraps do; a counter that is set anew may stand."""
     beside = np.abs(delta[np.clip([jumps - 1, jumps + 1], 0, delta.size - 1)])
     return bool(np.mean(np.max(beside, axis=0) > 0) >= _MOVING_WRAPS)
 
@@ -55,7 +55,7 @@ def _period_by_jumps(phi: Array, delta: Array, step: float, extent: float) -> fl
     """Return the range of a counter in whole steps, 0 if the readings do not show it.
 
     Several jumps are needed that all lead from one end of the readings to the other; what a jump lacks of the period
-    is the travel of one sample, which the samples beside it tell.
+    is the travel of one sample, which the neighbouring samples determine.
     """
     jumps = np.flatnonzero(np.abs(delta) > extent / 2)
     if step <= 0 or extent < _FEWEST_COUNTS * step or not 2 <= jumps.size <= phi.size // 4:

@@ -21,18 +21,18 @@ _CODECS = {
     "libx265": "hevc",
 }
 _H264_KEY, _H265_KEY = {5}, set(range(16, 22))
-"""Kinds of units that a picture without predecessors is made of (ITU-T H.264, table 7-1; H.265, table 7-1)."""
+"""Kinds of units that an image without predecessors is made of (ITU-T H.264, table 7-1; H.265, table 7-1)."""
 
 
 def is_key(packet: VideoPacket) -> bool:
-    """Tell whether a packet (Annex B) begins a picture that needs none before it."""
+    """Return whether a packet (Annex B) begins an image that needs none before it."""
     codec = _codec(packet.codec)
     keys = {"h264": _H264_KEY, "hevc": _H265_KEY}.get(codec)
     return keys is not None and any((u & 31 if codec == "h264" else (u >> 1) & 63) in keys for u in _units(packet.data))
 
 
 def holds_key(message: bytes | memoryview) -> bool:
-    """Tell whether a message that holds a packet may begin such a picture, whatever its codec."""
+    """Return whether a message that holds a packet may begin such an image, whatever its codec."""
     data = bytes(message)
     return any(u & 31 in _H264_KEY or (u >> 1) & 63 in _H265_KEY for u in _units(data))
 
@@ -60,17 +60,17 @@ class VideoDecoder:
         try:
             self._context: Any = av.CodecContext.create(_codec(codec), "r")
             self._context.thread_count = 1
-            self._context.flags |= 1 << 19  # low delay: a picture for each packet
+            self._context.flags |= 1 << 19  # low delay: an image for each packet
         except (av.error.FFmpegError, ValueError) as error:
             raise DetectError(f"a video of codec {printable(codec)} is not read; record H.264 or H.265") from error
 
     def pictures(self, packet: VideoPacket, number: int) -> Iterator[tuple[int, DeepGrey]]:
-        """Yield the pictures that a packet completes, with their numbers, grey (H, W); none where it is damaged.
+        """Yield the images that a packet completes, with their numbers, grey (H, W); none where it is damaged.
 
         Raises
         ------
         DetectError
-            If a picture is too large.
+            If an image is too large.
         """
         try:
             packed = self._av.Packet(packet.data)

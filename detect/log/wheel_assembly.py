@@ -19,7 +19,7 @@ from boxcal.detect.log.wheel_samples import JointUnit, WheelSamples, WheelUnits
 from boxcal.target.arrays import Array, Ids
 
 SLOWEST_HZ = 3.0
-"""Wheel readings that come more rarely tell nothing of the way between two of them."""
+"""Wheel readings that come more rarely carry no information about the path between two of them."""
 _COUNTERS = (2.0**16, 2.0**32)
 """Ranges of the counters in encoder messages, ticks."""
 _TWO_PUBLISHERS = 0.1
@@ -196,9 +196,9 @@ def _ticks_per_turn(name: str, choice: WheelChoice, units: WheelUnits) -> float 
     if units.unit is JointUnit.TICKS or units.unit is not JointUnit.RADIANS:
         return units.ticks_per_turn
     signals = (*choice.right, *choice.left)
-    told = {s.ticks_per_turn for s in signals}
-    if choice.quantity is Quantity.TICKS and None not in told:
-        return max(t for t in told if t is not None)
+    per_turn = {s.ticks_per_turn for s in signals}
+    if choice.quantity is Quantity.TICKS and None not in per_turn:
+        return max(t for t in per_turn if t is not None)
     whole = all(np.array_equal(s.values, np.round(s.values)) for s in signals)
     if (
         choice.quantity in {Quantity.TICKS, Quantity.POSITION}

@@ -128,7 +128,7 @@ def _one(name: str, groups: Sequence[WheelGroup]) -> WheelGroup:
 
 
 def _same(a: WheelGroup, b: WheelGroup) -> bool:
-    """Tell whether two groups carry the same readings, as where one topic repeats another."""
+    """Return whether two groups carry the same readings, as where one topic repeats another."""
     for mine, others in ((a.right, b.right), (a.left, b.left)):
         if len(mine) != len(others):
             return False
@@ -179,7 +179,7 @@ def _moving_odometry(name: str, odometry: Mapping[str, OdometrySignal]) -> Odome
 
 
 def _of_wheels(topic: str) -> bool:
-    """Tell whether the name of odometry says that it is reckoned from the wheels alone."""
+    """Return whether the name of odometry says that it is reckoned from the wheels alone."""
     rest = topic.lower()
     said = any(word in rest for word in _OF_WHEELS)
     return said and not any(word in rest.replace("unfiltered", "") for word in _FILTERED)

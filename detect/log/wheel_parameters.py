@@ -25,7 +25,7 @@ _SAME = 1e-9
 
 
 def says_of_wheels(name: str) -> bool:
-    """Tell whether a parameter's name, such as ``wheels.radius``, can say something of a driver's wheels."""
+    """Return whether a parameter's name, such as ``wheels.radius``, can say something of a driver's wheels."""
     return _plain(name) in _NAMES
 
 
@@ -59,7 +59,7 @@ class DriverWheels:
 
 
 def driver_wheels(parameters: Mapping[str, float]) -> DriverWheels | None:
-    """Return the wheels that one node's parameters, by name, say; None if they do not tell radius and separation."""
+    """Return the wheels that one node's parameters, by name, say; None if they do not give radius and separation."""
     values = {_plain(name): value for name, value in parameters.items()}
     radius = {values[name] * factor for name, factor in _RADII.items() if name in values}
     separation = {values[name] for name in _SEPARATIONS if name in values}
@@ -77,9 +77,9 @@ def driver_wheels(parameters: Mapping[str, float]) -> DriverWheels | None:
 
 
 def reckoned_by(nodes: Iterable[Mapping[str, float]]) -> tuple[float, float] | None:
-    """Return the wheel radius and separation, m, that nodes reckon with; None if none tells, or they differ."""
-    told = {wheels.reckoned for wheels in map(driver_wheels, nodes) if wheels is not None}
-    return told.pop() if len(told) == 1 else None
+    """Return the wheel radius and separation, m, that nodes reckon with; None if none gives them, or they differ."""
+    given = {wheels.reckoned for wheels in map(driver_wheels, nodes) if wheels is not None}
+    return given.pop() if len(given) == 1 else None
 
 
 def _plain(name: str) -> str:

@@ -9,7 +9,7 @@ from boxcal.detect.tags.detections import TagDetections
 from boxcal.target.arrays import Array, Ids
 
 FLOOR_PX = 0.003
-"""Least standard deviation per axis, px: what the corners of large tags err by in the cleanest pictures. Print, paper
+"""Least standard deviation per axis, px: what the corners of large tags err by in the cleanest images. Print, paper
 and glue are components of their own in the likelihood, and its noise scale is estimated."""
 _SEEN_IN = 0.5
 _OUTLIER_SIGMAS = 5.0
@@ -30,8 +30,8 @@ class AveragedCorners:
         Standard deviation per axis that no number of frames goes below: the pixel grid and compression do the same to
         a corner in every frame of a stop (median over frames of what its tag says).
     cov_px2 : (L, 2, 2), px^2, or None
-        Covariance in one frame as the frames tell it, their mean: noise, and what the tags' model does not follow. None
-        if a frame does not tell it.
+        Covariance in one frame, the mean of what the frames state: noise, and what the tags' model does not follow.
+        None if a frame does not determine it.
     counts : (L,)
         Frames in each mean.
     scatter_px2 : (2, 2), px^2
@@ -72,7 +72,7 @@ def combine(frames: Sequence[TagDetections]) -> AveragedCorners:
 
     A landmark counts if at least half of the frames show it. Its place is the mean of those within five standard
     deviations of the median; the standard deviation is read off the deviations of all landmarks from their medians
-    (median absolute deviation, each in proportion to what the frames tell of it), so a frame that is off at one tag
+    (median absolute deviation, each in proportion to its stated sigma), so a frame that is off at one tag
     does not widen it.
     """
     ids = np.unique(np.concatenate([f.landmark_ids for f in frames])) if frames else np.zeros(0, dtype=np.int64)
@@ -137,21 +137,21 @@ def _mean_covariance(frames: Sequence[TagDetections], landmark_ids: Ids) -> Arra
 def covariances(by_stop: Sequence[AveragedCorners], floor_px: float = FLOOR_PX) -> list[Array]:
     """Return the covariance of each stop's landmarks, (L, 2, 2) px^2 each.
 
-    What a frame tells of its corners is noise, which a mean over n frames has one n-th of, and what the tags' model
-    does not follow, which is the same in every frame as long as the robot stands. The frames' scatter, pooled over all
-    landmarks of all stops, says which share the noise has. So a covariance that is told too large counts as something
-    that stays, and one too small hides it: frames alone cannot tell these apart. Where frames do not tell (lines were
-    fitted), the scatter itself is the noise. What does not average out (``AveragedCorners.sigma_px``, at least the
-    floor) is added.
+    The stated covariance of a frame's corners is noise, which a mean over n frames has one n-th of, and what the tags'
+    model does not follow, which is the same in every frame as long as the robot stands. The frames' scatter, pooled
+    over all landmarks of all stops, says what fraction is noise. So a covariance that is stated too large counts as
+    something that stays, and one too small hides it: frames alone cannot tell these apart. Where frames do not
+    determine it (lines were fitted), the scatter itself is the noise. What does not average out
+    (``AveragedCorners.sigma_px``, at least the floor) is added.
     """
     freedom = sum(s.freedom for s in by_stop)
     fixed = [np.maximum(s.sigma_px, floor_px)[:, None, None] ** 2 * np.eye(2) for s in by_stop]
-    told = [s.cov_px2 for s in by_stop if s.cov_px2 is not None]
-    if len(told) == len(by_stop):
-        share = sum(s.normalised for s in by_stop) / freedom if freedom else 1.0
+    stated = [s.cov_px2 for s in by_stop if s.cov_px2 is not None]
+    if len(stated) == len(by_stop):
+        noise = sum(s.normalised for s in by_stop) / freedom if freedom else 1.0
         return [
-            (cov if s.of_mean else cov * (share / s.counts + max(1 - share, 0.0))[:, None, None]) + least
-            for s, cov, least in zip(by_stop, told, fixed, strict=True)
+            (cov if s.of_mean else cov * (noise / s.counts + max(1 - noise, 0.0))[:, None, None]) + least
+            for s, cov, least in zip(by_stop, stated, fixed, strict=True)
         ]
     scatter = np.sum([s.scatter_px2 for s in by_stop], axis=0)
     frame_px2 = scatter / freedom if freedom else np.zeros((2, 2))

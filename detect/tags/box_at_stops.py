@@ -37,7 +37,7 @@ from boxcal.target.box import Target
 MANY_REJECTED = 0.1
 """Tags rejected for each tag of the box from which on the box is not as described, or there are two."""
 MOST_KEPT_BYTES = 1 << 25
-"""Pictures of stops that are kept, for the case that the box is not as described; the others are read again."""
+"""Images of stops that are kept, for the case that the box is not as described; the others are read again."""
 _MOST_WITHOUT_BOX = 24
 """After so many frames of a robot that stood still at too few places, all without the box, no more are looked at."""
 MOST_PIXELS = 3_000_000_000
@@ -55,7 +55,7 @@ class KnownBox:
     expected
         Tags that each stop, by number, should show.
     pictures
-        Mean pictures of stops, by number.
+        Mean images of stops, by number.
     odd_sizes
         Frames of another size than the first, which were left out.
     """
@@ -77,7 +77,7 @@ class BoxAtStops:
     frames, with_frames, with_tags
         Frames that were looked at; stops with frames, and with tags of the box.
     moved
-        Stops of which frames were left out since the picture moved, or whose frames hardly show one picture.
+        Stops of which frames were left out since the image moved, or whose frames hardly show one image.
     unsettled
         The latter of them.
     odd_sizes
@@ -147,7 +147,7 @@ class BoxAtStops:
         return found
 
     def _take_rejected(self, count: int) -> None:
-        """Remember how many tags of a stop were rejected, and the picture with the most of them."""
+        """Remember how many tags of a stop were rejected, and the image with the most of them."""
         self.rejected.append(count)
         if self.last_frame is not None and count > (0 if self._contradicting is None else self._contradicting[0]):
             self._contradicting = (count, self.last_frame)
@@ -155,7 +155,7 @@ class BoxAtStops:
     def between(
         self, stops: Sequence[Stop], stands: Sequence[Stop], target: Target, views: PredictedViews | None = None
     ) -> tuple[MovingFrame, ...]:
-        """Return frames taken between stops that show the box, a few that tell much (see ``on_the_move``).
+        """Return frames taken between stops that show the box, a few that are informative (see ``on_the_move``).
 
         Parameters
         ----------

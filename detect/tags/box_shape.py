@@ -1,4 +1,4 @@
-"""Shape of a box as it was built: for each face its print's size both ways, where the print lies, and its bow."""
+"""Shape of a box as it was built: for each face its print's size along both axes, where the print lies, and its bow."""
 
 from dataclasses import replace
 
@@ -31,7 +31,7 @@ def _on_paper(target: Target, face: int, shape: Array) -> Array:
 
 
 def _sagitta(target: Target, face: int, p_face: Array) -> Array:
-    """Return the share of a face's bow at landmarks (..., 3) in its frame, 1 in its middle and 0 at its edges."""
+    """Return the fraction of a face's bow at landmarks (..., 3) in its frame, 1 in its middle and 0 at its edges."""
     return np.asarray(1 - (2 * p_face[..., 0] / target.box.face_width(face)) ** 2)
 
 

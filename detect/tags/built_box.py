@@ -1,9 +1,9 @@
 """The box as it was built, estimated from what all stops show of it, so that its tags are measured again as they lie.
 
-A picture alone cannot tell a box that is not as described from a lens: the fit takes up the one with the other, tags
+An image alone cannot tell a box that is not as described from a lens: the fit takes up the one with the other, tags
 are aligned on charts of a lens that is not there, and corners of a face come out displaced alike, of which no
 covariance knows. Two faces printed at 97 % are displaced by .01 px, three times their errors, with a tenth of their
-tags lost. All stops together tell the two apart: one camera for all, a pose for each, and for each face its print's
+tags lost. All stops together separate the two: one camera for all, a pose for each, and for each face its print's
 size both ways and its place. That is a rough bundle adjustment (corners are good to some .02 px) for the detector
 alone; the calibration has its own model of the box.
 """
@@ -34,7 +34,7 @@ SURELY, BETTER = 0.25, 0.5
 """A box is believed from which landmarks lie within this fraction of that distance: with the first, at once; with the
 second, after prints of other sizes were tried to start from."""
 _KNOWN = 0.1
-"""Deviation of a camera that all stops told, to begin with, over that of an unknown one."""
+"""Initial deviation of a camera estimated from all stops, over that of an unknown one."""
 SIZES = (1.0, 0.97, 1.03, 0.94, 1.06, 0.91, 1.09)
 """Sizes of all prints to start from."""
 _SIGMA_PX, _FAR_PX = 0.05, 3.0
@@ -43,7 +43,8 @@ _ROUGH_PX = 0.2
 _ITERATIONS, _DONE = 12, 0.02
 """Steps end when the last one has lessened the sum of squares by less than this fraction of it."""
 _LEAST_TAGS, _LEAST_STOPS, _MOST_STOPS = 8, 3, 10
-"""Tags that a stop shows at least, and stops, those with the most tags beside their main face, that tell the box."""
+"""Tags that a stop shows at least, and stops, those with the most tags beside their main face, from which the box is
+estimated."""
 _SOME = slice(None, None, 2)
 """Corners of a tag that are looked at."""
 
@@ -98,7 +99,7 @@ class _Fit:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class BuiltBox:
-    """A box as it was built, and the camera that all stops together tell.
+    """A box as it was built, and the camera estimated from all stops together.
 
     Attributes
     ----------
@@ -135,9 +136,9 @@ def built_box(
     image_size
         (width, height), px.
     camera
-        What the stops told of the camera.
+        What is known of the camera from the stops.
     """
-    views = _telling(target, stops)
+    views = _most_informative(target, stops)
     if len(views) < _LEAST_STOPS:
         return None
     points, unsure = _points(views), replace(camera, deviation=unknown_deviation(image_size))
@@ -157,8 +158,8 @@ def built_box(
     return BuiltBox(target=shaped(target, fit.shape), camera=camera)
 
 
-def _telling(target: Target, stops: Sequence[tuple[Ids, Array]]) -> list[_View]:
-    """Return the stops that tell the most, by the tags on all faces but the one that shows most."""
+def _most_informative(target: Target, stops: Sequence[tuple[Ids, Array]]) -> list[_View]:
+    """Return the most informative stops, by the tags on all faces but the one that shows most."""
     views, beside = [], []
     for landmark_ids, uv in stops:
         if len(landmark_ids) < CORNERS * _LEAST_TAGS or len(landmark_ids) % CORNERS:
@@ -199,7 +200,7 @@ def _started(  # noqa: PLR0917 - a view's fit and its start
 ) -> tuple[_Fit, float]:
     """Return the box with prints of one size as each view sees it by itself, and the mean deviation there, px.
 
-    The camera is that of the view which tells its focal length best.
+    The camera is that of the view which determines its focal length best.
     """
     shape = np.zeros((FACES, SHAPE))
     shape[:, :2] = size - 1
@@ -275,7 +276,7 @@ def _step(target: Target, points: _Points, fit: _Fit, prior: tuple[Array, Array]
 
 
 def _by_faces(target: Target, points: _Points, fit: _Fit, by_point: Array) -> Array:
-    """Return how landmarks move in the picture with the unknowns of all faces, (FACES * 9, 2, P) px.
+    """Return how landmarks move in the image with the unknowns of all faces, (FACES * 9, 2, P) px.
 
     ``by_point`` (3, 2, P) is how they move with their place before the camera.
     """

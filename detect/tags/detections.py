@@ -69,7 +69,7 @@ class TagDetections:
         Ids of the family that were seen but that the target does not carry, ascending; an accurate search looks for
         them only where it sees no tag of the target.
     cov_px2 : (N, 4, 2, 2), px^2, or None
-        Covariance of each corner as this one image tells it; None if lines were fitted.
+        Covariance of each corner from this one image; None if lines were fitted.
     """
 
     ids: Ids

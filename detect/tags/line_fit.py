@@ -43,7 +43,7 @@ class CornerSettings:
     profiles, samples
         Profiles along an edge, samples in each.
     inset
-        Share of an edge left out at each end, where the corner is rounded.
+        Fraction of an edge left out at each end, where the corner is rounded.
     rounds
         Passes, each from the corners of the one before.
     max_move_modules, max_move_px
@@ -99,10 +99,10 @@ def refine(image: NDArray[np.uint8], corners_px: Array, settings: CornerSettings
 
 
 def systematic_px(corners_px: Array) -> Array:
-    """Return the standard deviation per axis, (N,) px, of what is the same in every picture of a tag from one place.
+    """Return the standard deviation per axis, (N,) px, of what is the same in every image of a tag from one place.
 
     Pixel grid, compression and the tag's own bits shift an edge, the more the fewer pixels a module has: measured on
-    path-traced JPEG pictures against their truth, 0.13 px where modules are 1.6 px wide, 0.09 at 2.2, 0.05 at 3.5,
+    path-traced JPEG images against their truth, 0.13 px where modules are 1.6 px wide, 0.09 at 2.2, 0.05 at 3.5,
     0.04 at 5.
     """
     narrowest = np.maximum(module_px(corners_px).min(axis=1), 0.5)

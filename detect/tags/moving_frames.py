@@ -22,7 +22,7 @@ class MovingFrame:
     Attributes
     ----------
     t_ns : ns
-        Stamp of the frame, on the wheels' clock as far as stamps tell.
+        Stamp of the frame, on the wheels' clock as far as the stamps show.
     landmark_ids : (L,) int64
         ``4 * tag id + corner``, ascending, each once.
     p_box : (L, 3), m
@@ -75,7 +75,7 @@ def refuse_odd_landmarks(whose: str, landmark_ids: Ids, arrays: tuple[Array, Arr
 
 
 def refuse_corners_of_no_tag(whose: str, uv_px: Array, image_size: tuple[int, int]) -> None:
-    """Refuse corners far outside their picture, or all on one line of it: no detector finds such."""
+    """Refuse corners far outside their image, or all on one line of it: no detector finds such."""
     size = np.array(image_size)
     if np.any(uv_px < -size) or np.any(uv_px > 2 * size):
         raise DetectError(

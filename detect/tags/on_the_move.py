@@ -1,9 +1,9 @@
-"""Frames taken between stops: a few chosen by what they tell for what they cost, and the tags measured in each.
+"""Frames taken between stops: a few chosen by their information for their cost, and the tags measured in each.
 
-What a frame tells of wheels and camera extrinsics is how far the robot turned on little way since the nearest stop, and
-of the clocks how fast the wheels turn there. What it costs is a search that may be in vain, since the camera may have
-turned away. Where the stops tell wheels and camera, views are predicted (``predicted_views``); else how often a turn
-keeps the box in view is learned from the frames looked at so far.
+A frame's information about wheels and camera extrinsics is how far the robot turned on a short path since the nearest
+stop, and of the clocks how fast the wheels turn there. What it costs is a search that may be in vain, since the camera
+may have turned away. Where the stops determine wheels and camera, views are predicted (``predicted_views``); else how
+often a turn keeps the box in view is learned from the frames looked at so far.
 """
 
 from collections.abc import Callable, Sequence
@@ -30,9 +30,9 @@ from boxcal.target.arrays import Array, Ids, Mask
 from boxcal.target.box import Target
 
 A_LEG, FEWEST, MOST = 0.6, 6, 40
-"""Frames that are measured: so many a leg, and at least and at most so many in all."""
+"""Number of frames that are measured: for each leg, and at least and at most in all."""
 LEAST_WITHOUT_STOPS, MOST_WITHOUT_STOPS = 12, 40
-"""Frames that a robot needs which stood still at too few places, and at most so many are measured."""
+"""Frames that a robot needs which stood still at too few places, and the most that are measured."""
 TOO_FEW_PLACES = "the robot stood still at fewer than three places"
 """What is said of such a robot."""
 TRIED = 2.5
@@ -40,15 +40,15 @@ TRIED = 2.5
 _MARGIN_NS = 50_000_000
 """Frames this near to a stand may be of a robot that settles."""
 _LEAST_RATE = 0.2
-"""Wheel rate (rad/s) below which a frame tells nothing of the clocks."""
+"""Wheel rate (rad/s) below which a frame carries no information about the clocks."""
 _CLOCK_S, _FAST = 0.1, 8.0
 """An error in time of this (s) counts as much as a turn; rates (rad/s) beyond count as this."""
-_WAY = 0.5
-"""Way (rad of a wheel) that counts besides the one rolled: what the readings' errors amount to."""
+_PATH = 0.5
+"""Path (rad of a wheel) that counts besides the one rolled: what the readings' errors amount to."""
 _TURNS = np.array([0.25, 0.5, 1.0, 1.5, 2.5])
 """Bounds of the classes of turns, as differences of the wheels' angles, rad."""
 _MOST_TURN = 0.75
-"""A turn beyond this (rad, as above) tells little more: then the way in between matters."""
+"""A turn beyond this (rad, as above) adds little information: then the path in between matters."""
 _AT_ONCE = 8
 """Candidates whose views are predicted at once."""
 _IN_VAIN = 8
@@ -70,7 +70,7 @@ class Candidates:
         Rows of the recording's frames, ascending.
     side : (F,)
         Twice the number of the leg; one more where the stop behind it is nearer than the one before.
-    turn, way : (F,), rad
+    turn, path : (F,), rad
         Difference of the wheels' angles, and their mean travel, since or until the nearer stop.
     rate : (F,), rad/s
         How fast the faster wheel turns.
@@ -79,7 +79,7 @@ class Candidates:
     frames: Ids
     side: Ids
     turn: Array
-    way: Array
+    path: Array
     rate: Array
 
 
@@ -118,16 +118,16 @@ def candidates(wheels: WheelSamples, stops: Sequence[Stop], stands: Sequence[Sto
 
     here = np.stack([read(at, phi[:, 0]), read(at, phi[:, 1])], axis=1)
     at_stops = np.array([(s.phi_R, s.phi_L) for s in stops])
-    ways = np.stack(
+    paths = np.stack(
         [read(at, rolled) - read(ends[leg], rolled), read(starts[leg + 1], rolled) - read(at, rolled)], axis=1
     )
-    behind = (ways[:, 1] < ways[:, 0]).astype(np.int64)
+    behind = (paths[:, 1] < paths[:, 0]).astype(np.int64)
     difference = here - at_stops[leg + behind]
     return Candidates(
         frames=rows,
         side=2 * leg + behind,
         turn=np.abs(difference[:, 0] - difference[:, 1]),
-        way=ways[np.arange(len(rows)), behind],
+        path=paths[np.arange(len(rows)), behind],
         rate=rate[rows],
     )
 
@@ -138,7 +138,7 @@ def _samples(stops: Sequence[Stop]) -> list[tuple[int, int]]:
 
 @dataclass(slots=True, kw_only=True, eq=False)
 class Choice:
-    """The next frame worth looking at, given what those before it showed.
+    """The next frame to look at, given what those before it showed.
 
     Attributes
     ----------
@@ -170,8 +170,10 @@ class Choice:
     left: Array = field(default_factory=lambda: np.zeros(0))
 
     def __post_init__(self) -> None:
-        told = np.minimum(self.among.turn, _MOST_TURN) ** 2 + (_CLOCK_S * np.minimum(self.among.rate, _FAST)) ** 2
-        self.left = told / (_WAY + self.among.way)
+        information = (
+            np.minimum(self.among.turn, _MOST_TURN) ** 2 + (_CLOCK_S * np.minimum(self.among.rate, _FAST)) ** 2
+        )
+        self.left = information / (_PATH + self.among.path)
 
     @property
     def _kind(self) -> tuple[Ids, Ids]:
@@ -187,9 +189,9 @@ class Choice:
         if self.nowhere and self.shown == 0 and self.in_vain >= _IN_VAIN:
             return None
         kind = self._kind
-        worth = self.left * self.seen[kind] / (self.seen[kind] + self.missed[kind])
-        best = int(np.argmax(worth)) if len(worth) else 0
-        return best if len(worth) and worth[best] > 0 else None
+        gain = self.left * self.seen[kind] / (self.seen[kind] + self.missed[kind])
+        best = int(np.argmax(gain)) if len(gain) else 0
+        return best if len(gain) and gain[best] > 0 else None
 
     def _next_in_view(self, in_view: Callable[[Ids], Mask]) -> int | None:
         """Return the candidate that adds most among those predicted to show the box; None if none is left."""
@@ -220,7 +222,7 @@ class BoxOnTheMove:
         self, target: Target, tags: TagSettings, camera: KnownCamera, views: ClockedViews | None = None
     ) -> None:
         self._target, self._tags, self._views = target, tags, views
-        self._camera = replace(camera, round_inflation=0.0)  # a picture on the move is always asked for its blur
+        self._camera = replace(camera, round_inflation=0.0)  # an image on the move is always asked for its blur
 
     def at(self, image: DeepGrey, t_ns: int) -> MovingFrame | None:
         """Return what a frame shows; None if it shows too little of the box."""
@@ -281,18 +283,18 @@ def spread_frames(wheels: WheelSamples, t_ns: Ids) -> Ids:
     """
     t = wheels.t_ns
     rolled = np.abs(np.diff(np.stack([wheels.phi_R, wheels.phi_L]), axis=1)).sum(axis=0)
-    way = np.concatenate([[0.0], np.cumsum(rolled)])
+    path = np.concatenate([[0.0], np.cumsum(rolled)])
     rows = np.flatnonzero((t_ns > t[0] + _MARGIN_NS) & (t_ns < t[-1] - _MARGIN_NS))
-    if len(rows) == 0 or way[-1] <= 0:
+    if len(rows) == 0 or path[-1] <= 0:
         return rows[:0]
-    at = np.interp(t_ns[rows] - t[0], t - t[0], way) / way[-1]
+    at = np.interp(t_ns[rows] - t[0], t - t[0], path) / path[-1]
     places = [(2 * k + 1) / 2**level for level in range(1, 9) for k in range(2 ** (level - 1))]
     nearest = np.array([int(np.argmin(np.abs(at - place))) for place in places])
     return rows[list(dict.fromkeys(nearest.tolist()))]
 
 
 def may_be_measured(tags: TagSettings, image_size: tuple[int, int]) -> bool:
-    """Tell whether single frames of this size are measured well enough to be used."""
+    """Return whether single frames of this size are measured well enough to be used."""
     return tags.accurate and min(image_size) >= LEAST_SIDE_PX
 
 

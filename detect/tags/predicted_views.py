@@ -18,28 +18,28 @@ from boxcal.target.camera.camera_model import CameraModel, project
 _READABLE_PX = 9.0
 """Shortest side of a tag, px, from which on it is counted on."""
 _STEP_S = 0.005
-"""Difference in time of which the speed of corners is told, s."""
+"""Difference in time from which the speed of corners is computed, s."""
 _ROUNDS, _LONGEST_S, _SLIGHT_S = 3, 0.5, 1e-4
 _DOUBT_S = 0.06
 """Offsets up to this must leave the box in view of frames that are looked at first, s."""
 _APART, _MOST_PLACES = 0.06, 40
-"""As long as no frame told the offset, tags may be at places on their way, each further by this (sides of a tag: half a
-module), if so many either way reach as far as the doubt."""
+"""As long as no frame determined the offset, tags may be at places on their path, each further by this (sides of a tag:
+half a module), if this many in either direction cover the uncertainty."""
 _TRUSTED = 2
-"""Frames that told the offset from which on tags that are not where they are expected are not searched for, once that
-was in vain: a clock that jumps puts them elsewhere, blur hides them."""
+"""Number of frames that determined the offset from which on tags that are not where they are expected are not searched
+for, once that was in vain: a clock that jumps puts them elsewhere, blur hides them."""
 _MOST_TAGS = 24
-"""Tags that are measured in a frame: they tell its pose far better than wheels tell the way to it."""
+"""Tags that are measured in a frame: they determine its pose far better than wheels determine the path to it."""
 _A_FACE, _ENOUGH_TAGS = 10, 3
 """Tags of a face that are asked whether they are in view, at most, and how many must be."""
 _FASTEST, _MOST_BLUR_PX = 1.0, 6.0
-"""Speed in the picture up to which frames are looked at, widths a second, as long as none told the exposure, and from
-then on the way of the box during it, px."""
+"""Speed in the image up to which frames are looked at, widths a second, as long as none determined the exposure, and
+from then on the path of the box during it, px."""
 _AGREES = 0.01
-"""Corners that lie further off the prediction than this (root mean square, widths of the picture) tell no offset."""
-_TOLD_S = 0.04
-"""Predictions are wrong by as much along the way as they may be at all: corners that take longer than this for so much
-(root mean square) tell that error and nothing of the clock."""
+"""Corners that lie further off the prediction than this (root mean square, widths of the image) determine no offset."""
+_DETERMINED_S = 0.04
+"""Predictions are wrong by as much along the path as they may be at all: corners that take longer than this for so much
+(root mean square) show that error and nothing of the clock."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -78,7 +78,7 @@ def _doubled(v: Array) -> Array:
 
 @dataclass(slots=True, kw_only=True, eq=False)
 class ClockedViews:
-    """Predicted views under the clock offset that the frames found so far tell.
+    """Predicted views under the clock offset estimated from the frames found so far.
 
     Attributes
     ----------
@@ -87,13 +87,14 @@ class ClockedViews:
     image_size : px
         Of the frames.
     told_ns, told_s
-        Stamp of each frame that told an offset, and that: its stamp less the time at which it was taken, s.
+        Stamp of each frame that determined an offset, and that offset: its stamp less the time at which it was taken,
+        s.
     too_fast
-        Speed of the box in the picture, widths of the picture a second, at which frames showed no tags.
+        Speed of the box in the image, widths of the image a second, at which frames showed no tags.
     in_vain
         How many frames were searched for tags that were not where they were expected, and not elsewhere.
     exposures
-        Of each frame that told it, how long the shutter was open, s, and the variance of the blur at rest, px^2.
+        Of each frame that determined it, how long the shutter was open, s, and the variance of the blur at rest, px^2.
     """
 
     views: PredictedViews
@@ -114,7 +115,7 @@ class ClockedViews:
         self._some = self.target.tag_corners[np.concatenate([r[:: -(-len(r) // _A_FACE)] for r in rows])]
 
     def late_s(self, t_ns: Ids) -> Array:
-        """Return the offsets that are allowed for at stamps (F,), (F,) s: what the nearest frame told.
+        """Return the offsets that are allowed for at stamps (F,), (F,) s: those of the nearest frame.
 
         Clocks drift and jump.
         """
@@ -138,10 +139,10 @@ class ClockedViews:
         )
 
     def _places(self, taken_ns: int, uv: Array, rows: Ids) -> Array:
-        """Return where some tags (N,) may be as the clocks may differ, close together along their way, (S, N, 4, 2) px.
+        """Return where some tags (N,) may be as clocks may differ, close together on their path, (S, N, 4, 2) px.
 
         ``uv`` is where they are if the clocks do not; nothing if the offset is known, if the box stands still in the
-        picture, or if there are too many places.
+        image, or if there are too many places.
         """
         nowhere = np.zeros((0, len(rows), 4, 2))
         if self.told_s or not len(rows):
@@ -166,7 +167,7 @@ class ClockedViews:
     def readable(self, t_ns: Ids) -> Mask:
         """Return whether frames stamped ``t_ns`` (F,) ought to show tags of the box that can be read.
 
-        As long as no frame told the offset, whatever it is.
+        As long as no frame determined the offset, whatever it is.
         """
         taken = self._taken(t_ns)
         apart = (0.0,) if self.told_s else (0.0, -_DOUBT_S, _DOUBT_S)
@@ -181,7 +182,7 @@ class ClockedViews:
 
     @property
     def _fastest(self) -> float:
-        """Speed in the picture up to which tags ought to be readable, widths a second."""
+        """Speed in the image up to which tags ought to be readable, widths a second."""
         if not self.exposures:
             return min(_FASTEST, self.too_fast)
         exposure_s = float(np.median(self.exposures, axis=0)[0])
@@ -195,7 +196,7 @@ class ClockedViews:
             return np.asarray(np.sum(facing & inside & (side > _READABLE_PX**2), axis=1))
 
     def _motion(self, taken_ns: int) -> Array:
-        """Return how the box moves through the picture at a time, (2,) px/s: told once for each."""
+        """Return how the box moves through the image at a time, (2,) px/s: computed once for each."""
         if taken_ns not in self._motions:
             (here, after), (facing, _) = self.views.tags(self._some, taken_ns + np.array([0, round(1e9 * _STEP_S)]))
             self._motions[taken_ns] = _moved(here[None], after[None], facing[None])[0] / _STEP_S
@@ -228,7 +229,7 @@ class ClockedViews:
             here, after = self._seen(t_ns, p_box, np.array([late_s, late_s + _STEP_S]))
             speed = (after - here) / _STEP_S
             square = float(np.sum(speed**2))
-            if not square > len(uv_px) * (_AGREES * self.image_size[0] / _TOLD_S) ** 2:
+            if not square > len(uv_px) * (_AGREES * self.image_size[0] / _DETERMINED_S) ** 2:
                 return
             step_s = float(np.sum(speed * (uv_px - here))) / square
             late_s += step_s

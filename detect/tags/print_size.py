@@ -1,4 +1,4 @@
-"""Size of the prints, estimated from pictures in which the tags of two faces do not fit one box as described.
+"""Size of the prints, estimated from images in which the tags of two faces do not fit one box as described.
 
 One face says nothing of its size: it looks as if it were nearer. Two faces of a box whose prints came out smaller lie
 further apart than their tags say; where that is too much for the search, it sees one of them only. The search is tried
@@ -40,7 +40,7 @@ def print_scale(image: DeepGrey, target: Target, settings: TagSettings) -> float
     Parameters
     ----------
     image : (H, W)
-        Grey picture, uint8 or uint16 (white at 65535), in which tags were read that do not fit the box.
+        Grey image, uint8 or uint16 (white at 65535), in which tags were read that do not fit the box.
     target, settings
         The box as described, and how tags are found.
     """

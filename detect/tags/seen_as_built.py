@@ -40,7 +40,7 @@ def as_built(
     found, target
         What they show of the box as described, and that.
     tell
-        Told why stops are looked at again.
+        Called with the reason why stops are looked at again.
     seen_with
         Looks at all stops for a box.
     """
@@ -48,7 +48,7 @@ def as_built(
     if scale != 1.0:
         tell(f"tags of two faces fit prints of {scale:.0%} only: looking again", 0.0)
         again = seen_with(scaled_prints(target, scale), None)
-        if again[0].tags > found[0].tags:  # one picture told the size: the others must bear it out
+        if again[0].tags > found[0].tags:  # one image determined the size: the others must bear it out
             found, box = again, scaled_prints(target, scale)
     look = found[0]
     built = look.built_box(_corners(found))

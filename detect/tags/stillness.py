@@ -1,9 +1,9 @@
-"""Frames of a stop compared: which of them show the same still picture, each up to its exposure.
+"""Frames of a stop compared: which of them show the same still image, each up to its exposure.
 
 A frame is the reference under a gain and an offset of its grey levels (of a power law, as response curves nearly are,
 an exposure is a factor of the grey level too), moved by a fraction of a pixel. The gain, the offset and the motion are
-fitted to the pixels where the picture has its strongest gradients, with Tukey's weights, so that a passer-by in a
-corner of the picture counts for nothing (Lucas and Kanade 1981 for the motion; Huber and Ronchetti, Robust Statistics,
+fitted to the pixels where the image has its strongest gradients, with Tukey's weights, so that a passer-by in a
+corner of the image counts for nothing (Lucas and Kanade 1981 for the motion; Huber and Ronchetti, Robust Statistics,
 2009, for the weights). The reference is the median over the frames.
 """
 
@@ -30,7 +30,7 @@ _LEAST_NOISE = 0.5
 BANDS, MOST_BANDING = 8, 0.02
 """Lamps flicker in horizontal bands of a rolling shutter: bands compared, and their largest deviation in gain."""
 _SAMPLED = 16
-"""One in so many candidates tells about how strong the strongest are."""
+"""One in so many candidates shows about how strong the strongest are."""
 _SMOOTH = np.array([0.125, 0.25, 0.125], dtype=np.float32)
 _ROUNDS = 2
 _MAD = 1.4826
@@ -41,12 +41,12 @@ _TUKEY = 4.685
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Stillness:
-    """Differences of a stop's frames from the picture that most of them show.
+    """Differences of a stop's frames from the image that most of them show.
 
     Attributes
     ----------
     kept : (N,)
-        Which frames show the same still picture.
+        Which frames show the same still image.
     moved, flickered, changed : (N,)
         Why the others do not: displaced; lit in bands; covered or changed in part.
     gain, offset : (N,)
@@ -56,7 +56,7 @@ class Stillness:
     noise
         Deviation of a pixel from frame to frame at edges, grey levels; NaN of a single frame.
     settled
-        Whether most frames show one picture; if not, all are kept, and they were hardly taken at rest.
+        Whether most frames show one image; if not, all are kept, and they were hardly taken at rest.
     displacement_px2 : (2, 2), px^2
         Covariance of the place at which the mean of the kept frames shows the box; zero where noise explains motion.
     """
@@ -86,7 +86,7 @@ class Stillness:
 
 
 def compare_frames(frames: Sequence[DeepGrey], mean: NDArray[np.float32]) -> Stillness:
-    """Compare frames (H, W) of one size and depth with the picture that most of them show.
+    """Compare frames (H, W) of one size and depth with the image that most of them show.
 
     Parameters
     ----------
@@ -110,7 +110,7 @@ def compare_frames(frames: Sequence[DeepGrey], mean: NDArray[np.float32]) -> Sti
     flickered = _banding(values, reference, at // mean.shape[1], mean.shape[0]) > MOST_BANDING
     kept = ~(moved | changed | flickered)
     settled = n == 1 or bool((~(moved | changed)).sum() * 2 > n)
-    # where no picture has a majority, nothing says which frame is right
+    # where no image has a majority, nothing says which frame is right
     if kept.sum() * 2 <= n and n > 1:
         kept = ~(moved | changed) if settled else np.ones(n, dtype=np.bool_)
     used = residuals[kept]
@@ -132,7 +132,7 @@ def _frame_noise(residuals: Array) -> float:
     """Return the standard deviation of a pixel's noise in one frame by robust differences of frames; residuals (N, P).
 
     Not by differences from the median frame: of three frames each is the median in a third of the pixels. Each is
-    compared with those before and after it, of which the more alike counts; copies of one picture tell nothing.
+    compared with those before and after it, of which the more alike counts; copies of one image carry no information.
     """
     apart = np.abs(residuals - np.roll(residuals, 1, axis=0))
     pair = _MAD * np.median(apart, axis=1) / np.sqrt(2)
@@ -146,7 +146,7 @@ def _displacement(motion_px: Array, sigma_px: Array, *, settled: bool) -> Array:
     """Return the covariance (2, 2), px^2, of the mean place of frames displaced by (N, 2) px; zero if noise does that.
 
     Small displacements about one place lessen with the number of frames. Where no place is that of most frames, the
-    robot may have been on its way, and the mean be any of theirs.
+    robot may have been moving, and the mean be any of theirs.
     """
     n = len(motion_px)
     if n < 2 or not (np.linalg.norm(motion_px, axis=1) > MOTION_SIGMAS * sigma_px.max(axis=1)).any():

@@ -1,8 +1,8 @@
-"""One stop measured once: its frames averaged, and the tags of the box aligned in the mean picture.
+"""One stop measured once: its frames averaged, and the tags of the box aligned in the mean image.
 
 A mean over n frames has a root of n less noise than one of them, costs one detection instead of n, and what does not
 change from frame to frame (the pixel grid, the print, the lens) shows in its residuals instead of hiding below noise.
-Frames that do not show the same still picture are left out (:mod:`boxcal.detect.tags.stillness`). The next stop starts
+Frames that do not show the same still image are left out (:mod:`boxcal.detect.tags.stillness`). The next stop starts
 from the camera that this one found: its focal length and distortion, response curve and PSF.
 """
 
@@ -45,7 +45,7 @@ class StopMeasurement:
     camera
         For the next stop; None where nothing is known yet.
     settled
-        Whether most frames show one picture, as they do at rest.
+        Whether most frames show one image, as they do at rest.
     rejected_ids : (R,)
         Tags of the target that were read but do not lie where the box has them.
     picture
@@ -63,7 +63,7 @@ class StopMeasurement:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class MeanPicture:
-    """Mean of the frames of a stop that show one still picture.
+    """Mean of the frames of a stop that show one still image.
 
     Attributes
     ----------
@@ -72,7 +72,7 @@ class MeanPicture:
     full
         Their full scale.
     still
-        Which of them show that picture.
+        Which of them show that image.
     frames
         How many there were.
     example : (H, W)
@@ -103,7 +103,7 @@ def measure_stop(
     settings
         The defaults if None. If they are not ``accurate``, tags are found frame by frame and averaged.
     camera
-        What the stop before told of the camera; the first stop has none.
+        What is known of the camera from the stop before; the first stop has none.
     """
     settings = settings or TagSettings()
     held = _held(frames)
@@ -129,7 +129,7 @@ def measure_picture(
     camera: KnownCamera | None = None,
     expected: ExpectedTags | None = None,
 ) -> StopMeasurement:
-    """Measure the tags of a target in the mean picture of a stop, where they are expected if it was measured before."""
+    """Measure the tags of a target in the mean image of a stop, where they are expected if it was measured before."""
     full, still = picture.full, picture.still
     grey = np.multiply(picture.mean, np.float32(1 / full), dtype=np.float32)
     grey8 = eight_bit_copy(picture.mean, full)
@@ -158,7 +158,7 @@ def measure_picture(
 
 
 def average_frames(frames: list[DeepGrey]) -> tuple[NDArray[np.float32], Stillness]:
-    """Return the mean of the frames that show the same still picture, (H, W) in their grey levels, and which those are.
+    """Return the mean of the frames that show the same still image, (H, W) in their grey levels, and which those are.
 
     Each frame is brought to the exposure of the median frame first.
     """
@@ -188,7 +188,7 @@ def _mean(
 
 
 def _averages_out(noise: float, residual: NDArray[np.float64], frames: int) -> float:
-    """Return the fraction of the residuals' variance in a mean picture that is noise; the rest stays in every frame."""
+    """Return the fraction of the residuals' variance in a mean image that is noise; the rest stays in every frame."""
     if frames < 2:
         return float("nan")
     return float(np.clip(np.median(noise**2 / frames / np.maximum(residual, 1e-9) ** 2), 0, 1))
@@ -206,7 +206,7 @@ def _held(frames: Iterable[DeepGrey]) -> list[DeepGrey]:
 
 
 def _newer(old: KnownCamera | None, new: KnownCamera | None) -> KnownCamera | None:
-    """Return what is known of the camera after a stop; a response curve once told clearly stays."""
+    """Return what is known of the camera after a stop; a response curve once clearly determined stays."""
     if new is None or old is None:
         return new or old
     return replace(new, imaging=replace(new.imaging, response=old.imaging.response)) if old.imaging.settled else new

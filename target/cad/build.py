@@ -12,7 +12,7 @@ from boxcal.target.errors import TargetError
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Build:
-    """Figures of a box's construction, m; the defaults suit 3 mm board and a 0.4 mm nozzle.
+    """Dimensions of a box's construction, m; the defaults suit 3 mm board and a 0.4 mm nozzle.
 
     Attributes
     ----------
@@ -52,12 +52,12 @@ class Build:
 
 
 def check_build(box: Box, build: Build) -> None:
-    """Check that a box can be built this way.
+    """Check that a box can be built from these dimensions.
 
     Raises
     ------
     TargetError
-        Naming the figure to change.
+        Naming the dimension to change.
     """
     for field in fields(Build):
         value = getattr(build, field.name)
@@ -86,7 +86,7 @@ def check_build(box: Box, build: Build) -> None:
 
 
 def build_for(box: Box) -> Build:
-    """Return the default figures, with wall and tabs reduced where the box is too small for them."""
+    """Return the default dimensions, with wall and tabs reduced where the box is too small for them."""
     default = Build()
     wall = min(default.wall, min(box.width, box.depth, box.height) / 10)
     tab = min(default.tab, min(box.width, box.depth, box.height) / 5)

@@ -46,7 +46,7 @@ def panels_dxf(target: Target, build: Build | None = None, *, kerf: float = 0.0)
     target
         The box; tags lie where its corners say.
     build
-        Figures; those that suit the box if none are given. ``wall`` must be the board's thickness.
+        Dimensions; those that suit the box if none are given. ``wall`` must be the board's thickness.
     kerf : m
         What the laser burns away; outlines are widened by half of it. Most cutting software does so itself.
     """

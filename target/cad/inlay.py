@@ -32,7 +32,7 @@ def box_3mf(target: Target, build: Build | None = None, *, bed: float = inf) -> 
     Raises
     ------
     TargetError
-        If the box cannot be built this way.
+        If the box cannot be built from these dimensions.
     """
     box, build = target.box, build or build_for(target.box)
     check_build(box, build)

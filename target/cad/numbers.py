@@ -17,11 +17,11 @@ _STROKES = {
     3: ((_A, _B, _D, _E), (_F, _C)),
 }
 TALLEST = 0.010
-"""Height of a number, m, where there is room."""
+"""Height of a number, m, where there is space."""
 _LEAST = 0.002
-"""Room below the tags that a number needs, m."""
+"""Space below the tags that a number needs, m."""
 _BREADTH = 0.12
-"""Breadth of a stroke, as a share of the height."""
+"""Breadth of a stroke, as a fraction of the height."""
 
 
 def strokes(digit: int, height: float) -> tuple[Array, ...]:

@@ -33,7 +33,7 @@ _USAGE = rb"(NEXT_ASSEMBLY_USAGE_OCCURRENCE\(')\d+'"
 def box_step(target: Target, build: Build | None = None) -> bytes:
     """Return the box as one STEP file of two solids, body and lid, in place: frame ``box``, millimetres.
 
-    The outside is that of the box's figures; sheets are glued on it. Where the tags leave room, each
+    The outside is that of the box's dimensions; sheets are glued on it. Where the tags leave room, each
     wall has the number of its face engraved below them, and holes for pins at the sheet's corners (see
     :func:`boxcal.target.cad.build.pin_places`); the lid carries the four numbers beside their faces.
     """

@@ -1,9 +1,9 @@
 """Writing 3MF: one object of several colours that a slicer keeps together (3MF Core Specification 1.3).
 
-Slicers agree on no way to say which part is printed with which filament, so it is said in all of them: a base material
-for each triangle (the specification's way; what viewers show), and ``Metadata/Slic3r_PE_model.config``, which has the
-triangles and the extruder of each volume. PrusaSlicer and its kin read that; Bambu Studio and OrcaSlicer read it
-where the file's application names PrusaSlicer. Components would be loaded as separate objects, and moved apart.
+Slicers do not agree on how to say which part is printed with which filament, so it is said in all of them: a base
+material for each triangle (as specified; what viewers show), and ``Metadata/Slic3r_PE_model.config``, which has the
+triangles and the extruder of each volume. PrusaSlicer and its kin read that; Bambu Studio and OrcaSlicer read it where
+the file's application names PrusaSlicer. Components would be loaded as separate objects, and moved apart.
 """
 
 import io

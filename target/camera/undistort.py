@@ -112,7 +112,7 @@ def _radial(kind: CameraKind, k: Array, rho: Array) -> tuple[Array, Array]:
 
 def _newton(kind: CameraKind, k: Array, xy_d: Array, xy: Array) -> tuple[Array, Mask]:
     """Return coordinates by Newton's method in the plane, and which of them are answers."""
-    for _ in range(_ROUNDS):  # steps into a pole give no number: such points are told by the check at the end
+    for _ in range(_ROUNDS):  # steps into a pole give no number: such points are found by the check at the end
         error, (xx, xy_, yx, yy) = _planar_error(kind, k, xy_d, xy)
         det = xx * yy - xy_ * yx
         safe = np.where(np.abs(det) > 1e-9, det, 1.0)

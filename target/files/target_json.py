@@ -1,4 +1,4 @@
-"""The file ``target.json``: a target's figures, landmark table and, where known, its true size and shape."""
+"""The file ``target.json``: a target's dimensions, landmark table and, where known, its true size and shape."""
 
 import hashlib
 import json
@@ -18,7 +18,7 @@ from boxcal.target.measure.refined_shape import MAX_DRIVES, SHAPE, RefinedShape
 
 SCHEMA = 1
 CONSISTENT_M = 1e-9
-"""How far a corner in the file may lie from where the file's own figures put it, m (rounding only)."""
+"""How far a corner in the file may lie from where the file's own dimensions put it, m (rounding only)."""
 
 
 def target_document(target: Target) -> dict[str, Any]:
@@ -92,8 +92,8 @@ def load_target(path: str | Path) -> Target:
     Raises
     ------
     TargetError
-        If the file is missing, is no such file, has another schema, impossible figures, or corners that do not agree
-        with its figures.
+        If the file is missing, is no such file, has another schema, impossible dimensions, or corners that do not agree
+        with its dimensions.
 
     Examples
     --------

@@ -123,7 +123,7 @@ def _readings(args: argparse.Namespace) -> "Mapping[str, Readings]":
 
 
 def _report(box: "Box", conclusion: "Conclusion") -> list[str]:
-    """Return what was concluded, line by line: each figure, the whole box's scale, and what to measure better."""
+    """Return what was concluded, line by line: each dimension, the whole box's scale, and what to measure better."""
     lines = []
     measured = conclusion.measured
     for k, (figure, what) in enumerate(_FIGURES.items()):

@@ -14,14 +14,14 @@ if TYPE_CHECKING:
 
 
 SIZES = ("sx", "sy", "width", "depth", "height")
-"""The figures that are measured, in the order of every covariance and Jacobian by them."""
+"""The dimensions that are measured, in the order of every covariance and Jacobian by them."""
 CREDIBLE = 0.05
-"""A figure further than this from its design, relative, is a mistake and no measurement."""
+"""A dimension further than this from its design, relative, is a mistake and no measurement."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Measured:
-    """The measured figures of one box.
+    """The measured dimensions of one box.
 
     A print is the designed sheet scaled by (sx, sy). Its face is glued with its **lower edge on the box's base** and
     centred between the vertical edges. So a corner that was designed at ``g`` to the right of the face's centre and
@@ -59,7 +59,7 @@ class Measured:
 
 
 def check_credible(box: "Box", measured: Measured) -> None:
-    """Refuse measured figures that lie more than 5 % from a box's design.
+    """Refuse measured dimensions that lie more than 5 % from a box's design.
 
     Raises
     ------

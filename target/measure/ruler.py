@@ -1,4 +1,4 @@
-"""From what a ruler read on the print and on the box to the box's measured figures."""
+"""From what a ruler read on the print and on the box to the box's measured dimensions."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -37,7 +37,7 @@ class Readings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Length:
-    """A length that can be read: which figure it measures, and how long it was designed (m)."""
+    """A length that can be read: which dimension it measures, and how long it was designed (m)."""
 
     figure: str
     designed: float
@@ -59,20 +59,21 @@ def lengths(box: Box) -> dict[str, Length]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Conclusion:
-    """The measured figures, and what they leave uncertain.
+    """The measured dimensions, and what they leave uncertain.
 
     Attributes
     ----------
     measured
-        The figures, with covariance.
+        The dimensions, with covariance.
     read
-        The names of the figures that were measured; the others are as designed, with a builder's usual error.
+        The names of the dimensions that were measured; the others are as designed, with a builder's usual error.
     scale, scale_sigma
         Of the box as a whole against its design.
     shares : (5,)
-        What each figure's own sigma adds to the variance of that scale, and ``ruler`` what the ruler does; together 1.
+        What each dimension's own sigma adds to the variance of that scale, and ``ruler`` what the ruler does; together
+        1.
     ruler
-        Share of the error that all readings have in common.
+        Fraction of the error that all readings have in common.
     """
 
     measured: Measured
@@ -86,8 +87,8 @@ class Conclusion:
 def measure(box: Box, readings: Mapping[str, Readings], *, ruler_sigma: float) -> Conclusion:
     """Return what the readings say about a box.
 
-    Lengths of the same figure are combined by weighted least squares; readings that scatter more than their sigma
-    raise it (Birge's ratio). The ruler's own error is common to all readings: it correlates all figures.
+    Lengths of the same dimension are combined by weighted least squares; readings that scatter more than their sigma
+    raise it (Birge's ratio). The ruler's own error is common to all readings: it correlates all dimensions.
 
     Parameters
     ----------
@@ -163,7 +164,7 @@ def _check(name: str, reading: Readings, designed: float) -> None:
 
 
 def _combine(readings: Sequence[tuple[float, Readings]]) -> tuple[float, float]:
-    """Return a figure and its variance from (designed length or 1, readings of it)."""
+    """Return a dimension and its variance from (designed length or 1, readings of it)."""
     rows = [(designed, value, r.sigma) for designed, r in readings for value in r.values]
     designed, value, sigma = (np.array(column) for column in zip(*rows, strict=True))
     weight = designed / sigma**2

@@ -10,7 +10,7 @@ from boxcal.target.measure.measured_size import SIZES
 def size_jacobian(target: Target) -> Array:
     """Return the derivative of ``tag_corners`` by (sx, sy, width, depth, height), (T, 4, 3, 5).
 
-    Metres by scale in the first two columns, metres by metre in the others. The corners are linear in these figures,
+    Metres by scale in the first two columns, metres by metre in the others. The corners are linear in these dimensions,
     so it holds for a measured target and for one as designed alike. The last column is zero: sheets stand on the
     base (see :class:`~boxcal.target.measure.measured_size.Measured`).
     """
@@ -31,7 +31,7 @@ def scale_influence(target: Target) -> Array:
 
     It is the scale of the similarity that fits the landmarks' displacements best (least squares; rotation and
     translation are free), so it says what a calibration that sees all faces takes for its metre. Times a size's
-    sigma it is that size's share in the relative error of rL, rR, b and t.
+    sigma it is that size's part in the relative error of rL, rR, b and t.
     """
     p = target.tag_corners.reshape(-1, 3) - target.tag_corners.reshape(-1, 3).mean(axis=0)
     J = size_jacobian(target).reshape(-1, 3, len(SIZES))

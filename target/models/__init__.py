@@ -1,1 +1,1 @@
-"""The box for simulators and viewers: one geometry, written as GLB, OBJ, SDF, MJCF and pictures of its faces."""
+"""The box for simulators and viewers: one geometry, written as GLB, OBJ, SDF, MJCF and images of its faces."""

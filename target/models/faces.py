@@ -1,4 +1,4 @@
-"""Pictures of what is printed on a face: every pixel is the exact mean of the ink below it."""
+"""Images of what is printed on a face: every pixel is the exact mean of the ink below it."""
 
 import struct
 import zlib
@@ -24,14 +24,14 @@ _PNG_HEAD = 33
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FaceImage:
-    """A picture of a face's sheet, upright as seen from outside.
+    """An image of a face's sheet, upright as seen from outside.
 
     Attributes
     ----------
     grey : (H, W) uint8
         255 is paper, 0 is ink; row 0 is at the top.
     origin : (2,), modules
-        Sheet coordinates (see :class:`boxcal.target.render.texture.FaceTexture`) of the picture's top left corner, not
+        Sheet coordinates (see :class:`boxcal.target.render.texture.FaceTexture`) of the image's top left corner, not
         of the centre of its first pixel.
     texel : modules
         Side of a pixel.
@@ -42,7 +42,7 @@ class FaceImage:
     texel: float
 
     def place(self, sheet: Array) -> Array:
-        """Return where sheet points (N, 2) fall in the picture: (N, 2), 0 to 1, right and down from its top left."""
+        """Return where sheet points (N, 2) fall in the image: (N, 2), 0 to 1, right and down from its top left."""
         height, width = self.grey.shape
         return np.asarray((sheet - self.origin) / (self.texel * width, self.texel * height))
 
@@ -50,8 +50,8 @@ class FaceImage:
 def face_png(target: Target, face: int, *, dpi: float = 300.0) -> bytes:
     """Return a face as designed, its whole outline, as a PNG that knows its resolution.
 
-    The picture begins at the outline's top left corner; where the face is no whole number of pixels wide or high, the
-    last column and row are white beyond it. It shows the figures, not a measured print: at ``dpi`` its tags have the
+    The image begins at the outline's top left corner; where the face is no whole number of pixels wide or high, the
+    last column and row are white beyond it. It shows the dimensions, not a measured print: at ``dpi`` its tags have the
     size that ``target.box`` says.
 
     Parameters
@@ -66,7 +66,7 @@ def face_png(target: Target, face: int, *, dpi: float = 300.0) -> bytes:
     Raises
     ------
     TargetError
-        If there is no such face, or the picture would be empty or larger than ``MAX_PIXELS``.
+        If there is no such face, or the image would be empty or larger than ``MAX_PIXELS``.
     """
     box = target.box
     texture = _checked_texture(target, face)
@@ -91,7 +91,7 @@ def face_pngs(target: Target, *, dpi: float = 300.0) -> Mapping[str, bytes]:
 
 
 def draw(texture: FaceTexture, origin: Array, texel: float, shape: tuple[int, int]) -> NDArray[np.uint8]:
-    """Return a picture (H, W) of a sheet whose top left corner is at ``origin``, pixels of ``texel`` modules.
+    """Return an image (H, W) of a sheet whose top left corner is at ``origin``, pixels of ``texel`` modules.
 
     Along each axis a pixel shares its length among the sheet's cells; the mean ink is the product of both, exactly.
     """
@@ -107,7 +107,7 @@ def draw(texture: FaceTexture, origin: Array, texel: float, shape: tuple[int, in
 
 
 def encode_png(grey: NDArray[np.uint8], *, dpi: float | None = None) -> bytes:
-    """Return a grey picture as PNG; with ``dpi``, a pHYs chunk says how large it is (PNG specification, 11.3.5.3)."""
+    """Return a grey image as PNG; with ``dpi``, a pHYs chunk says how large it is (PNG specification, 11.3.5.3)."""
     import cv2  # noqa: PLC0415 - heavy
 
     done, data = cv2.imencode(".png", grey)
@@ -123,12 +123,12 @@ def encode_png(grey: NDArray[np.uint8], *, dpi: float | None = None) -> bytes:
 
 
 def _shares(axis: Axis, origin: float, texel: float, count: int) -> Reals:
-    """Return the share of each pixel (count, cells) that lies in each cell; what lies before or beyond all is paper."""
+    """Return the fraction of each pixel (count, cells) within each cell; what lies before or beyond all is paper."""
     breaks = axis.breaks[:-1].astype(float)
     before = np.clip((breaks - origin) / texel - np.arange(count)[:, None], 0, 1)
-    shares = np.zeros((count, len(axis.breaks)), dtype=np.float32)
-    shares[:, 1:-1] = np.diff(before, axis=1)
-    return shares
+    fractions = np.zeros((count, len(axis.breaks)), dtype=np.float32)
+    fractions[:, 1:-1] = np.diff(before, axis=1)
+    return fractions
 
 
 def _checked_texture(target: Target, face: int) -> FaceTexture:

@@ -22,7 +22,7 @@ def box_glb(target: Target) -> bytes:
     """Return the box as one GLB file, metres.
 
     glTF has y up: the root node ``landmark_box`` turns frame ``box`` (z up) by -90 deg about x, and below it, in node
-    ``box``, all figures are in frame ``box``.
+    ``box``, all dimensions are in frame ``box``.
     """
     blob = _Blob()
     materials: list[dict[str, Any]] = [_matt("plain")]

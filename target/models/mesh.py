@@ -18,7 +18,7 @@ _RIM = 4
 """White pixels around what can be seen, so that a viewer's filter finds nothing else there."""
 _MULTIPLE = 64
 """Images are a whole multiple of this wide and high and begin at a whole module, so that a viewer's half, quarter ...
-sized copies of a picture have the tags' edges between pixels, too, and are not shifted against it."""
+sized copies of an image have the tags' edges between pixels, too, and are not shifted against it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -49,8 +49,8 @@ class Side:
 def sides(target: Target) -> tuple[Side, ...]:
     """Return the box's four faces, its top and its bottom.
 
-    The outline is that of the box's figures. The print follows ``tag_corners``: a face's rectangle lies in the plane of
-    its tags, and the image is placed by the affine map that takes the designed grid to them best, so a print at
+    The outline is that of the box's dimensions. The print follows ``tag_corners``: a face's rectangle lies in the plane
+    of its tags, and the image is placed by the affine map that takes the designed grid to them best, so a print at
     another scale or a sheet glued low shows as it is.
     """
     box = target.box

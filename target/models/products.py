@@ -1,4 +1,4 @@
-"""Products of ``make-target`` besides the paper: pictures, simulator models, CAD and cut files.
+"""Products of ``make-target`` besides the paper: images, simulator models, CAD and cut files.
 
 Light to import: every product brings in what it needs when it is made.
 """
@@ -38,7 +38,7 @@ class Product:
 
 
 def products(*, dpi: float = 300.0) -> tuple[Product, ...]:
-    """Return all products, ``dpi`` being the resolution of the faces' pictures."""
+    """Return all products, ``dpi`` being the resolution of the faces' images."""
     return (
         Product(
             name="faces",

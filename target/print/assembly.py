@@ -1,4 +1,4 @@
-"""The assembly page: six pictures from the print to the measured box."""
+"""The assembly page: six drawings from the print to the measured box."""
 
 from math import hypot
 from typing import TYPE_CHECKING
@@ -62,8 +62,8 @@ def draw_assembly(canvas: "Canvas", target: Target, width: float, height: float)
         draw_text(canvas, (x, y - 0.0050), f"{i + 1}   {name}", size=_STEP_PT, font=BOLD)
         for k, line in enumerate(break_lines(caption, FONT, _TEXT_PT, wide)):
             draw_text(canvas, (x, y - high + _CAPTION_ROOM - 0.003 - k * _LEADING), line, size=_TEXT_PT)
-        room = Rect(left=x, right=x + wide, bottom=y - high + _CAPTION_ROOM + 0.001, top=y - _STEP_ROOM)
-        draw(canvas, target, room)
+        area = Rect(left=x, right=x + wide, bottom=y - high + _CAPTION_ROOM + 0.001, top=y - _STEP_ROOM)
+        draw(canvas, target, area)
 
 
 _PRINT = (
@@ -89,11 +89,11 @@ _MEASURE = (
 )
 
 
-def _sheet(target: Target, room: Rect, share: float = 1.0) -> tuple[Rect, float]:
-    """Return face 0 in a room of a picture, and its scale."""
+def _sheet(target: Target, area: Rect, fraction: float = 1.0) -> tuple[Rect, float]:
+    """Return face 0 within an area of a drawing, and its scale."""
     box = target.box
-    scale = share * min(room.width / box.face_width(0), room.height / box.height)
-    x, y = (room.left + room.right) / 2, (room.bottom + room.top) / 2
+    scale = fraction * min(area.width / box.face_width(0), area.height / box.height)
+    x, y = (area.left + area.right) / 2, (area.bottom + area.top) / 2
     half = scale * box.face_width(0) / 2, scale * box.height / 2
     return Rect(left=x - half[0], right=x + half[0], bottom=y - half[1], top=y + half[1]), scale
 
@@ -119,10 +119,10 @@ def _outline(canvas: "Canvas", r: Rect, width: float = 0.0002, dash: tuple[float
     )
 
 
-def _draw_print(canvas: "Canvas", target: Target, room: Rect) -> None:
+def _draw_print(canvas: "Canvas", target: Target, area: Rect) -> None:
     """Draw a sheet with its two bars on the left, and a ruler along one of them on the right."""
-    split = room.left + 0.56 * room.width
-    left = Rect(left=room.left + 0.005, right=split, bottom=room.bottom + 0.005, top=room.top - 0.001)
+    split = area.left + 0.56 * area.width
+    left = Rect(left=area.left + 0.005, right=split, bottom=area.bottom + 0.005, top=area.top - 0.001)
     face, scale = _sheet(target, left, 0.9)
     page = Rect(left=face.left - 0.002, right=face.right + 0.002, bottom=face.bottom - 0.002, top=face.top + 0.002)
     _outline(canvas, page, 0.0003)
@@ -138,7 +138,7 @@ def _draw_print(canvas: "Canvas", target: Target, room: Rect) -> None:
     _bar(canvas, (middle[0] - half, below), (middle[0] + half, below), tick=0.0009)
     _bar(canvas, (beside, middle[1] - half), (beside, middle[1] + half), tick=0.0004)
     x, y = split + 0.005, middle[1]
-    length = room.right - 0.004 - x
+    length = area.right - 0.004 - x
     _bar(canvas, (x, y + 0.004), (x + length, y + 0.004), tick=0.0022)
     _ruler(canvas, x, y, length)
     draw_text(canvas, (x + length / 2, y + 0.0078), "100 mm", size=9, font=BOLD, align="centre")
@@ -170,8 +170,8 @@ def _ruler(canvas: "Canvas", left: float, top: float, length: float) -> None:
     draw_text(canvas, (left + length + edge - 0.001, top - 0.0078), "mm", size=5.5, align="right")
 
 
-def _draw_glue(canvas: "Canvas", target: Target, room: Rect) -> None:
-    inner = Rect(left=room.left + 0.006, right=room.right - 0.006, bottom=room.bottom + 0.006, top=room.top - 0.002)
+def _draw_glue(canvas: "Canvas", target: Target, area: Rect) -> None:
+    inner = Rect(left=area.left + 0.006, right=area.right - 0.006, bottom=area.bottom + 0.006, top=area.top - 0.002)
     view = CornerView(target.box, inner)
     view.draw(canvas, None)
     at = view.place
@@ -187,8 +187,8 @@ def _draw_glue(canvas: "Canvas", target: Target, room: Rect) -> None:
     draw_line(canvas, at(1 + out, -1, 0), at(1 + out, 1, 0), width=0.0009)
 
 
-def _draw_where(canvas: "Canvas", target: Target, room: Rect) -> None:
-    inner = Rect(left=room.left, right=room.right, bottom=room.bottom + 0.011, top=room.top - 0.011)
+def _draw_where(canvas: "Canvas", target: Target, area: Rect) -> None:
+    inner = Rect(left=area.left, right=area.right, bottom=area.bottom + 0.011, top=area.top - 0.011)
     rect = plan(target.box, inner)
     draw_plan(canvas, rect)
     x, y = (rect.left + rect.right) / 2, (rect.bottom + rect.top) / 2
@@ -210,8 +210,8 @@ def _draw_where(canvas: "Canvas", target: Target, room: Rect) -> None:
     draw_text(canvas, (rect.left + 0.002, rect.bottom + 0.002), "lid", size=8)
 
 
-def _draw_up(canvas: "Canvas", target: Target, room: Rect) -> None:
-    inner = Rect(left=room.left + 0.010, right=room.right - 0.010, bottom=room.bottom + 0.006, top=room.top - 0.001)
+def _draw_up(canvas: "Canvas", target: Target, area: Rect) -> None:
+    inner = Rect(left=area.left + 0.010, right=area.right - 0.010, bottom=area.bottom + 0.006, top=area.top - 0.001)
     view = CornerView(target.box, inner)
     view.draw(canvas, target)
     for at, face in (((1, -1, 0), 0), ((-1, 1, 0), 1)):
@@ -224,8 +224,8 @@ def _draw_up(canvas: "Canvas", target: Target, room: Rect) -> None:
         draw_text(canvas, (inner_x + sign * 0.004, inner_y - 0.0065), f"Face {face}", size=10, font=BOLD, align=align)
 
 
-def _draw_square(canvas: "Canvas", target: Target, room: Rect) -> None:
-    inner = Rect(left=room.left, right=room.right, bottom=room.bottom + 0.004, top=room.top - 0.004)
+def _draw_square(canvas: "Canvas", target: Target, area: Rect) -> None:
+    inner = Rect(left=area.left, right=area.right, bottom=area.bottom + 0.004, top=area.top - 0.004)
     r = plan(target.box, inner)
     draw_plan(canvas, r)
     for start, end in (((r.left, r.bottom), (r.right, r.top)), ((r.left, r.top), (r.right, r.bottom))):
@@ -254,9 +254,9 @@ def _draw_square(canvas: "Canvas", target: Target, room: Rect) -> None:
             draw_line(canvas, (x + sx * d, y), (x + sx * d, y + sy * d), (x, y + sy * d), width=0.0002)
 
 
-def _draw_measure(canvas: "Canvas", target: Target, room: Rect) -> None:
+def _draw_measure(canvas: "Canvas", target: Target, area: Rect) -> None:
     box = target.box
-    inner = Rect(left=room.left + 0.012, right=room.right - 0.016, bottom=room.bottom + 0.008, top=room.top - 0.001)
+    inner = Rect(left=area.left + 0.012, right=area.right - 0.016, bottom=area.bottom + 0.008, top=area.top - 0.001)
     view = CornerView(box, inner)
     view.draw(canvas, None)
     at = view.place

@@ -22,7 +22,7 @@ _LINE_WIDTH, _TICK_WIDTH = 0.0002, 0.0001
 
 
 def notes_thickness(text: str) -> Callable[[float], float]:
-    """Return the room, m, that a text takes across its lines as a function of their length, m."""
+    """Return the space, m, that a text takes across its lines as a function of their length, m."""
     return lambda length: len(break_lines(text, FONT, _NOTES_PT, length)) * _NOTES_LEADING
 
 
@@ -37,7 +37,7 @@ def draw_notes(canvas: "Canvas", slot: Slot, text: str) -> None:
 
 def draw_bar(canvas: "Canvas", slot: Slot) -> None:
     """Draw a scale bar of 100 mm between the centres of its end ticks, with its length written in its middle."""
-    thickness = slot.room.width if slot.turned else slot.room.height
+    thickness = slot.area.width if slot.turned else slot.area.height
     label, size = f"{BAR_LENGTH * 1e3:g} mm", _LABEL_PT if thickness > 0.9 * BAR_THICKNESS else _SLIM_PT
     half_gap = 0.5 * text_width(label, FONT, size) + 0.001
     start, middle = (slot.length - BAR_LENGTH) / 2, slot.length / 2
@@ -94,9 +94,9 @@ def _along(canvas: "Canvas", slot: Slot) -> Iterator[None]:
     """Draw in a slot's own frame: x along the writing, y across it, origin where its first line would start."""
     canvas.saveState()
     if slot.turned:
-        canvas.translate(slot.room.right / POINT, slot.room.bottom / POINT)
+        canvas.translate(slot.area.right / POINT, slot.area.bottom / POINT)
         canvas.rotate(90)
     else:
-        canvas.translate(slot.room.left / POINT, slot.room.bottom / POINT)
+        canvas.translate(slot.area.left / POINT, slot.area.bottom / POINT)
     yield
     canvas.restoreState()

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 BETWEEN_NETS = 0.006
 _TILED_BELOW, _TILED_BESIDE = 0.018, 0.008
-"""Room below and beside a net in tiles for its marks, m."""
+"""Space below and beside a net in tiles for its marks, m."""
 _FOLD_DASH = (0.003, 0.002)
 _CUT_WIDTH = 0.00015
 _INSIDE = 0.006
@@ -142,8 +142,8 @@ def tiled_net(target: Target, paper: Paper) -> Drawing:
     lefts, tops = tuple(t.trim.left for t in parts), tuple(t.trim.top for t in parts)
     flat, upright = _rims(box, [(net, (0.0, 0.0))], content)
     marks = _marks(
-        [piece for strip in (*flat, Strip(room=below, start="top")) for piece in strip.pieces(lefts)],
-        [piece for strip in (*upright, Strip(room=beside, start="right")) for piece in strip.pieces(tops)],
+        [piece for strip in (*flat, Strip(area=below, start="top")) for piece in strip.pieces(lefts)],
+        [piece for strip in (*upright, Strip(area=beside, start="right")) for piece in strip.pieces(tops)],
         notes_thickness(_notes(target)),
     )
     if marks is None:
@@ -159,7 +159,7 @@ def _count(pages: int, paper: Paper) -> str:
 
 
 def _page(box: Box, nets: Sequence[Net], paper: Paper, notes: Callable[[float], float]) -> NetPage | None:
-    """Return nets above each other on one page with room for marks, if they fit."""
+    """Return nets above each other on one page with space for marks, if they fit."""
     wide = max(net.bounds[2] - net.bounds[0] for net in nets)
     high = sum(net.bounds[3] - net.bounds[1] for net in nets) + BETWEEN_NETS * (len(nets) - 1)
     for width, height in ((paper.long, paper.short), (paper.short, paper.long)):
@@ -171,7 +171,7 @@ def _page(box: Box, nets: Sequence[Net], paper: Paper, notes: Callable[[float], 
             left, bottom, _, top = net.bounds
             placed.append((net, (x - left, y - top)))
             y -= top - bottom + BETWEEN_NETS
-        inside = [Strip(room=panel, start="top") for net, at in placed for panel in _panels(net, at)]
+        inside = [Strip(area=panel, start="top") for net, at in placed for panel in _panels(net, at)]
         flat, upright = _rims(box, placed, printable(width, height))
         beside = _around(
             width, height, Rect(left=x, right=x + wide, bottom=(height - high) / 2, top=(height + high) / 2)
@@ -194,8 +194,8 @@ def _rims(box: Box, placed: Sequence[tuple[Net, tuple[float, float]]], within: R
             face = Rect(left=r.left + at[0], right=r.right + at[0], bottom=r.bottom + at[1], top=r.top + at[1])
             tags = Rect(left=x - across / 2, right=x + across / 2, bottom=y - up / 2, top=y + up / 2)
             low, gap = face.bottom + CLEAR_OF_OUTLINE, CLEAR_OF_OUTLINE
-            room = Rect(left=face.left + gap, right=face.right - gap, bottom=low, top=tags.bottom - quiet)
-            flat.append(Strip(room=room, start="bottom"))
+            area = Rect(left=face.left + gap, right=face.right - gap, bottom=low, top=tags.bottom - quiet)
+            flat.append(Strip(area=area, start="bottom"))
             upright += slim_rims(face, tags, quiet, within)
     return flat, upright
 
@@ -224,10 +224,10 @@ def _around(width: float, height: float, net: Rect) -> tuple[Strip, ...]:
         return Rect(left=left, bottom=bottom, right=right, top=top)
 
     return (
-        Strip(room=rect(low, low, width - low, net.bottom - gap), start="top"),
-        Strip(room=rect(low, net.top + gap, width - low, height - low), start="bottom"),
-        Strip(room=rect(low, low, net.left - gap, height - low), start="right"),
-        Strip(room=rect(net.right + gap, low, width - low, height - low), start="left"),
+        Strip(area=rect(low, low, width - low, net.bottom - gap), start="top"),
+        Strip(area=rect(low, net.top + gap, width - low, height - low), start="bottom"),
+        Strip(area=rect(low, low, net.left - gap, height - low), start="right"),
+        Strip(area=rect(net.right + gap, low, width - low, height - low), start="left"),
     )
 
 
@@ -240,7 +240,7 @@ def _marks(flat: Sequence[Strip], upright: Sequence[Strip], notes: Callable[[flo
             for length in lengths:
                 slot = first_free(strip, taken, thickness(length), length) if length <= strip.length + TINY else None
                 if slot is not None:
-                    taken.append(slot.room)
+                    taken.append(slot.area)
                     return slot
         return None
 
@@ -282,9 +282,9 @@ def _draw_net(canvas: "Canvas", target: Target, net: Net, at: tuple[float, float
             _name_part(canvas, target.box, part, (x, y), joints)
 
 
-def _uncut(middle: float, room: float, cuts: Sequence[float], length: float) -> float | None:
-    """Return where a text of a length is centred, m, so that no joint cuts it, nearest to the middle of its room."""
-    ends = [middle - room / 2, *sorted(c for c in cuts if abs(c - middle) < room / 2), middle + room / 2]
+def _uncut(middle: float, space: float, cuts: Sequence[float], length: float) -> float | None:
+    """Return where a text of a length is centred, m, so that no joint cuts it, nearest to the middle of its area."""
+    ends = [middle - space / 2, *sorted(c for c in cuts if abs(c - middle) < space / 2), middle + space / 2]
     places = []
     for low, high in pairwise(ends):
         low, high = low + OFF_JOINT + length / 2, high - OFF_JOINT - length / 2  # noqa: PLW2901 - of the text's middle
@@ -318,13 +318,13 @@ def _name_part(canvas: "Canvas", box: Box, part: Part, at: tuple[float, float], 
         draw_text(canvas, (x, y + high - 2.2 * _INSIDE), name, size=size, font=BOLD, align="centre")
         return
     if part.kind == "seam":
-        text, room = f"glue behind face {(part.face + 1) % FACES}", box.height
+        text, space = f"glue behind face {(part.face + 1) % FACES}", box.height
     else:
         where = "lid" if part.edge == "top" else "base"
-        text, room = f"face {part.face}: fold back, glue inside the {where}", box.face_width(part.face)
+        text, space = f"face {part.face}: fold back, glue inside the {where}", box.face_width(part.face)
     deep = min(_bounds(part).width, _bounds(part).height)
     angle = 90.0 if part.kind == "seam" else 0.0
-    place = _uncut(y if angle else x, room - 2 * deep, joints[1 if angle else 0], text_width(text, BOLD, _LABEL_PT))
+    place = _uncut(y if angle else x, space - 2 * deep, joints[1 if angle else 0], text_width(text, BOLD, _LABEL_PT))
     if place is None:
         return
     half = 0.36 * _LABEL_PT * 0.0254 / 72

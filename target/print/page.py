@@ -1,4 +1,4 @@
-"""Layout of a face's printed page: the face, its tags, and room for marks that disturb neither."""
+"""Layout of a face's printed page: the face, its tags, and space for marks that disturb neither."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
@@ -65,8 +65,8 @@ class Joints:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Room:
-    """Room for marks on a page that is cut at joints: places taken, and the next free one, m."""
+class _Space:
+    """Space for marks on a page that is cut at joints: places taken, and the next free one, m."""
 
     width: float
     height: float
@@ -78,7 +78,7 @@ class _Room:
         for strip in (piece for whole in strips for piece in whole.pieces(self._cuts(whole))):
             slot = first_free(strip, self.taken, thickness(strip.length), length)
             if slot is not None:
-                self.taken.append(slot.room)
+                self.taken.append(slot.area)
                 return slot
         return None
 
@@ -104,7 +104,7 @@ def lay_out(
     box, face, paper
         What is printed on what; the paper's long side lies along the face's longer side.
     notes_thickness
-        Returns the room that the notes need across their lines, m, for the length of a line, m.
+        Returns the space that the notes need across their lines, m, for the length of a line, m.
     joints
         Where the page will be cut into tiles; no mark lies across one.
 
@@ -123,10 +123,10 @@ def lay_out(
     quiet = box.tag_size / modules_per_side(box.dictionary)
     rim_top, rim_bottom, rim_left, rim_right, above, below, left, right = _strips(box, width, height, outline, tags)
 
-    room = _Room(width=width, height=height, joints=joints, taken=[])
+    space = _Space(width=width, height=height, joints=joints, taken=[])
 
     def place(what: str, strips: Iterable[Strip], thickness: Callable[[float], float], length: float | None) -> Slot:
-        slot = room.find(strips, thickness, length)
+        slot = space.find(strips, thickness, length)
         if slot is not None:
             return slot
         raise TargetError(
@@ -142,8 +142,8 @@ def lay_out(
         None,
     )
     across = place("a scale bar", (rim_bottom, rim_top, below, above), lambda _: BAR_THICKNESS, BAR_LENGTH)
-    up = room.find((rim_left, rim_right), lambda _: BAR_THICKNESS, BAR_LENGTH)
-    up = up or room.find(slim_rims(outline, tags, quiet, printable(width, height)), lambda _: SLIM_BAR, BAR_LENGTH)
+    up = space.find((rim_left, rim_right), lambda _: BAR_THICKNESS, BAR_LENGTH)
+    up = up or space.find(slim_rims(outline, tags, quiet, printable(width, height)), lambda _: SLIM_BAR, BAR_LENGTH)
     up = up or place("a scale bar", (left, right), lambda _: BAR_THICKNESS, BAR_LENGTH)
     notes = place(
         "the printing notes",
@@ -167,7 +167,7 @@ def fits(box: Box, face: int, paper: Paper) -> bool:
     """Return whether a face's outline fits a paper."""
     sides = sorted((box.face_width(face), box.height))
     return all(
-        side <= room - 2 * OUTLINE_MARGIN + TINY for side, room in zip(sides, (paper.short, paper.long), strict=True)
+        side <= space - 2 * OUTLINE_MARGIN + TINY for side, space in zip(sides, (paper.short, paper.long), strict=True)
     )
 
 
@@ -179,8 +179,8 @@ def slim_rims(face: Rect, tags: Rect, quiet: float, within: Rect) -> tuple[Strip
     left, right = max(face.left + SLIM_CLEAR, within.left), min(face.right - SLIM_CLEAR, within.right)
     low, high = max(face.bottom + SLIM_CLEAR, within.bottom), min(face.top - SLIM_CLEAR, within.top)
     return (
-        Strip(room=Rect(left=left, right=tags.left - quiet, bottom=low, top=high), start="left"),
-        Strip(room=Rect(left=tags.right + quiet, right=right, bottom=low, top=high), start="right"),
+        Strip(area=Rect(left=left, right=tags.left - quiet, bottom=low, top=high), start="left"),
+        Strip(area=Rect(left=tags.right + quiet, right=right, bottom=low, top=high), start="right"),
     )
 
 
@@ -204,14 +204,14 @@ def _width_name(face: int) -> str:
 
 
 def _check_fit(box: Box, face: int, paper: Paper, width: float, height: float) -> None:
-    for name, size, room in (
+    for name, size, space in (
         (_width_name(face), box.face_width(face), width - 2 * OUTLINE_MARGIN),
         ("height", box.height, height - 2 * OUTLINE_MARGIN),
     ):
-        if size > room + TINY:
+        if size > space + TINY:
             raise TargetError(
                 f"{paper.name} ({width * 1e3:g} x {height * 1e3:g} mm): the {name} of face {face} is {size * 1e3:g} "
-                f"mm, {room * 1e3:g} mm fit this paper",
+                f"mm, {space * 1e3:g} mm fit this paper",
                 remedy=f"reduce {name}, print on larger paper or in tiles (--tile)",
             )
 
@@ -237,12 +237,12 @@ def _strips(box: Box, width: float, height: float, face: Rect, tags: Rect) -> tu
     span = min(max(face.width, HEADING_LENGTH), right_end - low) / 2
     start, end = width / 2 - span, width / 2 + span
     return (
-        Strip(room=rect(ends.left, tags.top + quiet, ends.right, inner.top), start="top"),
-        Strip(room=rect(ends.left, inner.bottom, ends.right, tags.bottom - quiet), start="bottom"),
-        Strip(room=rect(inner.left, inner.bottom, tags.left - quiet, inner.top), start="left"),
-        Strip(room=rect(tags.right + quiet, inner.bottom, inner.right, inner.top), start="right"),
-        Strip(room=rect(start, face.top + gap, end, top_end), start="bottom"),
-        Strip(room=rect(start, low, end, face.bottom - gap), start="top"),
-        Strip(room=rect(low, low, face.left - gap, top_end), start="right"),
-        Strip(room=rect(face.right + gap, low, right_end, top_end), start="left"),
+        Strip(area=rect(ends.left, tags.top + quiet, ends.right, inner.top), start="top"),
+        Strip(area=rect(ends.left, inner.bottom, ends.right, tags.bottom - quiet), start="bottom"),
+        Strip(area=rect(inner.left, inner.bottom, tags.left - quiet, inner.top), start="left"),
+        Strip(area=rect(tags.right + quiet, inner.bottom, inner.right, inner.top), start="right"),
+        Strip(area=rect(start, face.top + gap, end, top_end), start="bottom"),
+        Strip(area=rect(start, low, end, face.bottom - gap), start="top"),
+        Strip(area=rect(low, low, face.left - gap, top_end), start="right"),
+        Strip(area=rect(face.right + gap, low, right_end, top_end), start="left"),
     )

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from reportlab.pdfgen.canvas import Canvas
 
 _BESIDE = (OUTLINE_MARGIN, 0.020, 0.040)
-"""Room beside a face in tiles for the marks that its rim has no room for, m: the least that does."""
+"""Space beside a face in tiles for the marks that its rim has no space for, m: the least that does."""
 
 
 def sheets_pdf(target: Target, paper: Paper) -> bytes:

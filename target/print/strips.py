@@ -1,4 +1,4 @@
-"""Free strips of a page, and finding room for a mark in them."""
+"""Free strips of a page, and search for a place for a mark in them."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -43,22 +43,22 @@ class Rect:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Slot:
-    """Room for one mark; if ``turned``, it is written from bottom to top instead of from left to right."""
+    """Area for one mark; if ``turned``, it is written from bottom to top instead of from left to right."""
 
-    room: Rect
+    area: Rect
     turned: bool
 
     @property
     def length(self) -> float:
         """Extent along the writing, m."""
-        return self.room.height if self.turned else self.room.width
+        return self.area.height if self.turned else self.area.width
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Strip:
     """A free strip of the page, filled from one side."""
 
-    room: Rect
+    area: Rect
     start: Side
 
     @property
@@ -69,28 +69,28 @@ class Strip:
     @property
     def length(self) -> float:
         """Extent along the writing, m."""
-        return self.room.height if self.turned else self.room.width
+        return self.area.height if self.turned else self.area.width
 
     @property
     def thickness(self) -> float:
         """Extent across the writing, m."""
-        return self.room.width if self.turned else self.room.height
+        return self.area.width if self.turned else self.area.height
 
     def pieces(self, cuts: Sequence[float]) -> "list[Strip]":
         """Return the parts of the strip between cuts across its writing (m on the page), the longest first."""
-        r = self.room
+        r = self.area
         low, high = (r.bottom, r.top) if self.turned else (r.left, r.right)
         ends = [low, *sorted(c for c in cuts if low < c < high), high]
         # A mark keeps off the joint itself.
         spans = [(a + OFF_JOINT * (a > low), b - OFF_JOINT * (b < high)) for a, b in pairwise(ends)]
         spans = sorted((s for s in spans if s[1] > s[0]), key=lambda s: round(s[0] - s[1], 9))
         if self.turned:
-            return [replace(self, room=replace(r, bottom=a, top=b)) for a, b in spans]
-        return [replace(self, room=replace(r, left=a, right=b)) for a, b in spans]
+            return [replace(self, area=replace(r, bottom=a, top=b)) for a, b in spans]
+        return [replace(self, area=replace(r, left=a, right=b)) for a, b in spans]
 
     def slot(self, offset: float, thickness: float, length: float) -> Rect:
         """Return a piece of the strip, centred along it, ``offset`` from the side where filling starts."""
-        r, spare = self.room, (self.length - length) / 2
+        r, spare = self.area, (self.length - length) / 2
         near = {"top": r.top, "bottom": r.bottom, "left": r.left, "right": r.right}[self.start]
         sign = 1 if self.start in {"left", "bottom"} else -1
         low, high = sorted((near + sign * offset, near + sign * (offset + thickness)))
@@ -100,7 +100,7 @@ class Strip:
 
     def offset_past(self, other: Rect) -> float:
         """Return the offset at which the next mark clears another."""
-        r = self.room
+        r = self.area
         past = {
             "top": r.top - other.bottom,
             "bottom": other.top - r.bottom,
@@ -115,9 +115,9 @@ def first_free(strip: Strip, taken: list[Rect], thickness: float, length: float 
     wanted = strip.length if length is None else length
     offset = 0.0
     while wanted <= strip.length + TINY and offset + thickness <= strip.thickness + TINY:
-        room = strip.slot(offset, thickness, wanted)
-        clash = [other for other in taken if room.overlaps(other)]
+        area = strip.slot(offset, thickness, wanted)
+        clash = [other for other in taken if area.overlaps(other)]
         if not clash:
-            return Slot(room=room, turned=strip.turned)
+            return Slot(area=area, turned=strip.turned)
         offset = max(strip.offset_past(other) for other in clash)
     return None

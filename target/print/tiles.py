@@ -82,8 +82,8 @@ class Tile:
     shift: tuple[float, float]
 
 
-def tile_cuts(content: tuple[float, float], joints: tuple[float, ...], room: float) -> tuple[float, ...] | None:
-    """Return where to cut an axis so that the fewest tiles fit a room, as equal as may be; None if none do.
+def tile_cuts(content: tuple[float, float], joints: tuple[float, ...], space: float) -> tuple[float, ...] | None:
+    """Return where to cut an axis so that the fewest tiles fit a length, as equal as may be; None if none do.
 
     Returns
     -------
@@ -106,12 +106,12 @@ def tile_cuts(content: tuple[float, float], joints: tuple[float, ...], room: flo
             cuts.append(furthest)
         return tuple(places[i] for i in cuts)
 
-    best = cut(room)
+    best = cut(space)
     if best is None:
         return None
     limits = sorted({b - a + (OVERLAP if b < high else 0) for i, a in enumerate(places) for b in places[i + 1 :]})
     for limit in limits:
-        if limit > room:
+        if limit > space:
             break
         equal = cut(limit)
         if equal is not None and len(equal) == len(best):

@@ -1,4 +1,4 @@
-"""Pictures of the box as lines on paper: from above, and from a corner with its tags in place."""
+"""Drawings of the box as lines on paper: from above, and from a corner with its tags in place."""
 
 from math import cos, radians, sin, sqrt
 from typing import TYPE_CHECKING
@@ -20,7 +20,7 @@ _EDGE = 0.00035
 class CornerView:
     """The box seen from above its edge between face 0 (left) and face 1 (right), without perspective."""
 
-    def __init__(self, box: Box, room: Rect) -> None:
+    def __init__(self, box: Box, area: Rect) -> None:
         right = np.array([-1, 1, 0]) / sqrt(2)
         up = np.array([-sin(_ELEVATION) / sqrt(2), -sin(_ELEVATION) / sqrt(2), cos(_ELEVATION)])
         self._box = box
@@ -28,8 +28,8 @@ class CornerView:
         corners = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (0, 2)]) / 2
         seen = corners * (box.width, box.depth, box.height) @ self._axes.T
         low, high = seen.min(axis=0), seen.max(axis=0)
-        self._scale = float(min(room.width / (high - low)[0], room.height / (high - low)[1]))
-        middle = np.array([room.left + room.right, room.bottom + room.top]) / 2
+        self._scale = float(min(area.width / (high - low)[0], area.height / (high - low)[1]))
+        middle = np.array([area.left + area.right, area.bottom + area.top]) / 2
         self._shift = middle - self._scale * (low + high) / 2
 
     def place(self, x: float, y: float, z: float) -> Point:
@@ -53,7 +53,7 @@ class CornerView:
             draw_line(canvas, *corners, width=_EDGE, close=True)
 
     def draw_face(self, canvas: "Canvas", target: Target, face: int, off: float = 0.0) -> None:
-        """Draw a face's tags where they stand, or off the box by a share of its half width or depth."""
+        """Draw a face's tags where they stand, or off the box by a fraction of its half width or depth."""
         T: Array = self._box.T_box_face(face)
         T[:2, 3] *= 1 + off
         (a, b), (c, d) = (self._scale * (self._axes @ T[:3, k]) for k in (0, 1))
@@ -64,10 +64,10 @@ class CornerView:
         canvas.restoreState()
 
 
-def plan(box: Box, room: Rect) -> Rect:
-    """Return the box as seen from above, y up the page and x to the right, centred in a room."""
-    scale = min(room.width / box.width, room.height / box.depth)
-    x, y = (room.left + room.right) / 2, (room.bottom + room.top) / 2
+def plan(box: Box, area: Rect) -> Rect:
+    """Return the box as seen from above, y up the page and x to the right, centred in an area."""
+    scale = min(area.width / box.width, area.height / box.depth)
+    x, y = (area.left + area.right) / 2, (area.bottom + area.top) / 2
     half = scale * box.width / 2, scale * box.depth / 2
     return Rect(left=x - half[0], right=x + half[0], bottom=y - half[1], top=y + half[1])
 

@@ -1,4 +1,4 @@
-"""Background of a rendered picture: the floor z = 0 and, above the horizon, a distant wall."""
+"""Background of a rendered image: the floor z = 0 and, above the horizon, a distant wall."""
 
 from functools import cache
 from math import pi

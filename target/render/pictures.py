@@ -1,4 +1,4 @@
-"""Pictures of the assembled box, for README, docs and whoever builds it."""
+"""Images of the assembled box, for README, docs and whoever builds it."""
 
 from collections.abc import Mapping
 from math import cos, radians, sin
@@ -19,7 +19,7 @@ _NUMBER_GREY = 70
 
 
 def box_pictures(target: Target) -> Mapping[str, bytes]:
-    """Return pictures of the box as JPEG: file name -> content.
+    """Return images of the box as JPEG: file name -> content.
 
     ``box.jpg`` shows it from above a corner, ``robot.jpg`` as a camera 0.15 m above the floor sees it, ``around.jpg``
     from all four corners. The number of each face stands on the lid beside it.
@@ -74,7 +74,7 @@ def looking(eye: Array, at: Array) -> Array:
 
 
 def _draw_numbers(picture: NDArray[np.uint8], target: Target, camera: CameraModel, T_cam_box: Array) -> None:
-    """Draw the lid's numbers into a picture, twice as tall as they are engraved."""
+    """Draw the lid's numbers into an image, twice as tall as they are engraved."""
     height, fraction = 2 * lid_number_height(target.box), 6
     for face in range(FACES):
         T = T_cam_box @ T_box_lid_number(target.box, face)

@@ -1,4 +1,4 @@
-"""The PSF and the motion of the picture, acting before the light is gathered into pixels.
+"""The PSF and the motion of the image, acting before the light is gathered into pixels.
 
 Samples are means over cells of a lattice S times finer than the pixels. The PSF as weights on that lattice, then the
 sum over the S x S cells of each pixel, is the scene convolved with both the PSF and the pixel's square: exact, but for

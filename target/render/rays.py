@@ -10,7 +10,7 @@ from boxcal.target.camera.camera_model import CameraModel, unproject
 from boxcal.target.camera.distortion import distort
 
 _TAME = 0.02
-"""Pixels where the distortion compresses a direction to less than this share are left dark: next to a fold."""
+"""Pixels where the distortion compresses a direction to less than this fraction are left dark: next to a fold."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

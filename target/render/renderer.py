@@ -42,12 +42,12 @@ def render(  # noqa: PLR0917 - the noise source last, as a simulation's other st
     bow: tuple[float, float, float, float] = FLAT,
     T_cam_floor: Array | None = None,
 ) -> Image:
-    """Return the grey picture (H, W) that a camera takes of the box.
+    """Return the grey image (H, W) that a camera takes of the box.
 
     Parameters
     ----------
     target
-        The box. Its outline is that of its figures; the print on its faces follows ``tag_corners``.
+        The box. Its outline is that of its dimensions; the print on its faces follows ``tag_corners``.
     camera
         Intrinsics.
     T_cam_box : (4, 4), m
@@ -101,12 +101,12 @@ def render(  # noqa: PLR0917 - the noise source last, as a simulation's other st
 
 
 def encode_jpeg(image: Image, quality: int = 90) -> bytes:
-    """Return a grey or colour picture as JPEG, quality 1 to 100.
+    """Return a grey or colour image as JPEG, quality 1 to 100.
 
     Raises
     ------
     TargetError
-        If the quality is out of range or OpenCV cannot encode the picture.
+        If the quality is out of range or OpenCV cannot encode the image.
     """
     if not 1 <= quality <= 100:
         raise TargetError(f"JPEG quality is {quality}, 1 to 100 is needed")
@@ -117,9 +117,9 @@ def encode_jpeg(image: Image, quality: int = 90) -> bytes:
 
 
 def _margin_px(sensor: SensorModel) -> int:
-    """Return how far beyond the picture's border is rendered, px: light from there reaches into it.
+    """Return how far beyond the image's border is rendered, px: light from there reaches into it.
 
-    Of pictures on the move, each with a blur of its own, in steps, so that they share the rays of their pixels.
+    Of images on the move, each with a blur of its own, in steps, so that they share the rays of their pixels.
     """
     reach = reach_px(sensor)
     return _MARGINS_PX * ceil(reach / _MARGINS_PX) if sensor.motion_blur_px > 0 else reach
@@ -143,14 +143,14 @@ class _Scene:
             self.parts.append((at, intensity, np.ones_like(intensity)))
         for at in batches(border, supersample):
             samples = Samples(rays, at, supersample)
-            share = samples.coverage(side.edges)
-            self.parts.append((at, share * samples.intensity(side), share))
+            coverage = samples.coverage(side.edges)
+            self.parts.append((at, coverage * samples.intensity(side), coverage))
 
     def least_cover(self) -> float:
-        """Return the smallest share of a pixel that the box covers."""
+        """Return the smallest fraction of a pixel that the box covers."""
         cover = self.cover.copy()
-        for at, _, share in self.parts:
-            cover[at] = np.maximum(cover[at], share.min(axis=1))
+        for at, _, coverage in self.parts:
+            cover[at] = np.maximum(cover[at], coverage.min(axis=1))
         return float(cover.min())
 
     def over(self, behind: Reals) -> tuple[Reals, Index, Reals]:
@@ -161,10 +161,10 @@ class _Scene:
         at, row = np.unique(np.concatenate([part[0] for part in self.parts]), return_inverse=True)
         samples, cover = (np.zeros((len(at), self.parts[0][1].shape[1]), dtype=np.float32) for _ in range(2))
         first = 0
-        for part, intensity, share in self.parts:
+        for part, intensity, coverage in self.parts:
             rows = row[first : first + len(part)]  # within a part each pixel stands once
             samples[rows] += intensity
-            cover[rows] += share
+            cover[rows] += coverage
             first += len(part)
         rest = np.where(self.cover[at, None] > 0, np.maximum(1 - cover, 0), 0)  # within another side of one colour
         samples += rest * self.intensity[at, None]

@@ -84,12 +84,12 @@ class Samples:
         return np.asarray(side.paper + ink * (side.ink - side.paper), dtype=np.float32)
 
     def coverage(self, edges: Reals) -> Reals:
-        """Return the share of every sample that lies within the outline.
+        """Return the fraction of every sample that lies within the outline.
 
-        A sample's share on one side of an edge follows from its distance to the edge; between two opposite edges
-        the shares overlap, so that two sides that meet in an edge share it without gap or excess.
+        A sample's fraction on one side of an edge follows from its distance to the edge; between two opposite edges
+        the fractions overlap, so that two sides that meet in an edge share it without gap or excess.
         """
-        shares = []
+        fractions = []
         for pair in (edges[0::2], edges[1::2]):
             both = np.float32(-1)
             for edge in pair:
@@ -97,8 +97,8 @@ class Samples:
                 slope = np.maximum(np.hypot(forms.by_u[0], forms.by_v[0]), np.float32(1e-12))
                 distance = self._spread(forms, 0) * (np.float32(self.supersample) / slope)[:, None]
                 both = both + np.clip(distance + np.float32(0.5), 0, 1)
-            shares.append(np.maximum(both, 0))
-        return np.asarray(shares[0] * shares[1], dtype=np.float32)
+            fractions.append(np.maximum(both, 0))
+        return np.asarray(fractions[0] * fractions[1], dtype=np.float32)
 
 
 def batches(at: Index, supersample: int) -> list[Index]:

@@ -17,7 +17,7 @@ MAX_PSF_PX = 200.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SensorModel:
-    """Illumination, lens and sensor of a rendered picture; the defaults give a sharp, noiseless one.
+    """Illumination, lens and sensor of a rendered image; the defaults give a sharp, noiseless one.
 
     Intensity is linear, 1 saturates the sensor at gain 1. With a linear response a grey level is 255 times it.
 
@@ -28,11 +28,11 @@ class SensorModel:
     psf_px : px
         Standard deviation of the lens's Gaussian PSF; the pixel's own square comes on top.
     motion_blur_px : px
-        How far the picture moves during the exposure (whole length of the streak).
+        How far the image moves during the exposure (whole length of the streak).
     motion_angle : rad
         Direction of that motion: 0 along u, positive towards v.
     vignetting
-        Share of the light that the picture's corners lose, 0..1; it grows with the squared distance to the centre.
+        Fraction of the light that the image's corners lose, 0..1; it grows with the squared distance to the centre.
     gain
         Exposure: factor on all light.
     paper, ink
@@ -85,7 +85,7 @@ class SensorModel:
 
 
 def expose(light: Reals, sensor: SensorModel, rng: np.random.Generator | None) -> NDArray[np.uint8]:
-    """Return the grey picture (H, W) of the light (H, W) on the sensor.
+    """Return the grey image (H, W) of the light (H, W) on the sensor.
 
     Order: vignetting and exposure, response function, noise, rounding.
 

@@ -145,7 +145,7 @@ def face_texture(target: Target, face: int) -> FaceTexture | None:
 
 
 def _split(axis: Axis, x: Reals, width: Reals) -> tuple[Index, Reals]:
-    """Return the cell in which intervals about x begin, and the share of their length beyond its end."""
+    """Return the cell in which intervals about x begin, and the fraction of their length beyond its end."""
     begin = x - width / 2
     cell = axis.locate(begin)
     begin -= axis.breaks.take(cell)
@@ -155,7 +155,7 @@ def _split(axis: Axis, x: Reals, width: Reals) -> tuple[Index, Reals]:
 
 
 def _share_tables(cells: Reals) -> tuple[Reals, Reals, Reals, Reals]:
-    """Return c0..c3 for each cell: ink = c0 + a c1 + b c2 + a b c3, (a, b) the shares in the next column and row."""
+    """Return c0..c3 for each cell: ink = c0 + a c1 + b c2 + a b c3, (a, b) the fractions in the next column and row."""
     padded = np.pad(cells, ((0, 1), (0, 1)))
     here, right, below, corner = padded[:-1, :-1], padded[:-1, 1:], padded[1:, :-1], padded[1:, 1:]
     tables = (here, right - here, below - here, corner - right - below + here)

@@ -10,7 +10,7 @@ from boxcal.target.errors import TargetError
 from boxcal.target.render.sides import BOTTOM, sides_facing
 
 MAX_SIDE_PX = 16_384
-"""Longest side of a picture, px: more than any camera's."""
+"""Longest side of an image, px: more than any camera's."""
 
 
 def visible_tags(
@@ -51,7 +51,7 @@ def checked_size(image_size: tuple[int, int]) -> tuple[int, int]:
     Raises
     ------
     TargetError
-        If no picture has such a size.
+        If no image has such a size.
     """
     width, height = image_size
     if not (1 <= width <= MAX_SIDE_PX and 1 <= height <= MAX_SIDE_PX):

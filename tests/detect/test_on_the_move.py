@@ -67,7 +67,9 @@ def test_only_frames_on_known_way_at_which_the_wheels_turn_are_candidates() -> N
 def test_what_turns_keep_the_box_in_view_is_learned() -> None:
     n = 40
     turn = np.where(np.arange(n) % 2, 0.7, 0.3)
-    among = Candidates(frames=np.arange(n), side=2 * np.arange(n), turn=turn, way=np.full(n, 0.5), rate=np.full(n, 3.0))
+    among = Candidates(
+        frames=np.arange(n), side=2 * np.arange(n), turn=turn, path=np.full(n, 0.5), rate=np.full(n, 3.0)
+    )
     choice, looked = Choice(among=among), list[int]()
     for _ in range(12):
         at = choice.next()
@@ -81,7 +83,7 @@ def test_what_turns_keep_the_box_in_view_is_learned() -> None:
 def test_a_few_frames_are_looked_at_where_none_is_predicted_to_show_the_box() -> None:
     n = 40
     same = np.full(n, 0.4)
-    among = Candidates(frames=np.arange(n), side=2 * np.arange(n), turn=same, way=same, rate=same)
+    among = Candidates(frames=np.arange(n), side=2 * np.arange(n), turn=same, path=same, rate=same)
     looked = {}
     for shown in (False, True):
         choice, looked[shown] = Choice(among=among, in_view=lambda rows: np.zeros(len(rows), dtype=bool)), 0
@@ -102,7 +104,7 @@ def test_a_drive_without_frames_between_stops_has_no_candidate() -> None:
         frames=np.zeros(0, dtype=np.int64),
         side=np.zeros(0, dtype=np.int64),
         turn=np.zeros(0),
-        way=np.zeros(0),
+        path=np.zeros(0),
         rate=np.zeros(0),
     )
     assert Choice(among=none).next() is None

@@ -331,21 +331,21 @@ def test_registration_marks_of_neighbours_are_the_same_spots_of_the_face() -> No
 @settings(max_examples=200, deadline=None)
 @given(
     steps=st.lists(st.floats(0.01, 0.08), min_size=1, max_size=25),
-    room=st.floats(0.05, 0.4),
+    space=st.floats(0.05, 0.4),
 )
-def test_cuts_lie_on_joints_and_every_tile_fits_with_its_overlap(steps: list[float], room: float) -> None:
+def test_cuts_lie_on_joints_and_every_tile_fits_with_its_overlap(steps: list[float], space: float) -> None:
     places = np.cumsum([0.0, *steps])
     joints = tuple(float(p) for p in places[1:-1])
-    cuts = tile_cuts((0.0, float(places[-1])), joints, room)
+    cuts = tile_cuts((0.0, float(places[-1])), joints, space)
     if cuts is None:
         widest = max(max(steps[:-1], default=0.0) + OVERLAP, steps[-1])
-        assert widest > room - 1e-8
+        assert widest > space - 1e-8
         return
     assert set(cuts[1:-1]) <= set(joints)
     assert (cuts[0], cuts[-1]) == (0.0, float(places[-1]))
     for a, b in pairwise(cuts):
-        assert b - a + (OVERLAP if b < cuts[-1] else 0) <= room + 1e-8
-    assert len(cuts) - 1 >= (places[-1] - OVERLAP) / room - 1e-6
+        assert b - a + (OVERLAP if b < cuts[-1] else 0) <= space + 1e-8
+    assert len(cuts) - 1 >= (places[-1] - OVERLAP) / space - 1e-6
 
 
 def test_a_tag_that_no_tile_can_hold_is_refused_with_the_figure_to_change() -> None:
@@ -466,7 +466,7 @@ def test_marks_of_a_net_keep_off_its_faces_and_inside_the_printable_page(paper: 
     target = make_target()
     pages = net_pages(target, NET_PAPERS[paper])
     for page in pages or ():
-        marks = [slot.room for slot in (page.bar_across, page.bar_up, page.notes)]
+        marks = [slot.area for slot in (page.bar_across, page.bar_up, page.notes)]
         for i, mark in enumerate(marks):
             assert (
                 min(mark.left, mark.bottom, page.width - mark.right, page.height - mark.top) >= PRINTABLE_MARGIN - 1e-9
@@ -477,15 +477,15 @@ def test_marks_of_a_net_keep_off_its_faces_and_inside_the_printable_page(paper: 
                     if part.kind in {"base", "lid"}:
                         continue
                     xs, ys = zip(*part.corners, strict=True)
-                    room = Rect(left=min(xs) + x, right=max(xs) + x, bottom=min(ys) + y, top=max(ys) + y)
+                    area = Rect(left=min(xs) + x, right=max(xs) + x, bottom=min(ys) + y, top=max(ys) + y)
                     if part.kind == "face":  # marks stand on its rim, off the tags' white borders
-                        room = Rect(
-                            left=room.left + 0.0025,
-                            right=room.right - 0.0025,
-                            bottom=room.bottom + 0.0125,
-                            top=room.top - 0.0125,
+                        area = Rect(
+                            left=area.left + 0.0025,
+                            right=area.right - 0.0025,
+                            bottom=area.bottom + 0.0125,
+                            top=area.top - 0.0125,
                         )
-                    assert not mark.overlaps(room)
+                    assert not mark.overlaps(area)
 
 
 @pytest.mark.parametrize("paper", ["a4", "letter", "a3"])

@@ -226,12 +226,12 @@ def test_scale_bars_are_100_mm_long_both_ways(render: Renderer, pdf: Path, paper
     for face in range(4):
         page = page_of(Box(), face, paper)
         for slot in (page.bar_across, page.bar_up):
-            room = slot.room
-            left, top = int(px(room.left)) - 20, int(px(page.height - room.top)) - 20
-            image = render(pdf, face, DPI, (left, top, int(px(room.width)) + 40, int(px(room.height)) + 40))
+            area = slot.area
+            left, top = int(px(area.left)) - 20, int(px(page.height - area.top)) - 20
+            image = render(pdf, face, DPI, (left, top, int(px(area.width)) + 40, int(px(area.height)) + 40))
             ink = 1 - image / 255
             across = ink.sum(axis=1 if slot.turned else 0)
-            ticks = np.flatnonzero(across > 0.9 * px(room.width if slot.turned else room.height))
+            ticks = np.flatnonzero(across > 0.9 * px(area.width if slot.turned else area.height))
             centre = np.arange(across.size) + 0.5
             first, last = ticks < across.size / 2, ticks > across.size / 2
             ends = [np.average(centre[ticks[half]], weights=across[ticks[half]]) for half in (first, last)]
@@ -303,7 +303,7 @@ def test_marks_of_any_box_keep_off_tags_cuts_each_other_and_the_papers_edge(
         event("refused")
         return
     event("laid out")
-    marks = [slot.room for slot in (page.heading, page.notes, page.bar_across, page.bar_up)]
+    marks = [slot.area for slot in (page.heading, page.notes, page.bar_across, page.bar_up)]
     module = tag_size / modules_per_side(box.dictionary)
     for i, mark in enumerate(marks):
         assert min(mark.left, mark.bottom, page.width - mark.right, page.height - mark.top) >= PRINTABLE_MARGIN - 1e-9
@@ -422,16 +422,16 @@ def test_both_scale_bars_stay_on_the_face_when_it_is_cut_out(paper: str) -> None
     for face in range(4):
         page = page_of(Box(), face, paper)
         for slot in (page.bar_across, page.bar_up):
-            room = slot.room
-            assert min(room.left - page.face.left, room.bottom - page.face.bottom) >= 0.0005 - 1e-9
-            assert min(page.face.right - room.right, page.face.top - room.top) >= 0.0005 - 1e-9
+            area = slot.area
+            assert min(area.left - page.face.left, area.bottom - page.face.bottom) >= 0.0005 - 1e-9
+            assert min(page.face.right - area.right, page.face.top - area.top) >= 0.0005 - 1e-9
             quiet = Rect(
                 left=page.tags.left - 0.0035,
                 right=page.tags.right + 0.0035,
                 bottom=page.tags.bottom - 0.0035,
                 top=page.tags.top + 0.0035,
             )
-            assert not room.overlaps(quiet)
+            assert not area.overlaps(quiet)
 
 
 def test_sheets_ask_viewers_not_to_scale_and_are_the_same_bytes_each_time(pdf: Path, paper: str) -> None:

@@ -99,7 +99,7 @@ class Damage:
     messages
         How many messages are known to be lost.
     spans_ns
-        Times (first, last) whose messages were lost, where the file tells.
+        Times (first, last) whose messages were lost, where the file says so.
     """
 
     notes: list[str] = field(default_factory=list)
@@ -112,7 +112,7 @@ class Damage:
         return sum(end - start for start, end in self.spans_ns) / 1e9
 
     def add(self, note: str, *, messages: int = 0, span_ns: tuple[int, int] | None = None) -> None:
-        """Note a loss; the first few are told, all are counted."""
+        """Note a loss; the first few are reported, all are counted."""
         if len(self.notes) < 5:
             self.notes.append(note)
         self.messages += messages

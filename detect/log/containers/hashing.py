@@ -40,7 +40,7 @@ class HashedFile:
         self._file.close()
 
     def _passed(self, data: bytes) -> bytes:
-        """Hash bytes on their way, if that is wanted."""
+        """Hash bytes as they are read, if that is wanted."""
         if self._known_digest is None:
             self._digest.update(data)
         return data

@@ -142,7 +142,7 @@ class McapFile(HashedFile):
             return beginning(body)
 
     def _is_chunk_at(self, record: int) -> bool:
-        """Tell whether a record is a chunk, of a file that was opened again."""
+        """Return whether a record is a chunk, of a file that was opened again."""
         self._file.seek(record)
         found = self._file.read(1)
         if found and found[0] not in {MESSAGE, SCHEMA, CHANNEL}:
@@ -354,6 +354,6 @@ class McapFile(HashedFile):
 
 
 def _ends_whole(file: BinaryIO, size: int) -> bool:
-    """Tell whether a file ends as an MCAP that was closed does."""
+    """Return whether a file ends as an MCAP that was closed does."""
     file.seek(max(size - len(MAGIC), 0))
     return file.read(len(MAGIC)) == MAGIC

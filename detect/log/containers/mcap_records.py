@@ -58,7 +58,7 @@ def held_data(body: bytes | memoryview, fields: ChunkHead) -> memoryview:
 
 
 def is_chunk(body: memoryview) -> bool:
-    """Tell whether a record's content is a chunk with a right checksum."""
+    """Return whether a record's content is a chunk with a right checksum."""
     try:
         fields = chunk_head(body)
         data = unpacked(held_data(body, fields), fields.compression, fields.size)

@@ -81,7 +81,7 @@ def _candidates(data: bytes) -> "np.ndarray[tuple[int], np.dtype[np.int64]]":
 
 
 def _chain(data: bytes, at: int, base: int, size: int) -> bool:
-    """Tell whether some records follow each other from an offset on, as far as the memory reaches."""
+    """Return whether some records follow each other from an offset on, as far as the memory reaches."""
     for _ in range(_CHAIN):
         if base + at == size - len(_MAGIC):
             return True

@@ -1,4 +1,4 @@
-"""A plain folder: pictures with times in their names or in a CSV file, and ``wheels.csv``.
+"""A plain folder: images with times in their names or in a CSV file, and ``wheels.csv``.
 
 ::
 
@@ -35,12 +35,12 @@ _ROWS = 1000
 
 
 def is_plain_folder(path: Path) -> bool:
-    """Tell whether a folder is one of pictures with ``wheels.csv``."""
+    """Return whether a folder is one of images with ``wheels.csv``."""
     return (path / WHEELS).is_file()
 
 
 class PlainFolder:
-    """A folder of pictures and ``wheels.csv``, open for reading."""
+    """A folder of images and ``wheels.csv``, open for reading."""
 
     kind = "folder of pictures"
 
@@ -51,7 +51,7 @@ class PlainFolder:
         self._pictures: list[Path] = []
 
     def batches(self) -> Iterator[list[Batch]]:
-        """Yield the wheels' rows as joint messages, then the pictures' times."""
+        """Yield the wheels' rows as joint messages, then the images' times."""
         yield from self._wheels()
         found = self._timed_pictures()
         channel = Channel(topic="images", type="picture", encoding="picture")
@@ -64,7 +64,7 @@ class PlainFolder:
         yield [Batch(channel, b"", none, none, np.array(times, dtype=np.int64), np.arange(len(found)))]
 
     def read(self, places: Iterable[Place]) -> Iterator[bytes]:
-        """Yield the contents of pictures."""
+        """Yield the contents of images."""
         for record, _ in places:
             picture = self._pictures[record]
             if picture.stat().st_size > MAX_PICTURE_BYTES:
@@ -72,7 +72,7 @@ class PlainFolder:
             yield picture.read_bytes()
 
     def sha256(self) -> str:
-        """Return a hash of ``wheels.csv`` and of the pictures' names and sizes."""
+        """Return a hash of ``wheels.csv`` and of the images' names and sizes."""
         return self._digest.hexdigest()
 
     def close(self) -> None:
@@ -120,7 +120,7 @@ class PlainFolder:
         return Batch(channel, data, np.array(starts), np.array(ends), log_ns, 0)
 
     def _timed_pictures(self) -> list[tuple[int, Path]]:
-        """Return the pictures with their times, ns, in order of time."""
+        """Return the images with their times, ns, in order of time."""
         folder = self._path / "images" if (self._path / "images").is_dir() else self._path
         pictures = sorted(p for p in folder.iterdir() if p.suffix.lower() in PICTURES and p.is_file())[:_MAX_PICTURES]
         times = next((f / n for f in (self._path, folder) for n in _TIMES_FILES if (f / n).is_file()), None)

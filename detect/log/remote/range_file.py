@@ -77,7 +77,7 @@ class RangeFile:
             raise _changed(self._store.name)
 
     def is_now(self, store: Store) -> bool:
-        """Tell whether this is the file at a store's place, as it is now."""
+        """Return whether this is the file at a store's place, as it is now."""
         return store.place == self._store.place and store.client is self._store.client and store.state() == self.state
 
     def close(self) -> None:
@@ -92,7 +92,7 @@ class RangeFile:
         self._whole = False
 
     def _keeps(self, start: int, end: int) -> bool:
-        """Tell whether all of a range is kept."""
+        """Return whether all of a range is kept."""
         at = start
         while at < end:
             k = bisect_right(self._starts, at) - 1

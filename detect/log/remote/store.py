@@ -47,7 +47,7 @@ class FileState:
 
 
 def tells_content(identity: str) -> bool:
-    """Tell whether files of one identity are the same: a hash, or a tag and a size, but not a size alone."""
+    """Return whether files of one identity are the same: a hash, or a tag and a size, but not a size alone."""
     return bool(identity) and not identity.startswith(_UNTAGGED)
 
 
@@ -82,7 +82,7 @@ class Store:
         return FileState(size=int(about["size"]), tag=str(tag).strip('"'))
 
     def is_folder(self) -> bool:
-        """Tell whether the place is a folder; the web has none, and what cannot be looked at is none."""
+        """Return whether the place is a folder; the web has none, and what cannot be looked at is none."""
         if {"http", "https"} & set(_protocols(self.client)):
             return False
         try:
@@ -91,7 +91,7 @@ class Store:
             return False
 
     def exists(self) -> bool:
-        """Tell whether the file is there (DetectError if the store cannot be reached or does not say)."""
+        """Return whether the file is there (DetectError if the store cannot be reached or does not say)."""
         with said(self.name):
             return bool(self.client.exists(self.place))
 

@@ -41,5 +41,5 @@ def url_of(path: str | Path) -> str | None:
 
 
 def is_url(path: str | Path) -> bool:
-    """Tell whether a path is spelled like a URL."""
+    """Return whether a path is spelled like a URL."""
     return _URL.match(path if isinstance(path, str) else path.as_posix()) is not None
