@@ -192,5 +192,5 @@ def calibrate_robot(job: Job, progress: Progress | None = None) -> Calibration:
 
 
 def _reading(tell: Callable[[str, str, float], None], log: int, logs: int, text: str, share: float) -> None:
-    """Tell what share of a robot's work is done once a share of one of its logs is read."""
+    """Report the fraction of a robot's work that is done once a fraction of one of its logs is read."""
     tell("read", text, READ_SHARE * (log + share) / logs)

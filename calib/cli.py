@@ -75,7 +75,7 @@ def _run(
 ) -> "tuple[int, list[Path]]":
     """Calibrate robots; returns the exit status, and the logs that were not reached.
 
-    What is in the way of all of them is told by ``tell`` (:func:`say` if not given).
+    What prevents all of them is reported by ``tell`` (:func:`say` if not given).
     """
     tell, logs = tell or say, list(args.logs)
     if not args.quiet:  # before what takes a second to load
@@ -208,7 +208,7 @@ def _jobs(args: argparse.Namespace, command: str, place: "ResultsPlace") -> "tup
 
 
 def _has_report() -> bool:
-    """Tell whether the extra ``report`` is installed; say so on stderr if not."""
+    """Return whether the extra ``report`` is installed; say so on stderr if not."""
     from importlib.util import find_spec
 
     if not all(find_spec(name) for name in ("jinja2", "xlsxwriter")):

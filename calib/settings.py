@@ -60,7 +60,7 @@ class Settings:
     Attributes
     ----------
     topics
-        Topics and joints, where their names do not tell.
+        Topics and joints, where their names do not say.
     cameras
         Topics of the cameras that are calibrated together, where the robot has several; the first one's result is the
         robot's own.
@@ -102,7 +102,7 @@ class Settings:
     report
         Whether ``report.html`` is written for every robot; the fleet's is the caller's.
     draw
-        Whether each stop's picture is written with detected and reprojected corners.
+        Whether each stop's image is written with detected and reprojected corners.
     nominal
         What a data sheet says of the wheels, for diff_drive_controller's multipliers.
     base_frame, camera_frame, prefix
@@ -199,7 +199,7 @@ class Job:
 
 
 READ_SHARE, SOLVED_SHARE = 0.7, 0.95
-"""Shares of a robot's work, by measurement on logs of 20 stops: reading takes most of it."""
+"""Fractions of a robot's work, by measurement on logs of 20 stops: reading takes most of it."""
 NOTE = "note"
 """Stage of a sentence that is only said, such as of a worker that is not used."""
 
@@ -227,7 +227,7 @@ class Stage:
 
 
 Progress = Callable[[Stage], None]
-"""Told how far the work has come."""
+"""Called with how far the work has come."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -1,4 +1,4 @@
-"""Causes before consequences: which failed rules follow from which, so that one fault is told once."""
+"""Causes before consequences: which failed rules follow from which, so that one fault is reported once."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -39,7 +39,7 @@ _OF_A_CAUSE = (*_FIT, *_SURE, "print", "misfit", "moves")
 
 
 def arrange(reasons: Sequence[Reason]) -> tuple[Reason, ...]:
-    """Return reasons in the order in which they are told: causes with their consequences, notes, the rest.
+    """Return reasons in the order in which they are reported: causes with their consequences, notes, the rest.
 
     Parameters
     ----------

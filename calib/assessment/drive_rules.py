@@ -1,4 +1,4 @@
-"""Rules on what every calibration tells, the closed form's too: how the robot was driven, and how it stands."""
+"""Rules on what every calibration determines, the closed form's too: how the robot was driven, and how it stands."""
 
 from collections.abc import Callable, Sequence
 
@@ -78,7 +78,7 @@ def _moves(c: Calibration) -> list[Reason]:
 
 
 def direction_unchecked(c: Calibration) -> list[Reason]:
-    """Return what a camera that looks to the rear may be instead, where no description in the log tells."""
+    """Return what a camera that looks to the rear may be instead, where no description in the log says."""
     views = [c.T_body_cam, *(camera.T_body_cam for camera in (c.rig.cameras if c.rig is not None else ()))]
     if any(view[0, 2] > -_REAR * np.hypot(view[0, 2], view[1, 2]) or np.hypot(*view[:2, 2]) < _LEVEL for view in views):
         return []

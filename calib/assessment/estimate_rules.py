@@ -1,4 +1,4 @@
-"""Rules on what the likelihood tells: how sure the figures are, what happened on the way, how well all fits."""
+"""Rules on the likelihood's result: how certain the values are, what happened during the drive, how well all fits."""
 
 import re
 from collections.abc import Callable, Sequence
@@ -78,7 +78,7 @@ def _rays_known(c: Calibration) -> bool:
 
 
 def ray_sigma_deg(c: Calibration) -> float:
-    """Return the worst standard deviation, deg, of a pixel's ray in the camera, over the whole picture."""
+    """Return the worst standard deviation, deg, of a pixel's ray in the camera, over the whole image."""
     width, height = c.image_size
     u, v = np.meshgrid(np.linspace(0, width - 1, _GRID), np.linspace(0, height - 1, _GRID))
     cov, n = c.projection_covariance, len(c.camera.values)
@@ -137,7 +137,7 @@ def _camera(_: Calibration, detail: Detail) -> list[Reason]:
 
 
 def _legs(c: Calibration, detail: Detail) -> list[Reason]:
-    """Judge the legs that were left out; one whose cause is named elsewhere is told there, as a note."""
+    """Judge the legs that were left out; one whose cause is named elsewhere is reported there, as a note."""
     count, flagged = len(detail.legs), detail.flagged_legs
     if not flagged:
         return graded("legs", 0.0, f"Wheels and images agree on all {count} legs: no slip, no pushed box.", "")

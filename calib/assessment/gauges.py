@@ -1,4 +1,4 @@
-"""The figures that answer "how sure": each on a scale of good, usable and poor."""
+"""The values that say how certain a calibration is, each on a scale of good, usable and poor."""
 
 from dataclasses import dataclass
 from math import isfinite, log10, pi
@@ -13,8 +13,8 @@ _WAY = 10.0
 def slip_on_top(calibration: Calibration) -> str:
     """Return what the wheels' own slip adds over 10 m, in words; empty where slip is not known.
 
-    Each wheel's way errs by slip times its root, so the heading is a random walk, and the position aside is the walk's
-    integral: a third of the way squared times the heading's variance.
+    Each wheel's path errs by slip times the root of its length, so the heading is a random walk, and the position aside
+    is the walk's integral: a third of the path length squared times the heading's variance.
     """
     detail = calibration.detail
     if detail is None:
@@ -25,7 +25,7 @@ def slip_on_top(calibration: Calibration) -> str:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Gauge:
-    """One figure on a scale of good, usable and poor (logarithmic, 0 to 100)."""
+    """One value on a scale of good, usable and poor (logarithmic, 0 to 100)."""
 
     name: str
     text: str

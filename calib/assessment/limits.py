@@ -1,4 +1,4 @@
-"""Judgements: levels, the limits between them, and how figures are said."""
+"""Judgements: levels, the limits between them, and how values are worded."""
 
 from dataclasses import dataclass
 from math import isfinite
@@ -12,13 +12,13 @@ SYMBOLS = frozenset((*ORDER, "a1", "a2", "a3", "aR", "aL"))
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Limit:
-    """Limits of one figure of a calibration: up to which it is good, and up to which usable."""
+    """Limits of one value of a calibration: up to which it is good, and up to which usable."""
 
     good: float
     usable: float
 
     def grade(self, value: float) -> Level:
-        """Return the level of a figure that is better when smaller; what is not finite is never good."""
+        """Return the level of a value that is better when smaller; what is not finite is never good."""
         if isfinite(value) and value <= self.good:
             return Level.GOOD
         return Level.USABLE if isfinite(value) and value <= self.usable else Level.REDO
@@ -33,11 +33,11 @@ LIMITS = {
     "stops": Limit(good=-8, usable=-5),  # less the number of stops
     "around": Limit(good=180.0, usable=360.0),  # deg, largest gap between stops seen from the box
     "turned": Limit(good=-60.0, usable=-30.0),  # deg, less the largest turn between two stops
-    "legs": Limit(good=0.0, usable=0.25),  # share of legs left out
+    "legs": Limit(good=0.0, usable=0.25),  # fraction of legs left out
     "slip": Limit(good=0.002, usable=0.03),  # m/sqrt(m)
     "sharpness": Limit(good=0.5, usable=2.0),  # px in an image of 640 px
     "fit": Limit(good=1.7, usable=4.0),  # times the corners' own scatter
-    "corners": Limit(good=0.03, usable=0.15),  # share of corners left out
+    "corners": Limit(good=0.03, usable=0.15),  # fraction of corners left out
     "print": Limit(good=0.002, usable=0.005),  # relative
     "floor": Limit(good=1.0, usable=3.0),  # deg
     "held-out": Limit(good=2.0, usable=4.0),  # root mean square, in sigmas
@@ -62,14 +62,14 @@ def length(metres: float) -> str:
 
 
 def angle(degrees: float) -> str:
-    """Return an angle in degrees, to two figures."""
+    """Return an angle in degrees, to two significant digits."""
     if not isfinite(degrees):
         return "an unknown angle"
     return f"{degrees:.3f}°" if degrees < 0.0995 else f"{degrees:.2f}°"
 
 
 def percent(share: float) -> str:
-    """Return a share in percent, signed, to one tenth."""
+    """Return a fraction in percent, signed, to one tenth."""
     return f"{share:+.1%}".replace("-", "\N{MINUS SIGN}") if abs(share) >= 0.0005 else "0.0%"
 
 

@@ -1,4 +1,4 @@
-"""Advice on the next stops, computed from what a drive told, in place of rules of thumb."""
+"""Advice on the next stops, computed from a drive's information, in place of rules of thumb."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -13,14 +13,14 @@ from boxcal.detect.correspondences import Correspondences
 from boxcal.target.box import Target
 
 MENDED_BY_STOPS = ("stops", "straight", "heading", "turn", "camera-angle", "camera-place", "open")
-"""Rules on how sure the figures are: more stops help."""
+"""Rules on how certain the quantities are: more stops help."""
 _COUNT = "stops"
 """Rule on how many there are: what is computed comes beside the number that is wanted."""
 _STOPS = 2
 
 
 def calls_for_stops(reasons: Sequence[Reason]) -> bool:
-    """Tell whether any reason is one that more stops mend."""
+    """Return whether any reason is one that more stops mend."""
     return any(r.rule in MENDED_BY_STOPS and r.level is not Level.GOOD and not r.because for r in reasons)
 
 
@@ -46,7 +46,7 @@ def more_stops(calibration: Calibration, drives: Sequence[Correspondences], targ
 
 
 def sentence_of(stops: Sequence[NextStop]) -> str:
-    """Return the next stops in a sentence, with what they promise of the figure furthest from its goal."""
+    """Return the next stops in a sentence, with what they promise of the quantity furthest from its goal."""
     before = worst(stops[0].before)
     after = next(bar for bar in stops[-1].after if bar.name == before.name)
     return (

@@ -19,7 +19,7 @@ from boxcal.target.box import FACES, Target
 from boxcal.target.camera.camera_model import project_with_jacobians
 
 _TELLS = 0.003
-"""A scale that the corners leave open by more than this is not worth telling."""
+"""A scale with a larger standard deviation than this is not reported."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -41,7 +41,7 @@ class PrintScale:
 
 
 def find_print_scale(calibration: Calibration, seen: Sequence[SeenStop], target: Target) -> PrintScale | None:
-    """Return the print's scales against the landmark table, or None where the corners do not tell.
+    """Return the print's scales against the landmark table, or None where the corners do not determine it.
 
     Parameters
     ----------

@@ -111,7 +111,7 @@ def _uncertainty(c: Calibration) -> Reason:
 
 
 def _ruler(detail: Detail | None) -> list[Reason]:
-    """Return how sure all lengths are by the print alone, where that is worth a note."""
+    """Return how certain all lengths are by the print alone, where that matters."""
     if detail is None or detail.scale_sigma is None or detail.scale_sigma < _RULER:
         return []
     text = (

@@ -96,7 +96,7 @@ def check_turns(calibration: Calibration, wheels: WheelSamples, turns: float, ma
 
 
 def _between_standings(calibration: Calibration, wheels: WheelSamples) -> LegModel:
-    """Return the way from the first standing to the last as one leg."""
+    """Return the path from the first standing to the last as one leg."""
     stops = find_stops(wheels)
     if len(stops) < 2:
         raise CalibError(

@@ -25,7 +25,7 @@ from boxcal.target.arrays import Ids
 from boxcal.target.box import Target
 
 _FRAMES = 3
-"""Pictures of a stop that are looked at: enough to tell noise from what stays."""
+"""Images of a stop that are looked at: enough to tell noise from what stays."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -45,7 +45,7 @@ class LogCheck:
     stands
         Times that the robot stood.
     drive
-        Stops that see the box; None where it cannot be told.
+        Stops that see the box; None where that is unknown.
     """
 
     name: str

@@ -83,7 +83,7 @@ def _missing(bar: Bar, *, useless: bool) -> LogFinding:
 
 
 def _of_reason(reason: Reason) -> LogFinding:
-    """Return a reason of the verdict as a finding: what was taken into account is still worth a look in the field."""
+    """Return a reason of the verdict as a finding: what was taken into account still deserves a look in the field."""
     caused = reason.kind is Kind.NOTE and reason.rule != "ruler"
     level = Level.USABLE if caused else reason.level
     return LogFinding(level=level, topic="drive", text=reason.text, advice=reason.advice)

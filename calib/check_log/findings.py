@@ -16,7 +16,7 @@ class LogFinding:
     Attributes
     ----------
     level
-        Its weight: as it should be (good), worth a look (usable), or wrong (redo).
+        Its weight: as it should be (good), to be looked at (usable), or wrong (redo).
     topic
         What it is about, in a word: ``camera``, ``wheels``, ``clock``, ``stops``, ``box``, ``sharpness``, ``light``,
         ``drive``, ``known`` or ``missing``; for programs.
@@ -48,7 +48,7 @@ def fine(topic: str, text: str) -> LogFinding:
 
 
 def look(topic: str, text: str, advice: str = "") -> LogFinding:
-    """Return a finding that is worth a look."""
+    """Return a finding that deserves a look."""
     return LogFinding(level=Level.USABLE, topic=topic, text=text, advice=advice)
 
 

@@ -15,7 +15,7 @@ from boxcal.target.box import CORNERS, FACES, Target
 _GOOD_STOPS = 8
 _SHORT_S = 1.0
 _SHARP_PX = 0.25
-"""Standard deviation of a corner beyond which a picture of 640 px is blurred or noisy."""
+"""Standard deviation of a corner beyond which an image of 640 px is blurred or noisy."""
 _BLURRED = 3.0
 """The same relative to the drive's median."""
 _DARK, _BRIGHT, _CLIPPED = 70.0, 253.0, 0.3
@@ -24,7 +24,7 @@ _SMALL_PX = 16.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Light:
-    """Light at one stop: grey levels of the box's paper and ink, 0 to 255, and the share that is burnt out."""
+    """Light at one stop: grey levels of the box's paper and ink, 0 to 255, and the fraction that is saturated."""
 
     paper: float
     ink: float
@@ -32,7 +32,7 @@ class Light:
 
 
 def light_at_stops(recording: Recording, drive: Correspondences) -> tuple[Light | None, ...]:
-    """Return the light on the box at each stop from one of its pictures; None where there is none."""
+    """Return the light on the box at each stop from one of its images; None where there is none."""
     rows = []
     for stop in drive.stops:
         frames = recording.frames_between(stop.t_start_ns, stop.t_end_ns)
@@ -60,7 +60,7 @@ def stop_findings(
     drive, target
         Stops that see the box, and the box.
     light
-        Of each stop, where pictures are at hand.
+        Of each stop, where images are at hand.
     stands
         How often the robot stood, with or without the box in view.
     """

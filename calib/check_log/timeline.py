@@ -1,4 +1,4 @@
-"""The timeline of a recording as a picture: how the wheels ran, where the robot stood, what it saw there."""
+"""The timeline of a recording as an image: how the wheels ran, where the robot stood, what it saw there."""
 
 from typing import TYPE_CHECKING, Any
 

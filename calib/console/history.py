@@ -9,7 +9,7 @@ from boxcal.calib.history.fleet_history import Event, FleetHistory, RobotHistory
 from boxcal.detect.log.safe_text import printable
 
 _TOLD = 3.0
-"""Standard deviations from which on a further figure of a changed part is named."""
+"""Standard deviations from which on a further value of a changed part is named."""
 _MINUS = "\N{MINUS SIGN}"
 
 
@@ -45,7 +45,7 @@ def _what(event: Event) -> str:
 
 
 def _turned(event: Event) -> bool:
-    """Tell whether a camera was turned beyond what is not known of it."""
+    """Return whether a camera was turned beyond what is not known of it."""
     return event.turned > _TOLD * event.turned_sigma
 
 
@@ -83,7 +83,7 @@ def due_text(robot: RobotHistory) -> str:
 
 
 def fleet_text(history: FleetHistory) -> str:
-    """Return a fleet's history as a table, changes first told in full."""
+    """Return a fleet's history as a table, changes first, in full."""
     header = ["robot", "drives", "last", "drift L %/yr", "drift R %/yr", "again by", "changes"]
     rows, lines = [], []
     for r in history.robots:

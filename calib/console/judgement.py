@@ -10,12 +10,12 @@ WIDTH = 80
 """Columns of a terminal that nobody widened."""
 _MARK = {Level.GOOD: "GOOD", Level.USABLE: "USABLE", Level.REDO: "REDO"}
 _TOLD = ("leaving out single stops", "camera model chosen")
-"""Notes that the verdict tells as reasons, or that matter to who reads calibration.json."""
+"""Notes that the verdict gives as reasons, or that matter to who reads calibration.json."""
 _LABEL = {"why": "why: ", "hence": "  so: ", "do": "do: ", "note": "note: ", "not checked": "not checked: "}
 
 
 def judgement(robot: str, verdict: Verdict, *, width: int = WIDTH, told: Collection[str] = ()) -> str:
-    """Return a verdict with its reasons, causes first, and what to do, wrapped to a width; no notes that were told."""
+    """Return a verdict with its reasons, causes first, and what to do, wrapped to a width, without repeated notes."""
     lines = wrapped(f"{robot}: ", f"{_MARK[verdict.level]} - {verdict.headline} ({verdict.count})", width)
     for label, text in verdict.lines():
         if label == "note" and text in told:

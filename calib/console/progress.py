@@ -11,17 +11,17 @@ from typing import Protocol, Self, TextIO
 from boxcal.calib.settings import NOTE, Outcome, Stage, listed
 
 _EVERY_S = 2.0
-"""Seconds between plain lines that tell only how far a robot has come."""
+"""Seconds between plain lines that only say how far a robot has come."""
 
 
 class Progress(AbstractContextManager["Progress"], Protocol):
-    """Told what goes on; never raises, whatever becomes of the place that it writes to."""
+    """Receives what goes on; never raises, whatever becomes of the place that it writes to."""
 
     def stage(self, stage: Stage) -> None:
-        """Tell that a robot has come so far."""
+        """Report how far a robot has come."""
 
     def done(self, outcome: Outcome) -> None:
-        """Tell that a robot is finished or has failed."""
+        """Report that a robot is finished or has failed."""
 
 
 def make_progress(robots: int, *, quiet: bool, stream: TextIO | None = None) -> Progress:
@@ -32,7 +32,7 @@ def make_progress(robots: int, *, quiet: bool, stream: TextIO | None = None) -> 
     if stream.isatty():
         try:
             return _Live(robots, stream)
-        except ImportError:  # an installation without rich still tells what goes on
+        except ImportError:  # an installation without rich still reports what goes on
             pass
     return _Lines(robots, stream)
 

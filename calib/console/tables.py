@@ -34,7 +34,7 @@ def columns(text: str) -> int:
 
 
 def shortened(name: str, most: int = _LONGEST_NAME) -> str:
-    """Return a name that takes no more than so many columns: the middle of a longer one is left out."""
+    """Return a name that takes at most a number of columns: the middle of a longer one is left out."""
     if columns(name) <= most:
         return name
     head, tail = "", ""

@@ -53,7 +53,7 @@ class Backlash(OfWheels):
 
 
 def _reversals(dphi: Array, drive: Ids) -> Array:
-    """Return the new way (+-1) at samples in which a wheel first turns the other way than before, else 0: (S,)."""
+    """Return the new direction (+-1) at samples in which a wheel first reverses, else 0: (S,)."""
     out = np.zeros(len(dphi))
     for d in np.unique(drive):
         moving = np.flatnonzero((dphi != 0) & (drive == d))

@@ -13,7 +13,7 @@ from boxcal.calib.likelihood.state import State
 
 @dataclass(frozen=True, slots=True)
 class Backward(OfWheels):
-    """Both radii grow by a share while a wheel rolls backward."""
+    """Both radii grow by a fraction while a wheel rolls backward."""
 
     at: Reference
     family: str = "backward"

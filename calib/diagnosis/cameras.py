@@ -20,7 +20,7 @@ _CLEARLY = 3.0
 
 
 def one_place(a: Fit, b: Fit, drives: Sequence[Sequence[Correspondences]]) -> bool:
-    """Tell whether two cameras stand in one place at the stops that both saw: they are one camera.
+    """Return whether two cameras stand in one place at the stops that both saw: they are one camera.
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ def swapped(found: Sequence[Array], described: Sequence[Sequence[float]]) -> tup
     found
         Camera extrinsics, (4, 4) each.
     described
-        Those of the description, row by row; empty where it does not tell. Its base may have another height.
+        Those of the description, row by row; empty where it does not say. Its base may have another height.
     """
     there = [np.array(T, dtype=np.float64).reshape(4, 4) if len(T) == 16 else None for T in described]
     for a, b in combinations(range(len(found)), 2):

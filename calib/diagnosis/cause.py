@@ -96,7 +96,7 @@ class OfPictures(OfWheels):
 
 
 _FARTHEST = 20.0
-"""Sizes beyond so many standard deviations of their prior are no sizes at all: the data are of something else."""
+"""Sizes beyond this many standard deviations of their prior are no sizes at all: the data are of something else."""
 
 
 def can_be(cause: Cause, solved: Solved) -> bool:
@@ -144,5 +144,5 @@ def one_column(travel: Array) -> Array:
 
 
 def percent(value: float, sigma: float) -> str:
-    """Return a share and its standard deviation in percent."""
+    """Return a fraction and its standard deviation in percent."""
     return f"{100 * value:.2f} +- {100 * sigma:.2f} %"

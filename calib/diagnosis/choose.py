@@ -183,6 +183,6 @@ def _shows(fit: Fit, cause: Cause, gain: float) -> bool:
 
 
 def needless(solved: Solved) -> bool:
-    """Tell whether the size of a cause that was solved for may be nothing, by chance."""
+    """Return whether the size of a cause that was solved for may be nothing, by chance."""
     square = float(solved.values @ np.linalg.solve(solved.cov, solved.values))
     return bool(chdtrc(len(solved.values), square) > _NEEDLESS)

@@ -1,6 +1,6 @@
-"""Clock offset between camera and wheels, estimated from pictures that move while the wheels stand.
+"""Clock offset between camera and wheels, estimated from images that move while the wheels stand.
 
-The stamps of the pictures are shifted against the wheels until turns seen and turns rolled agree.
+The stamps of the images are shifted against the wheels until turns seen and turns rolled agree.
 """
 
 from dataclasses import dataclass
@@ -23,17 +23,17 @@ from boxcal.target.arrays import Array, Index
 LONGEST_S = 60.0
 """Offsets up to this are tried."""
 MOVES_PX = 2.0
-"""Pictures whose corners scatter more than this (median, one axis) were not taken by a camera that stood still."""
+"""Images whose corners scatter more than this (median, one axis) were not taken by a camera that stood still."""
 MOVING_SHARE = 4
-"""One stop of so many with a moving picture makes the clocks suspect; one of three, and two at least, forbid use."""
+"""One stop in this many with a moving image makes the clocks suspect; one of three, and two at least, forbid use."""
 LEAST_STOPS = 6
 """With fewer stops an offset is not looked for: some offset always fits."""
 FITS_DEG = 4.0
 """Turns agree to this (root mean square) where an offset fits."""
 GAIN = 4.0
-"""And so many times better than without an offset."""
+"""And this many times better than without an offset."""
 MAX_RMS = 0.05
-"""Places agree to this share of the distances moved where an offset fits."""
+"""Places agree to this fraction of the distances moved where an offset fits."""
 _COARSE_S, _FINE_S = 0.5, 0.1
 """A robot stands for a second and more at each stop, so that offsets need not be tried more closely."""
 _PLATEAU_S = 1.5
@@ -41,12 +41,12 @@ _CANDIDATES = 12
 _NEAR = 3
 _ALIKE = 0.5
 _LEAST_RAD = 0.1
-"""Wheel travel below which two pictures are taken to show one place."""
+"""Wheel travel below which two images are taken to show one place."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ClockOffset:
-    """Delay of the pictures' stamps against the wheels'.
+    """Delay of the images' stamps against the wheels'.
 
     Attributes
     ----------
@@ -62,7 +62,7 @@ class ClockOffset:
 
 
 def moving_pictures(drive: Correspondences) -> tuple[int, ...]:
-    """Return the stops, from 0, whose pictures move while the wheels stand."""
+    """Return the stops, from 0, whose images move while the wheels stand."""
     scatter = [
         float(np.sqrt(np.median(np.trace(stop.cov_px2, axis1=1, axis2=2)) / 2)) if len(stop.cov_px2) else 0.0
         for stop in drive.stops
@@ -146,7 +146,7 @@ def clock_finding(offset: ClockOffset | None, moving: tuple[int, ...], stops: in
 
 
 def _misfit(drive: Correspondences, camera: CameraStep, t_ns: Array) -> float:
-    """Return what places differ by if pictures were taken at times (P,), as a share of the distances moved."""
+    """Return what places differ by if images were taken at times (P,), as a fraction of the distances moved."""
     w = drive.wheels
     parts, ends = [], [0]
     for a, b in pairwise(t_ns):
@@ -164,7 +164,7 @@ def _misfit(drive: Correspondences, camera: CameraStep, t_ns: Array) -> float:
 
 
 def turns_misfit(drive: Correspondences, t_ns: Array, turn: Array, pairs: tuple[Index, Index]) -> float:
-    """Return what turns seen and rolled differ by if pictures were taken at times (P,), rad; inf if no wheels fit.
+    """Return what turns seen and rolled differ by if images were taken at times (P,), rad; inf if no wheels fit.
 
     Before and after the record the robot is taken to stand.
     """
@@ -175,9 +175,9 @@ def turns_misfit(drive: Correspondences, t_ns: Array, turn: Array, pairs: tuple[
 def turns_left(
     drive: Correspondences, t_ns: Array, turn: Array, pairs: tuple[Index, Index], worst: float = 0.0
 ) -> Array | None:
-    """Return turns seen less turns rolled if pictures were taken at times (P,), rad, NaN where hardly anything rolled.
+    """Return turns seen less turns rolled if images were taken at times (P,), rad, NaN where hardly anything rolled.
 
-    None if no wheels fit. The wheels are those that fit all turns but the ``worst`` share of them.
+    None if no wheels fit. The wheels are those that fit all turns but the ``worst`` fraction of them.
     """
     w = drive.wheels
     phi = np.stack([np.interp(t_ns, w.t_ns, w.phi_R), np.interp(t_ns, w.t_ns, w.phi_L)], axis=1)

@@ -1,4 +1,4 @@
-"""Corners of tags in another order than described, and mirrored pictures, as in spoilt saved correspondences."""
+"""Corners of tags in another order than described, and mirrored images, as in spoilt saved correspondences."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -21,29 +21,30 @@ AS_DESCRIBED = (0, 1, 2, 3)
 ORDERS = tuple(
     tuple((first + step * k) % CORNERS for k in range(CORNERS)) for step in (1, -1) for first in range(CORNERS)
 )
-"""The ways round the corners of a square, of which the first is as described."""
+"""The orders of the corners of a square, of which the first is as described."""
 ALIKE = 0.7
-"""A tag leads to another if it misses that by less than this share of the way there; a quarter turn misses by 1.4."""
+"""A tag leads to another if it misses that by less than this fraction of the distance; a quarter turn misses by
+1.4."""
 MOST = 0.8
-"""Share of the neighbours to which the tags must lead in an order that is taken for theirs."""
+"""Fraction of the neighbours to which the tags must lead in an order that is taken for theirs."""
 NEAR = 4.0
-"""Neighbours are tags of one sheet whose middles are so many sides apart at most."""
+"""Neighbours are tags of one sheet whose middles are at most this many sides apart."""
 LEAST_TAGS = 4
-"""Tags of a stop that tell the order of their corners."""
+"""Tags of a stop from which the order of their corners is found."""
 
 _Seen = TypeVar("_Seen", StopObservation, MovingFrame)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CornerOrder:
-    """Order in which the corners of a picture's tags come, and its handedness.
+    """Order in which the corners of an image's tags come, and its handedness.
 
     Attributes
     ----------
     order
         Entry c: the corner whose pixel stands where corner c's should; None where no order fits, or more than one.
     mirrored
-        Whether the picture shows the sheets as from behind.
+        Whether the image shows the sheets as from behind.
     """
 
     order: tuple[int, ...] | None
@@ -54,10 +55,11 @@ _RIGHT = CornerOrder(order=AS_DESCRIBED, mirrored=False)
 
 
 def corner_order(ids: Ids, faces: Ids, p_box: Array, uv_px: Array) -> CornerOrder:
-    """Return how the tags of a picture lie, from four of which all corners were seen on.
+    """Return how the tags of an image lie, from four of which all corners were seen on.
 
-    A tag's four corners tell its axes in the picture, these lead to the tags beside it, and which way round they go
-    tells the picture from a mirrored one. Lens, place of the camera and how sheets are glued do not matter for that.
+    A tag's four corners give its axes in the image, these lead to the tags beside it, and their direction of rotation
+    distinguishes the image from a mirrored one. Lens, place of the camera and how sheets are glued do not matter for
+    that.
 
     Parameters
     ----------
@@ -136,7 +138,7 @@ def _axes(corners: Array) -> Array:
 
 
 def _leads(p: Array, uv: Array, a: Ids, b: Ids, order: Sequence[int]) -> float:
-    """Return the share of tags that lead to their neighbours, if their corners come in an order."""
+    """Return the fraction of tags that lead to their neighbours, if their corners come in an order."""
     E, J = _axes(p), _axes(uv[:, _places(order)])
     middles, seen = p.mean(axis=1), uv.mean(axis=1)
     way = np.einsum("nij,ni->nj", E[a], middles[b] - middles[a]) / np.sum(E[a] ** 2, axis=1)
@@ -146,7 +148,7 @@ def _leads(p: Array, uv: Array, a: Ids, b: Ids, order: Sequence[int]) -> float:
 
 
 def _mirrored(uv: Array) -> bool:
-    """Tell whether most tags (N, 4, 2) are seen as from behind."""
+    """Return whether most tags (N, 4, 2) are seen as from behind."""
     J = _axes(uv)
     return bool(np.mean(J[:, 0, 0] * J[:, 1, 1] - J[:, 0, 1] * J[:, 1, 0] > 0) < 1 / 2)
 
@@ -156,7 +158,7 @@ def _in_order(stop: StopObservation, order: CornerOrder) -> StopObservation:
 
 
 def _reordered(seen: _Seen, order: Sequence[int]) -> _Seen:
-    """Return a picture's whole tags with each pixel at the corner that it shows; tags of fewer corners are left out."""
+    """Return an image's whole tags with each pixel at the corner that it shows; tags of fewer corners are left out."""
     if tuple(order) == AS_DESCRIBED:
         return seen
     rows = (_whole(seen.landmark_ids)[:, None] + np.arange(CORNERS)).ravel()

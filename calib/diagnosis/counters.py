@@ -9,11 +9,11 @@ from boxcal.target.arrays import Array, Ids
 JUMP_RAD = 0.5
 """Wheel travel within one sample (20 ms, usually) that no motor makes."""
 MANY_TIMES = 5.0
-"""And so many times as much as the largest but a few of its kind."""
+"""And this many times as much as the largest but a few of its kind."""
 _ALIKE = 0.2
 _LARGE_SHARE = 0.95
 _NEIGHBOURS = 3
-"""A jump is compared with so many samples before it and after it."""
+"""A jump is compared with this many samples before it and after it."""
 
 
 def largest_steps(wheels: WheelSamples) -> Array:

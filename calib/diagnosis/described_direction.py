@@ -1,8 +1,8 @@
 """The direction that the camera looks in against that of the robot's description.
 
 Wheel joints that are exchanged and both reversed are a robot that drives backward, and fit as well as the right ones:
-the camera then looks the other way. Static transforms in the log tell which it is. A described camera frame is an
-optical one (z along the view) or one of a link (x along the view), so either axis will do.
+the camera then looks in the opposite direction. Static transforms in the log show which it is. A described camera frame
+is an optical one (z along the view) or one of a link (x along the view), so either axis will do.
 """
 
 import numpy as np
@@ -12,13 +12,14 @@ from boxcal.detect.log.source import Source
 from boxcal.target.arrays import Array
 
 _LEAST_LEVEL = 0.3
-"""A view has a direction on the floor if this share of it is level."""
+"""A view has a direction on the floor if this fraction of it is level."""
 _OTHER_DEG = 75.0
-"""Of a camera that looks the other way the nearer of its frame's two axes is 90 deg off (optical) or 180 (a link's)."""
+"""Of a camera that looks in the opposite direction the nearer of its frame's two axes is 90 deg off (optical) or 180 (a
+link's)."""
 
 
 def elsewhere_than_described(T_body_cam: Array, source: Source) -> Finding | None:
-    """Return what is said of a camera that looks elsewhere than described; None if not, or the log does not tell.
+    """Return what is said of a camera that looks elsewhere than described; None if not, or the log does not say.
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
 """The camera's height against that of the robot's description: what alone can show a box that stands on something.
 
-A box on a table moves the camera's height and nothing else, which no drive tells. Static transforms in the log say how
+A box on a table moves the camera's height and nothing else, which no drive shows. Static transforms in the log say how
 high the camera is in the robot's base frame. A footprint frame lies on the floor (REP 120); where a base link lies is
 up to each robot, between the floor and the top of the wheels. Turns and the rest of the place are not compared: camera
 frames look forward or along the optical axis, and base frames lie anywhere between the wheels.
@@ -16,7 +16,7 @@ CLOSE_M = 0.02
 
 
 def unlike_described(height: float, radius: float, source: Source) -> Finding | None:
-    """Return what is said of a camera that is not as high as described; None if it is, or the log does not tell.
+    """Return what is said of a camera that is not as high as described; None if it is, or the log does not say.
 
     Parameters
     ----------

@@ -37,7 +37,7 @@ class ExplainedEstimate:
     found
         The estimate, with its findings.
     but_wheels
-        The same without what is found and doubted of the wheels, which cameras of one robot tell together.
+        The same without what is found and doubted of the wheels, which cameras of one robot determine together.
     wheels
         Causes in the wheels that are part of the solution.
     fit
@@ -116,7 +116,7 @@ def explained_estimate(
 
 
 def _with_unseen(found: Estimate, explained: Explained, of_camera: Array | None) -> Estimate:
-    """Return the estimate less sure of what its explanations may do unseen, and of what others may do that are likely.
+    """Return the estimate with what its explanations and other likely ones may do unseen added to its covariance.
 
     The former leaves the odometry as good as it is.
     """

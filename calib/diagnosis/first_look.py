@@ -112,7 +112,7 @@ def _without_odd(
 def _without_turned(
     drives: Sequence[Correspondences], target: Target, mode: CameraMode, findings: Sequence[Finding]
 ) -> FirstLook | None:
-    """Return the look at drives without pictures that were turned; None if none were, or it does not do."""
+    """Return the look at drives without images that were turned; None if none were, or it does not do."""
     sound, turned = without_turned(drives, mode)
     try:
         return _looked(sound, target, mode, [*findings, *turned]) if turned else None
@@ -213,7 +213,7 @@ def _steps(drive: Correspondences, target: Target, mode: CameraMode) -> FourStep
 def _too_few(drive: Correspondences) -> CalibError:
     """Return the error that says that there are too few stops.
 
-    Where pictures of those that are left move while the wheels stand, it speaks of the clocks: under a wrong time most
+    Where images of those that are left move while the wheels stand, it speaks of the clocks: under a wrong time most
     frames fall into the robot's motion, and stops without a still frame are lost.
     """
     count = len(drive.stops)

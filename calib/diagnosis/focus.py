@@ -1,4 +1,4 @@
-"""A lens whose focus or a picture whose crop changed: from some stop on, or from stop to stop (autofocus)."""
+"""A lens whose focus or an image whose crop changed: from some stop on, or from stop to stop (autofocus)."""
 
 from dataclasses import dataclass
 
@@ -12,7 +12,7 @@ from boxcal.calib.likelihood.state import State
 
 _PARTS = ("scale", "right", "down")
 _LEAST = 2.0
-"""Sigmas from which on a change is worth words."""
+"""Sigmas from which on a change is reported."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +56,7 @@ class FocusChanged(OfPictures):
         return Columns(corners=corners[:, :, : len(self.prior)])
 
     def finding(self, solved: Solved, problem: Problem) -> Finding:
-        """Return how the picture changed."""
+        """Return how the image changed."""
         scale, s_scale = -float(solved.values[0]), float(solved.sigma[0])
         shift, s_shift = solved.length(slice(1, 3)) if self.shifted else (0.0, 1.0)
         words = []

@@ -1,4 +1,4 @@
-"""Pictures that stay the same while the robot drives: a camera driver that repeats its last frame."""
+"""Images that stay the same while the robot drives: a camera driver that repeats its last frame."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -9,18 +9,18 @@ from boxcal.calib.likelihood.finding import Finding
 from boxcal.detect.correspondences import Correspondences, StopObservation
 
 SAME_PX = 0.02
-"""Two stops show one picture if no corner differs by more: noise alone makes two pictures differ by that."""
+"""Two stops show one image if no corner differs by more: noise alone makes two images differ by that."""
 MOVED_RAD = 0.2
 """And if a wheel turned by more than this between them."""
 
 
 def frozen_stops(stops: Sequence[StopObservation]) -> tuple[int, ...]:
-    """Return the stops, from 0, whose picture is that of the stop before although the wheels turned."""
+    """Return the stops, from 0, whose image is that of the stop before although the wheels turned."""
     return tuple(j for j in range(1, len(stops)) if _same(stops[j - 1], stops[j]) and _moved(stops[j - 1], stops[j]))
 
 
 def without_frozen(drive: Correspondences) -> tuple[Correspondences, Finding | None]:
-    """Return a drive without the corners of pictures that are older ones, and what is said of them; None if none are.
+    """Return a drive without the corners of images that are older ones, and what is said of them; None if none are.
 
     The stops stay, so that all stops keep their numbers; a stop without corners is not used.
     """

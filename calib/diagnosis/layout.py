@@ -1,4 +1,4 @@
-"""Check of tag size against tag spacing, which tells another box's prints."""
+"""Check of tag size against tag spacing, which recognises another box's prints."""
 
 from collections.abc import Sequence
 
@@ -22,7 +22,7 @@ _TAGS = 6
 def other_layout(stops: Sequence[StopObservation], target: Target) -> Finding | None:
     """Return what is said of prints of another box with equal tags; None if the prints are the box's.
 
-    One sheet in one picture is a plane: its corners follow a homography whatever the camera, but for the lens. Tags of
+    One sheet in one image is a plane: its corners follow a homography whatever the camera, but for the lens. Tags of
     another size at the same spacing, or the same tags at another, do not.
     """
     sheets = [view for stop in stops for view in _sheets(stop, target)]

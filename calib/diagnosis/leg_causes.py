@@ -1,7 +1,7 @@
 """Causes of legs that were left out: slip, a pushed box, a robot carried, encoders that jumped or fell silent.
 
 A leg that was left out is a leg whose displacement was solved for: three unknowns of its own. A box that was pushed and
-a robot that was carried look alike to camera and wheels; how far tells which is likelier.
+a robot that was carried look alike to camera and wheels; how far decides which is likelier.
 """
 
 from collections.abc import Sequence
@@ -91,7 +91,7 @@ def _finding(leg: FlaggedLeg, fit: Fit, k: int, drive: Correspondences) -> Findi
 def _pushed(fit: Fit, k: int) -> tuple[float, float]:
     """Return how far the box was pushed if that explains a leg, and its standard deviation, mm.
 
-    The leg's turn tells of the box' turn, and with the robot's distance from it of the box' place: a long lever.
+    The leg's turn determines the box' turn, and with the robot's distance from it the box' place: a long lever.
     """
     i = fit.problem.leg_stop[k]
     first, second = fit.state.poses[i], fit.state.poses[i + 1]

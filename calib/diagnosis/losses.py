@@ -1,4 +1,4 @@
-"""Losses of recordings as findings: data that are not whole, sizes that no log told."""
+"""Losses of recordings as findings: data that are not whole, sizes that no log gives."""
 
 from collections.abc import Sequence
 

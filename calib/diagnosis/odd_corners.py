@@ -12,13 +12,14 @@ from boxcal.calib.likelihood.finding import Finding
 from boxcal.detect.correspondences import Correspondences, StopObservation
 
 FAR = 0.3
-"""A corner is odd that misses its sheet's view by more than this share of the sheet's spread; few of a fisheye's do."""
+"""A corner is odd that misses its sheet's view by more than this fraction of the sheet's spread; few of a fisheye's
+do."""
 
 
 CORNERS_ODD = "corners-odd"
 """The cause's name."""
 GROSS = 0.05
-"""Share of a drive's corners that may be odd in a result that is allowed for as it is."""
+"""Fraction of a drive's corners that may be odd in a result that is allowed for as it is."""
 
 
 def odd_corners(stop: StopObservation) -> NDArray[np.bool_]:

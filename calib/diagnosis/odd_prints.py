@@ -9,7 +9,7 @@ from boxcal.target.box import Target
 
 
 def with_odd_prints(drives: Sequence[Correspondences], target: Target) -> tuple[Target, Finding] | None:
-    """Return the box with prints of the sizes that the pictures of its first drive show, and what is said of that.
+    """Return the box with prints of the sizes that the images of its first drive show, and what is said of that.
 
     None where they are alike, and around a box whose shape is known already. How well the sizes are known is in no
     sigma, so that such a result is not good.

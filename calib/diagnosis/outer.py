@@ -13,7 +13,7 @@ from boxcal.calib.likelihood.state import State
 
 @dataclass(frozen=True, slots=True)
 class Outer(OfWheels):
-    """The outer wheel's radius grows by half a share and the inner one's shrinks by as much."""
+    """The outer wheel's radius grows by half a fraction and the inner one's shrinks by as much."""
 
     at: Reference
     family: str = "outer"

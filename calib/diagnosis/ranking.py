@@ -14,7 +14,7 @@ from boxcal.calib.likelihood.slip_profile import fixed_profile
 from boxcal.target.arrays import Array
 
 _LESS_LEAN = (1.0, 0.3)
-"""Shares of the lean found at which causes in the pictures are tested.
+"""Fractions of the lean found at which causes in the images are tested.
 
 A camera that was knocked makes robots seem to lean; with the cause in the model they may lean less.
 """

@@ -9,7 +9,7 @@ from boxcal.target.box import CORNERS
 MANY = 0.1
 """Tags rejected for each one used from which on the box is not as described."""
 LEAST_STOPS = 2
-"""At so many stops at least: at one of them it may be a reflection."""
+"""At this many stops at least: at one of them it may be a reflection."""
 
 
 def rejected_finding(stops: Sequence[StopObservation]) -> Finding | None:

@@ -15,19 +15,20 @@ from boxcal.target.arrays import Array
 from boxcal.target.box import CORNERS
 
 ALIKE = 0.3
-"""Corners that miss an affine view of the box by less than this share of their own spread need no closer look."""
+"""Corners that miss an affine view of the box by less than this fraction of their own spread need no closer look."""
 NEAR = 0.1
-"""A corner belongs to a plane's view if it misses that by less than this share of their spread: a lens bends less."""
+"""A corner belongs to a plane's view if it misses that by less than this fraction of their spread: a lens bends
+less."""
 MOST = 0.5
-"""Share of a stop's corners that must belong to the views of their sheets."""
+"""Fraction of a stop's corners that must belong to the views of their sheets."""
 LEAST = 2 * CORNERS
-"""Corners of a sheet that tell its view."""
+"""Corners of a sheet that determine its view."""
 
 
 def scrambled_stops(stops: Sequence[StopObservation]) -> tuple[int, ...]:
     """Return the stops, from 0, most of whose corners do not lie as those of a sheet seen by any camera.
 
-    A sheet in a picture follows a homography, but for the lens; where sheets are glued or how tags are numbered from
+    A sheet in an image follows a homography, but for the lens; where sheets are glued or how tags are numbered from
     sheet to sheet makes no difference to that.
     """
     return tuple(j for j, stop in enumerate(stops) if _scrambled(stop))
@@ -89,7 +90,7 @@ def affine_misfit(stop: StopObservation) -> float:
 def missed_views(stop: StopObservation) -> Array:
     """Return how far corners (L,) lie from the view of their sheet's plane on which most of it agrees, over its spread.
 
-    Infinite where no view is found, NaN on sheets of too few corners to tell.
+    Infinite where no view is found, NaN on sheets of too few corners for one.
     """
     missed = np.full(len(stop.landmark_ids), np.nan)
     for face in np.unique(stop.faces):

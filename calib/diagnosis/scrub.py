@@ -20,15 +20,15 @@ from boxcal.calib.likelihood.state import State
 from boxcal.target.arrays import Array
 
 TYPICAL = 0.01
-"""Share of a turn that wheels scrub away, standard deviation beforehand."""
+"""Fraction of a turn that wheels scrub away, standard deviation beforehand."""
 PARTS = ("side", "spot", "drift")
 _ON_SPOT = 0.1
-"""A turn is on the spot where the robot moves less than this share of what its rims do."""
+"""A turn is on the spot where the robot moves less than this fraction of what its rims do."""
 
 
 @dataclass(frozen=True, slots=True)
 class Scrub(OfWheels):
-    """Turns lose a share: to the left more than to the right, on the spot more; the robot drifts to the left.
+    """Turns lose a fraction: to the left more than to the right, on the spot more; the robot drifts to the left.
 
     Attributes
     ----------
@@ -48,12 +48,12 @@ class Scrub(OfWheels):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Left less right and on the spot (shares), drift (m/rad), those of them that it has."""
+        """Left less right and on the spot (fractions), drift (m/rad), those of them that it has."""
         return tuple(f"scrub-{part}-of-{len(self.parts)}" for part in self.parts)
 
     @property
     def prior(self) -> tuple[float, ...]:
-        """Prior sigmas of the explanations: 1 % for shares, 2 mm a radian for drift."""
+        """Prior sigmas of the explanations: 1 % for fractions, 2 mm a radian for drift."""
         return tuple(2e-3 if part == "drift" else TYPICAL for part in self.parts)
 
     @property

@@ -1,6 +1,6 @@
 """Arrangement of the sheets on the box (face and orientation), estimated from views of two faces at once.
 
-A sheet's pose in a picture needs no other sheet, so two sheets in one picture show how one lies against the other. All
+A sheet's pose in an image needs no other sheet, so two sheets in one image show how one lies against the other. All
 orders of the sheets, each upright or upside down, are compared with that; turning the whole box changes nothing and is
 passed over.
 """
@@ -165,7 +165,7 @@ def _pose(target: Target, face: int, turned: int) -> Array:
 
 
 def _pairs(stops: Sequence[StopObservation], K: Array, target: Target) -> dict[tuple[int, int], list[list[Array]]]:
-    """Return what each picture says of T_sheet_sheet for each pair of sheets: all solutions of the planar poses."""
+    """Return what each image says of T_sheet_sheet for each pair of sheets: all solutions of the planar poses."""
     pairs: dict[tuple[int, int], list[list[Array]]] = defaultdict(list)
     T_sheet_box = [inverse(target.T_box_face(sheet)) for sheet in range(FACES)]
     for stop in stops:
@@ -201,7 +201,7 @@ def _cost_as_described(pair: tuple[int, int], seen: list[list[Array]], target: T
 
 
 def _costs(seen: list[list[Array]], target: Target) -> Array:
-    """Return the angular residual, deg, summed over views, for each pair of faces and ways up: (FACES, FACES, 2, 2)."""
+    """Return the angular residual, deg, summed over views, by faces and orientations: (FACES, FACES, 2, 2)."""
     out = np.full((FACES, FACES, 2, 2), _CAP_DEG * len(seen))
     poses = np.array([[_pose(target, face, up) for up in (0, 1)] for face in range(FACES)])
     T = inverse(poses)[:, None, :, None] @ poses[None, :, None, :]  # (FACES, FACES, 2, 2, 4, 4)

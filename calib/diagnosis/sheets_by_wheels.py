@@ -1,8 +1,8 @@
-"""Arrangement of the sheets by the wheels: the one under which they and the pictures agree, unlike as described.
+"""Arrangement of the sheets by the wheels: the one under which they and the images agree, unlike as described.
 
-Pictures of two sheets tell how these lie to each other (:mod:`boxcal.calib.diagnosis.sheets`). With one sheet a
-picture, sheets exchanged or upside down put the robot elsewhere without any corner being off, and only the wheels tell:
-each arrangement with one thing wrong is tried, and the one that fits is taken.
+Images of two sheets show how these lie to each other (:mod:`boxcal.calib.diagnosis.sheets`). With one sheet a image,
+sheets exchanged or upside down put the robot elsewhere without any corner being off, and only the wheels show it: each
+arrangement with one thing wrong is tried, and the one that fits is taken.
 """
 
 from collections.abc import Callable
@@ -29,7 +29,7 @@ GLUINGS = (
 )
 """Arrangements with one thing wrong."""
 CLEARLY = 3.0
-"""Positions agree so many times better under the arrangement that is taken than under any other, or as described."""
+"""Positions agree this many times better under the arrangement that is taken than under any other, or as described."""
 
 
 def gluing_by_wheels(

@@ -1,4 +1,4 @@
-"""Wheels that tell too little of the way for any calibration: readings that never change, or hardly any leg covered."""
+"""Wheels that measure too little of the path to calibrate: readings that never change, or hardly any leg covered."""
 
 import numpy as np
 
@@ -15,7 +15,7 @@ def refuse_silent_wheels(legs: Legs) -> None:
     Raises
     ------
     CalibError
-        If a wheel's reading is the same at all times, or the way is known of fewer legs than ``LEAST_LEGS``.
+        If a wheel's reading is the same at all times, or the path is known of fewer legs than ``LEAST_LEGS``.
     """
     still = [name for name, dphi in (("left", legs.dphi_L), ("right", legs.dphi_R)) if not np.any(dphi)]
     if still:

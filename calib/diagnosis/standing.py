@@ -12,7 +12,7 @@ from boxcal.target.box import FACES, Target
 
 
 class Standing(StrEnum):
-    """Attitude of the box as far as the pictures tell; UNCLEAR where the camera itself lies on its side."""
+    """Attitude of the box as far as the images show it; UNCLEAR where the camera itself lies on its side."""
 
     UPRIGHT = "upright"
     UNCLEAR = "unclear"
@@ -54,7 +54,7 @@ def largest_turn(T_cam_box: Array) -> float:
 def how_it_stands(T_cam_box: Array) -> Standing:
     """Return whether the box lies on its side, stands upside down under upright cameras, or stands upright.
 
-    Upside down: the pictures' upward direction points down in the box's frame, at every stop. A camera mounted upside
+    Upside down: the images' upward direction points down in the box's frame, at every stop. A camera mounted upside
     down looks the same; the wheels tell these apart (:mod:`boxcal.calib.diagnosis.wheel_signs`).
     """
     axis, moved = vertical_in_box(T_cam_box)
@@ -62,7 +62,7 @@ def how_it_stands(T_cam_box: Array) -> Standing:
         moved = np.inf
     if abs(axis[2]) < np.cos(np.radians(45)) and moved < _ONE_AXIS and len(T_cam_box) >= _ENOUGH:
         return Standing.ON_SIDE
-    up = float(np.median(-inverse(T_cam_box)[:, 2, 1]))  # z in the box of the picture's upward direction
+    up = float(np.median(-inverse(T_cam_box)[:, 2, 1]))  # z in the box of the image's upward direction
     if abs(up) < _CLEAR:
         return Standing.UNCLEAR
     return Standing.UPSIDE_DOWN if up < 0 else Standing.UPRIGHT

@@ -1,6 +1,6 @@
 """Deformations of the target beyond those of a careful user's box, in words.
 
-The estimator solves for print, places, tilts and bows of all sheets anyway; here is said what is worth knowing of it.
+The estimator solves for print, places, tilts and bows of all sheets anyway; here is said what of it matters.
 """
 
 from collections.abc import Iterator
@@ -12,7 +12,7 @@ from boxcal.calib.likelihood.fit import Fit
 from boxcal.target.box import FACES
 
 LEAST = {"print": 0.002, "place": 6e-4, "turn": float(np.radians(0.3)), "bow": 6e-4}
-"""From how much on print (relative), place, bow (m) and turn (rad) are worth words: twice what a careful user gets."""
+"""From how much on print (relative), place, bow (m) and turn (rad) are reported: twice what a careful user gets."""
 _SIGMAS = 3.5
 
 

@@ -1,4 +1,4 @@
-"""Stops whose picture shows the box at another tilt than the others do: pictures or a camera that were turned."""
+"""Stops whose image shows the box at another tilt than the others do: images or a camera that were turned."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -14,7 +14,7 @@ from boxcal.detect.correspondences import Correspondences
 from boxcal.detect.stops import MIN_STOPS
 
 TURNED_DEG = 45.0
-"""A box whose upright is seen so far from where most stops see it is no box that leans: the picture was turned."""
+"""A box whose upright is seen so far from where most stops see it is no box that leans: the image was turned."""
 
 
 def turned_stops(camera: CameraStep) -> tuple[tuple[int, ...], float]:
@@ -31,9 +31,9 @@ def turned_stops(camera: CameraStep) -> tuple[tuple[int, ...], float]:
 
 
 def without_turned(drives: Sequence[Correspondences], mode: CameraMode) -> tuple[list[Correspondences], list[Finding]]:
-    """Return drives without the corners of turned pictures, and what is said of them: nothing if there are none.
+    """Return drives without the corners of turned images, and what is said of them: nothing if there are none.
 
-    Drives are left as they are where turned pictures are no minority, or no camera is found.
+    Drives are left as they are where turned images are no minority, or no camera is found.
     """
     sound, findings = [], []
     for drive in drives:

@@ -15,7 +15,7 @@ from boxcal.target.arrays import Array
 HEIGHT_M = 7e-4
 """Standard deviation of the stops' heights about one plane from which on it is none; tiles and carpets have .2 mm."""
 LEAN_RAD = 4e-4
-"""Lean that goes with the place, root mean square, which is worth words."""
+"""Lean that goes with the place, root mean square, from which on it is reported."""
 SIGNIFICANCE = 1e-4
 """p-value of a bend below which it is believed."""
 _LEAST_STOPS = 6

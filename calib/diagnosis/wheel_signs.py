@@ -1,7 +1,7 @@
 """Causes of impossible wheel signs: exchanged or reversed joints, or a box upside down.
 
 Each explanation is tried: the paper's steps are solved with the wheels, or the box, as it has them. It is said only
-where it fits, with the figures of the fit.
+where it fits, with the values of the fit.
 """
 
 from dataclasses import dataclass, replace
@@ -23,7 +23,7 @@ LEAST_STOPS = 5
 MAX_HEADING_DEG = 3.0
 """Turns seen and rolled agree to this (root mean square) where an explanation fits."""
 MAX_RMS = 0.1
-"""Places seen and rolled agree to this share of the distances moved."""
+"""Places seen and rolled agree to this fraction of the distances moved."""
 MAX_UNLIKE = 0.4
 """The wheels' radii differ by no more than this, as a logarithm."""
 
@@ -66,7 +66,7 @@ def agreement(steps: FourSteps) -> str:
 def explain_signs(camera: CameraStep, legs: Legs, target: Target) -> Explained | None:
     """Return what explains wheels that do not fit as they are; None if nothing does.
 
-    A box upside down comes first where the pictures show it so: wheels that are exchanged *and* a camera that is
+    A box upside down comes first where the images show it so: wheels that are exchanged *and* a camera that is
     mounted upside down would look the same, but are two faults.
     """
     if len(camera.kept) < LEAST_STOPS:

@@ -1,4 +1,4 @@
-"""Causes in the wheels as all cameras of a robot tell them: the wheels are one, and so are what is doubted of them.
+"""Causes in the wheels as all cameras of a robot show them: the wheels are one, and so are what is doubted of them.
 
 A camera that sees every second stop sees every second leg. By itself it shows of a cause in the wheels less than all
 cameras together, and the more exact solution of all would be the more wrong for it. So the causes that cameras show by

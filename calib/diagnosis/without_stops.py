@@ -21,11 +21,11 @@ LONGEST_S = 0.4
 """Clock offsets up to this are looked for."""
 _COARSE_S, _FINE_S = 0.02, 0.001
 _MOST_FRAMES = 200
-"""Of more frames, so many are used, spread over the drive."""
+"""Of more frames, this many are used, spread over the drive."""
 _NEAR = 2
-"""Turns are compared between frames so many apart at most: over more, slip adds up."""
+"""Turns are compared between frames at most this many apart: over more, slip adds up."""
 _WORST = 0.15
-"""Share of the turns that does not count: those of a frame that is mistaken."""
+"""Fraction of the turns that does not count: those of a frame that is mistaken."""
 _STAND = (
     "Let the robot stand still for two seconds in three places or more where it sees the box: stops need no clock, and "
     "tell what frames on the move leave open"

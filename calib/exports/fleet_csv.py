@@ -79,7 +79,7 @@ def fleet_rows(
     calibrations
         Of the robots that have one.
     errors, stale
-        By robot: why its last log gave none; why its figures are none of today.
+        By robot: why its last log gave none; why its values are none of today.
     """
     return list(each_row(calibrations, errors=errors or {}, stale=stale or {}))
 
@@ -120,7 +120,7 @@ def _written(rows: Iterable[list[str]]) -> bytes:
 
 
 def figures(c: Calibration) -> dict[str, str]:
-    """Return the cells of a result's figures and their standard deviations, by column."""
+    """Return the cells of a result's values and their standard deviations, by column."""
     k, w, t, R = c.camera, c.wheels, c.T_body_cam[:3, 3].tolist(), c.T_body_cam[:3, :3]
     figures = [c.quality.reprojection_rms_px, k.fu, k.fv, k.cu, k.cv, k.kr, w.rR, w.rL, w.b, *t]
     figures += [*quaternion(R), *c.yaw_pitch_roll]

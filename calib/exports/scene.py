@@ -28,7 +28,7 @@ Images = Mapping[tuple[int, int], tuple[int, bytes]]
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class DrivenPath:
-    """The way between two stops as the wheels tell it, from the first stop on.
+    """The path between two stops as the wheels measure it, from the first stop on.
 
     Attributes
     ----------
@@ -56,7 +56,7 @@ class Scene:
     stops
         The stops used.
     path
-        The ways between them; those of different drives are not connected.
+        The paths between them; those of different drives are not connected.
     """
 
     calibration: Calibration

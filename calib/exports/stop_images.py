@@ -1,4 +1,4 @@
-"""Pictures of the stops: what was detected, what the calibration expects, and how far apart they are."""
+"""Images of the stops: what was detected, what the calibration expects, and how far apart they are."""
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path

@@ -62,7 +62,7 @@ def attempt(job: Job) -> Attempt:
         raise
     except (BoxcalError, OSError) as problem:
         error = plain_error(problem, job)
-    except Exception as problem:  # our own bug: told in full with the other robots calibrated
+    except Exception as problem:  # our own bug: reported in full with the other robots calibrated
         found = f"unexpected {type(problem).__name__}: {problem}"
         error = CalibError(found, source=listed(job.logs), remedy="please report it")
         details = traceback.format_exc()

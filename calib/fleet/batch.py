@@ -29,7 +29,7 @@ def calibrate_fleet(
     engine
         Where the work is done.
     progress
-        Told how far each robot has come.
+        Receives how far each robot has come.
 
     Raises
     ------

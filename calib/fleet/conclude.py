@@ -52,7 +52,7 @@ def conclude(args: argparse.Namespace, run: Run, outcomes: list[Outcome], place:
 
 
 def _write_fleet(place: ResultsPlace, run: Run, outcomes: list[Outcome], early: str) -> bool:
-    """Write what is about all robots of the folder; tell whether that worked."""
+    """Write what is about all robots of the folder; return whether that worked."""
     job = outcomes[0].job if outcomes else run.jobs[0]
     try:
         members = read_folder(place.folder, job.target, outcomes)
@@ -71,7 +71,7 @@ def _write_fleet(place: ResultsPlace, run: Run, outcomes: list[Outcome], early: 
 
 
 def _record(args: argparse.Namespace, calibrations: list[Calibration]) -> bool:
-    """Put the results into the store, if there is one; tell whether that worked."""
+    """Put the results into the store, if there is one; return whether that worked."""
     try:
         for line in record(args.store, calibrations):
             tell(f"fleet-calibrate: {line}")
@@ -95,7 +95,7 @@ def _print_results(place: ResultsPlace, results: list[Calibration], failed: list
 
 
 def _print_errors(outcomes: list[Outcome]) -> bool:
-    """Print how far every calibration is from its truth; tell whether there was a truth for each."""
+    """Print how far every calibration is from its truth; return whether there was a truth for each."""
     errors, missing, whole = [], [], True
     for o in outcomes:
         if o.calibration is None:

@@ -1,4 +1,4 @@
-"""Robots that were calibrated from one recording: a copy under another name gives one robot's figures to two."""
+"""Robots that were calibrated from one recording: a copy under another name gives one robot's values to two."""
 
 from collections.abc import Sequence
 

@@ -13,7 +13,7 @@ _MOMENT_S = 0.02
 
 @contextmanager
 def interrupts_held() -> Iterator[Callable[[], bool]]:
-    """Hold Ctrl-C back; gives a function that tells whether it was pressed meanwhile.
+    """Hold Ctrl-C back; gives a function that says whether it was pressed meanwhile.
 
     Without this, Python raises KeyboardInterrupt between any two instructions, those of other people's clean-up
     included. Outside the main thread nothing is held back, for signals do not arrive there; nor where they are ignored.
@@ -110,7 +110,7 @@ def _sent_anew_where_dropped(number: signal.Signals, raised: type[BaseException]
 
 
 def _arrives() -> bool:
-    """Tell whether Ctrl-C arrives here: in the main thread, unless it is ignored as in a shell's background jobs."""
+    """Return whether Ctrl-C arrives here: in the main thread, unless it is ignored as in a shell's background jobs."""
     return threading.current_thread() is threading.main_thread() and signal.getsignal(signal.SIGINT) != signal.SIG_IGN
 
 

@@ -95,7 +95,7 @@ def refine(outcomes: Sequence[Outcome], engine: Engine, folder: Path, said: str)
 
 
 def _joint(outcome: Outcome) -> bool:
-    """Tell whether a robot's result is of an earlier joint solution."""
+    """Return whether a robot's result is of an earlier joint solution."""
     found = outcome.calibration
     return found is not None and found.provenance.fingerprint.endswith(JOINT)
 

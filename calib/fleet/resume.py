@@ -54,7 +54,7 @@ def _look(job: Job, place: ResultsPlace, *, joint: bool) -> Calibration | str:
 
 
 def _why_anew(job: Job, calibration: Calibration, place: ResultsPlace, *, joint: bool) -> str:
-    """Return in what way a result is not what would come out now, empty if it is; what is cheap to see comes first."""
+    """Return why a result is not what would come out now, empty if it is; what is cheap to see comes first."""
     origin, folder = calibration.provenance, place.folder / job.robot
     mark = origin.fingerprint.removesuffix(JOINT)
     by_itself = mark == origin.fingerprint

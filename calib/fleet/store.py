@@ -88,7 +88,7 @@ def read_folder(out: Path, target: Target, outcomes: Iterable[Outcome] = ()) -> 
     target
         The box as it is known now.
     outcomes
-        What became of the robots just now; of the others the folder tells.
+        What became of the robots just now; of the others the folder has results.
     """
     members = {o.job.robot: _fresh(o, out, target) for o in outcomes}
     failed = _fleet_document(out).get("failures", {})

@@ -9,7 +9,7 @@ from boxcal.calib.fleet.watch import EVERY_S, Arrivals, check_places, logs_in, r
 from boxcal.target.errors import BoxcalError
 
 Tell = Callable[[str], None]
-"""Told a line for the user."""
+"""Receives a line for the user."""
 _SAYS = "fleet-calibrate: "
 """Before every line, as the command has it."""
 
@@ -18,17 +18,17 @@ def watch(places: Sequence[Path], calibrate: Callable[[list[Path], Tell], list[P
     """Give logs to be calibrated as they arrive, for ever, or until calibrating says that it was interrupted.
 
     Logs that nothing came of, for no reason of their own (a scheduler that is down), are tried at every look until
-    something does; what is in the way is said once.
+    something does; what prevents it is said once.
 
     Parameters
     ----------
     places
         Folders and buckets.
     calibrate
-        Calibrates logs and returns those that were not reached, None if it was interrupted; tells what is in the way
+        Calibrates logs and returns those that were not reached, None if it was interrupted; reports what prevents it
         of all of them by what it is given.
     tell
-        Told what goes on.
+        Receives what goes on.
 
     Raises
     ------
@@ -69,7 +69,7 @@ def wait() -> None:
 
 
 class _Once:
-    """Lines told once, however often they come up, until they are forgotten."""
+    """Lines reported once, however often they come up, until they are forgotten."""
 
     def __init__(self, tell: Tell) -> None:
         self._tell = tell

@@ -17,7 +17,7 @@ def damped_step(sums: Array, lam: float, T_cam_box: Array) -> tuple[Array, Array
     sums : (P, 12, 12)
         As of :func:`boxcal.calib.four_steps.reprojection_sums.reprojection_sums`.
     lam
-        Marquardt's damping: by this share the diagonals grow.
+        Marquardt's damping: by this fraction the diagonals grow.
     T_cam_box : (P, 4, 4), m
         Poses before the step.
     """

@@ -29,13 +29,13 @@ _FLAT_M2 = 1e-12
 """Sum of squared distances from a plane, m^2, below which landmarks lie in one."""
 _FIRST_DAMPING = 1e-6
 _LAST = 1e-7
-"""A step that promises less than this share of the sum of squares is the last, and taken: steps square the error."""
+"""A step that promises less than this fraction of the sum of squares is the last, and taken: steps square the error."""
 _STOPS_FOR_GUESS = 6
 """How many stops, spread over the drive, the first guess of the camera is taken from."""
 _FITS = 0.01
-"""A guess whose errors are smaller than this share of the picture (root mean square) is taken without another one."""
+"""A guess whose errors are smaller than this fraction of the image (root mean square) is taken without another one."""
 _LANDMARKS_FOR_POSE = 48
-"""A first pose is taken from about so many landmarks of a stop; all of them refine it."""
+"""A first pose is taken from about this many landmarks of a stop; all of them refine it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -191,7 +191,7 @@ def located(camera: CameraModel, stops: Sequence[StopObservation]) -> Array:
 
 
 def _flat(views: "_Views") -> Mask:
-    """Tell which views (P,) show landmarks of one plane."""
+    """Return which views (P,) show landmarks of one plane."""
     counts, first = np.diff(views.starts), views.starts[:-1]
     x, y, z = (views.p_box - np.repeat(np.add.reduceat(views.p_box, first) / counts[:, None], counts, axis=0)).T
     xx, xy, xz, yy, yz, zz = np.add.reduceat([x * x, x * y, x * z, y * y, y * z, z * z], first, axis=1)
@@ -237,7 +237,7 @@ def _cost(sums: Array) -> float:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Views:
-    """Landmarks of P stops one behind the other: where they are on the box and in the pictures, and whose they are."""
+    """Landmarks of P stops one behind the other: where they are on the box and in the images, and whose they are."""
 
     p_box: Array  # (L, 3)
     uv_px: Array  # (L, 2)

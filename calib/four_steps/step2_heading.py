@@ -18,11 +18,11 @@ _SHORTEST = 10
 _WINDINGS = np.array([(k, m) for k in (-1, 0, 1) for m in (-1, 0, 1)], dtype=np.float64)
 _CANDIDATES = 8
 _ALL_OF = 500
-"""So many of the shortest moves, and as many of the others, judge the hypotheses."""
+"""This many of the shortest moves, and as many of the others, judge the hypotheses."""
 _EQUAL_FIT = 1.5
 _ALIKE = 0.2
 _TELLING = 3
-"""Moves from which on residuals tell how often the robot turned."""
+"""Moves from which on residuals show how often the robot turned."""
 _LARGEST = 1.0
 """Radius of a wheel over the wheel separation that no robot has."""
 
@@ -115,7 +115,7 @@ def unwrap_turns(turn: Array, phi: Array) -> Array:
     ranks = _spread(len(turn))
     weight = np.diff(np.append(ranks, len(turn))) / (1 + ranks)
     turn_by_size, phi_by_size = turn_by_size[ranks], phi_by_size[ranks]
-    # In single precision, which tells a thousand radians to 1e-4 and takes a twentieth of the time.
+    # In single precision, which resolves a thousand radians to 1e-4 and takes a twentieth of the time.
     h, t, p, w = (part.astype(np.float32) for part in (hypotheses, turn_by_size, phi_by_size, weight))
     score = (1 - np.cos(t - h @ p.T)) @ w + 1e-4 * _unlikeness(hypotheses)
     a, grown = _grow(hypotheses[np.argsort(score, kind="stable")[:_CANDIDATES]], turn_by_size, phi_by_size)
@@ -203,7 +203,7 @@ def _proportional(phi: Array, condition: float) -> str:
 
 
 def _check_signs(aR: float, aL: float, moves: int) -> None:
-    """Refuse wheels that roll the wrong way: aR > 0 > aL must come out."""
+    """Refuse wheels that roll in the wrong direction: aR > 0 > aL must come out."""
     if aR > 0 > aL:
         return
     found = f"aR = {aR:.4g} and aL = {aL:.4g} (aR > 0 > aL is needed)"

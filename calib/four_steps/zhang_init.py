@@ -12,7 +12,7 @@ from boxcal.target.box import CORNERS, FACES
 MIN_POINTS = 8
 """Landmarks that a face needs in an image before its homography is used."""
 _WHOLE = 3
-"""Corners of a tag that tell its plane."""
+"""Corners of a tag that determine its plane."""
 
 
 def face_homographies(stops: Sequence[StopObservation]) -> list[Array]:
@@ -61,7 +61,7 @@ def _centred(points: Array, counts: Ids) -> tuple[Array, tuple[Array, Array]]:
     centre = _summed(points, counts) / counts[:, None]
     off = points - np.repeat(centre, counts, axis=0)
     spread = np.sqrt(_summed(np.sum(off**2, axis=1), counts) / counts)
-    spread[spread == 0] = 1.0  # points on one another tell nothing
+    spread[spread == 0] = 1.0  # coincident points carry no information
     return off / np.repeat(spread, counts)[:, None], (centre, spread)
 
 

@@ -38,7 +38,7 @@ class Legs:
     ends : (P,)
         How many samples lie before each stop; ``ends[0] = 0``, ``ends[-1] = S``.
     known : (P - 1,) bool
-        Whether the wheels tell the whole way of each leg; all do if not given.
+        Whether the wheels cover the whole path of each leg; all do if not given.
     phi_start : (S, 2), rad
         Readings at the start of each sample, right and left; those since the first stop if not given.
     t_start_ns : (S,), ns
@@ -73,7 +73,8 @@ class Legs:
 def legs_between(drive: Correspondences, kept: tuple[int, ...] | None = None) -> Legs:
     """Return the wheel travel between stops; stops not in ``kept`` are driven through.
 
-    A leg on which some travel is not known, or no wheel turned, tells nothing of the wheels: it is not ``known``.
+    A leg on which some travel is not known, or no wheel turned, carries no information about the wheels: it is not
+    ``known``.
     """
     return _legs_between(drive.wheels, drive.stops, tuple(range(len(drive.stops))) if kept is None else kept)
 
@@ -97,7 +98,7 @@ def _legs_between(wheels: WheelSamples, stops: tuple[StopObservation, ...], kept
 def _driven(wheels: WheelSamples, stops: tuple[StopObservation, ...]) -> tuple[Array, Ids, Ids, Ids]:
     """Return the wheel angles from one stop to another, (S + 1, 2), rad, and their times, ns.
 
-    And of each stop (P,), where it is among them, and how many samples on the way to it are not covered.
+    And of each stop (P,), where it is among them, and how many samples before it are not covered.
     """
     leaves = np.array([stop.last_sample + 1 for stop in stops[:-1]], dtype=np.int64)
     arrives = np.array([stop.first_sample for stop in stops[1:]], dtype=np.int64)
@@ -184,7 +185,7 @@ def dead_reckoned(dphi_R: Array, dphi_L: Array, aR: float, aL: float) -> tuple[A
 _ALL_PAIRS = 100
 """Stops up to which all pairs are taken: nearly 5,000."""
 _GAPS = 16
-"""Of more stops so many distances within the drive, from neighbours to its whole length."""
+"""Of more stops this many distances within the drive, from neighbours to its whole length."""
 
 
 @lru_cache(maxsize=4)

@@ -46,7 +46,7 @@ class Outlook:
     Attributes
     ----------
     seen
-        The last look at a picture.
+        The last look at an image.
     bars
         How far the goals are.
     places

@@ -17,7 +17,7 @@ class Progress:
     options
         What was asked for.
     drive, running, outlook
-        What was heard, what is estimated, what to tell.
+        What was heard, what is estimated, what to report.
     full
         The full calibration, with its verdict.
     problems
@@ -59,7 +59,7 @@ class Progress:
 
     @property
     def is_checking(self) -> bool:
-        """Whether all goals are reached, and the full calibration of these stops has still to tell what it is.
+        """Whether all goals are reached, and the full calibration of these stops has still to say what it is.
 
         The driver waits for it then: where it takes longer than to drive to the next stop, it would never be that of
         all stops otherwise.

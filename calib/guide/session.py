@@ -24,7 +24,7 @@ _WAIT_S, _TICK_S, _PUBLISH_S = 0.04, 0.1, 0.1
 _TICK_SHARE = 5.0
 """A tick that takes long comes as many times its length later."""
 _IDLE_S, _IDLE_EVERY_NS = 20.0, 2_000_000_000
-"""A robot that has stood so long at a stop that was taken is left standing: its pictures are kept rarely."""
+"""A robot that has stood so long at a stop that was taken is left standing: its images are kept rarely."""
 
 
 class Session:
@@ -127,7 +127,7 @@ class Session:
         self._pending_bytes += sum(m.size for m in kept)
 
     def _is_of_this_drive(self, message: LiveMessage) -> bool:
-        """Tell whether a picture is of the drive's camera: the one that was named, else the first that was heard."""
+        """Return whether an image is of the drive's camera: the one that was named, else the first that was heard."""
         topic = message.channel.topic
         self._camera = self._camera or topic
         if topic != self._camera:
@@ -151,9 +151,9 @@ class Session:
             self.progress.problems["messages"] = str(error)
 
     def _is_idle(self, log_ns: int) -> bool:
-        """Tell whether a picture shows nothing new: the robot has stood for long at a stop that was taken.
+        """Return whether an image shows nothing new: the robot has stood for long at a stop that was taken.
 
-        While messages wait, what is known of the robot is older than the picture.
+        While messages wait, what is known of the robot is older than the image.
         """
         stands = self.progress.drive.stands
         if self._pending or stands is None or stands.seconds < _IDLE_S or not self.progress.drive.stands_taken:

@@ -1,4 +1,4 @@
-"""Figures of a robot that are watched over time, as sessions have them: relative lengths, turns, shifts."""
+"""Quantities of a robot that are watched over time, as sessions have them: relative lengths, turns, shifts."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ YEAR_NS = 365.25 * 86_400e9
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Channel:
-    """One figure over time.
+    """One quantity over time.
 
     Attributes
     ----------
@@ -76,7 +76,7 @@ class Series:
     values : (n, J)
         Change since the first session: relative of lengths, rad, m or px, in the order of ``CHANNELS``.
     variances : (n, J)
-        What each calibration claims; infinite where it does not tell, or tells of another camera model.
+        What each calibration claims; infinite where it does not say, or is of another camera model.
     """
 
     robot: str

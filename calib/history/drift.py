@@ -9,14 +9,14 @@ from boxcal.calib.uncertainty.random_effects import random_effects
 from boxcal.target.arrays import Array
 
 _WAY = 10.0
-"""Distance driven straight ahead, m, that an error of odometry is told for."""
+"""Distance driven straight ahead, m, that an error of odometry is stated for."""
 HORIZON = 5.0
 """Years beyond which nobody believes a trend."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Trend:
-    """Drift of one figure.
+    """Drift of one quantity.
 
     Attributes
     ----------
@@ -25,7 +25,7 @@ class Trend:
     shrunk, shrunk_sigma
         The same, with what the other robots of the fleet say of it.
     level, level_sigma
-        The figure at the last session, on the line.
+        The quantity at the last session, on the line.
     sessions
         How many it rests on.
     """
@@ -40,7 +40,7 @@ class Trend:
 
 
 def own_trend(years: Array, values: Array, variances: Array) -> Trend:
-    """Return the drift of one figure of one robot by weighted least squares.
+    """Return the drift of one quantity of one robot by weighted least squares.
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ def own_trend(years: Array, values: Array, variances: Array) -> Trend:
 
 
 def shrunk(trends: list[Trend]) -> list[Trend]:
-    """Return the trends of one figure of all robots under the fleet's spread of rates as prior (empirical Bayes)."""
+    """Return the trends of one quantity of all robots under the fleet's spread of rates as prior (empirical Bayes)."""
     rates, sigmas = np.array([t.rate for t in trends]), np.array([t.sigma for t in trends])
     fleet = random_effects(rates, sigmas)
     if fleet.count < 3:
@@ -103,7 +103,7 @@ def years_until(
     """Return the years until odometry of the last calibration errs by a limit: 0 if it does already.
 
     The error after 10 m straight ahead, along by the mean radius and aside by the difference of both (heading
-    ``10 m * difference / separation``, half of it in the mean over the way), root mean square, under the drift and all
+    ``10 m * difference / separation``, half of it in the mean over the path), root mean square, under the drift and all
     that is not known of it.
 
     Parameters

@@ -13,7 +13,7 @@ _NONE = 1e-300
 
 
 class Ratios(NamedTuple):
-    """Log likelihood ratios (K, n, J) of a step and of a drift, of K looks, n onsets and J figures."""
+    """Log likelihood ratios (K, n, J) of a step and of a drift, of K looks, n onsets and J quantities."""
 
     step: Array
     drift: Array
@@ -33,9 +33,9 @@ def log_ratios(years: Array, values: Array, variances: Array, prior_dof: float, 
     years : (n,)
         When.
     values, variances : (n, J)
-        Figures found, and their variances, scatter between sessions included; infinite where a session says nothing.
+        Quantities found, and their variances, scatter between sessions included; infinite where a session says nothing.
     slope : (J,)
-        Whether a figure drifts already.
+        Whether a quantity drifts already.
     looks
         Which k are asked for.
     """

@@ -24,7 +24,7 @@ _LEAST_DOF = 2
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Shift:
-    """One figure's change: before and after, in SI or relative, with its standard deviation."""
+    """One quantity's change: before and after, in SI or relative, with its standard deviation."""
 
     channel: int
     size: float
@@ -33,20 +33,21 @@ class Shift:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Event:
-    """A change of a robot, as its owner is told.
+    """A change of a robot, as it is reported to its owner.
 
     Attributes
     ----------
     change
         What was found.
     since, until, found
-        Days of the last drive before it, of the first after it, and of the drive that told it.
+        Days of the last drive before it, of the first after it, and of the drive that revealed it.
     shifts
-        The part's figures that moved, the most certain first (of a drift: a year).
+        The part's quantities that moved, the most certain first (of a drift: a year).
     turned, turned_sigma : rad
         Whole angle that a camera was turned by; zeros for others.
     other_box
-        Whether the box was another one since then, of which too few robots tell the size: all lengths may follow it.
+        Whether the box was another one since then, of which too few robots determine the size: all lengths may follow
+        it.
     """
 
     change: Change
@@ -74,7 +75,7 @@ class RobotHistory:
     watched
         What a watch over them found.
     events
-        Its changes, told.
+        Its reported changes.
     scatter : (J,)
         Standard deviation between sessions of this robot, by channel.
     trends
@@ -113,7 +114,7 @@ class FleetHistory:
     level
         False alarms a year and a fleet, at most.
     judged
-        Whether there are sessions enough to tell chance.
+        Whether there are enough sessions to know what chance does.
     """
 
     robots: tuple[RobotHistory, ...]
@@ -175,7 +176,7 @@ def fleet_history(sessions: Sequence[Session], *, level: float = LEVEL, far_m: f
 
 
 def _prior(pairs: int) -> float:
-    """Return the degrees of freedom of a first guess that rests on so many differences of sessions."""
+    """Return the degrees of freedom of a first guess that rests on a number of differences of sessions."""
     return 1 / (1 / 20 + 1 / max(pairs, 1))
 
 
@@ -228,7 +229,7 @@ def _trends(fleet: Sequence[Series], found: Sequence[Watched], component: Array)
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Robot:
-    """One robot on the way to its history."""
+    """One robot while its history is computed."""
 
     sessions: tuple[Session, ...]
     series: Series
@@ -265,7 +266,7 @@ def _told(robot: _Robot, *, scatter: Array, component: Array, far_m: float) -> R
 
 
 def _event(change: Change, robot: _Robot, component: Array) -> Event:
-    """Return a change with the sizes of all figures of its part, from the sessions up to the next one."""
+    """Return a change with the sizes of all quantities of its part, from the sessions up to the next one."""
     sessions, series, watched = robot.sessions, robot.series, robot.watched
     later = [c.onset for c in watched.changes if c.group == change.group and c.onset > change.onset]
     earlier = [c.onset for c in watched.changes if c.group == change.group and c.onset < change.onset]

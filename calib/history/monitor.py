@@ -4,11 +4,12 @@ Each part of a robot (wheels, camera extrinsics, camera) has a weighted Shiryaev
 
     M_k = sum over onsets c <= k of w_c LR_c(k),    w_c = (years since the session before c) / (robots then)
 
-with LR_c(k) the mean, over the part's figures and shapes of change, of likelihood ratios that are martingales of mean 1
-while nothing changes (``evidence.py``). M_k less the sum of its weights is a martingale then, so by Doob's inequality
-the chance that M ever reaches 1/alpha within T years is at most alpha times the sum of the weights: over all robots
-and parts alpha T. ``alpha`` is the rate of false alarms, a year and a fleet, however many robots there are, however
-often they are calibrated and looked at (an e-detector: Shin, Ramdas and Rinaldo 2024, doi:10.51387/23-NEJSDS51).
+with LR_c(k) the mean, over the part's quantities and shapes of change, of likelihood ratios that are martingales of
+mean 1 while nothing changes (``evidence.py``). M_k less the sum of its weights is a martingale then, so by Doob's
+inequality the chance that M ever reaches 1/alpha within T years is at most alpha times the sum of the weights: over all
+robots and parts alpha T. ``alpha`` is the rate of false alarms, a year and a fleet, however many robots there are,
+however often they are calibrated and looked at (an e-detector: Shin, Ramdas and Rinaldo 2024,
+doi:10.51387/23-NEJSDS51).
 """
 
 from collections.abc import Sequence
@@ -39,13 +40,13 @@ class Change:
     Attributes
     ----------
     group, channel
-        Part of the robot, and the figure (number in ``CHANNELS``) that tells most.
+        Part of the robot, and the quantity (number in ``CHANNELS``) with the strongest evidence.
     drift
         Whether it is a drift that set in, rather than a step.
     onset
         Number of the first session after it, among the robot's sessions.
     found
-        Number of the session that told it.
+        Number of the session that revealed it.
     evidence
         The statistic: 1/alpha is where it counts.
     """
@@ -145,7 +146,7 @@ class _Part:
     level: float
 
     def first_change(self, begun: int, fresh: int, slopes: Mask) -> Change | None:
-        """Return the first change that is told after session ``fresh`` by an onset from there on; None if none is."""
+        """Return the first change reported after session ``fresh`` by an onset from there on; None if none is."""
         for k0 in range(fresh, len(self.series.years), _BLOCK):
             for change in self._looks(begun, fresh, slice(k0, min(k0 + _BLOCK, len(self.series.years))), slopes):
                 if self._confirmed(change, begun, slopes):
@@ -153,7 +154,7 @@ class _Part:
         return None
 
     def pending(self, begun: int, fresh: int, slopes: Mask) -> bool:
-        """Tell whether the last session differs beyond chance, with no second one yet to confirm it."""
+        """Return whether the last session differs beyond chance, with no second one yet to confirm it."""
         n = len(self.series.years)
         return fresh < n and bool(self._looks(begun, fresh, slice(n - 1, n), slopes))
 
@@ -204,7 +205,7 @@ class _Part:
         return found
 
     def _confirmed(self, change: Change, begun: int, slopes: Mask) -> bool:
-        """Tell whether sessions after it agree on a change: one alone may be odd by itself.
+        """Return whether sessions after it agree on a change: one alone may be odd by itself.
 
         Two after a step lie beyond half of it; three after the onset of a drift, each left out in turn, leave half of
         it.
@@ -231,7 +232,7 @@ class _Part:
 
 
 def _likeliest(ratios: Array) -> list[tuple[int, int, int]]:
-    """Return onset, figure and shape (1: drift) by log ratios (onsets, figures, 2), in the order to be believed.
+    """Return onset, quantity and shape (1: drift) by log ratios (onsets, quantities, 2), in the order to be believed.
 
     Wheels wear, and a drift looks like a step for a while: where both are nearly as likely the drift comes first, from
     the earliest onset that is.

@@ -1,4 +1,4 @@
-"""Scatter between sessions: a variance component of its own, from the fleet, and each robot's own share of it."""
+"""Scatter between sessions: a variance component of its own, from the fleet, and each robot's own fraction of it."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -44,7 +44,7 @@ class Scatter:
         Degrees of freedom that it rests on.
     prior_dof
         How alike the robots are: their variances, as multiples of the fleet's, scatter like chi-square over its
-        degrees of freedom with so many. Less where all of it rests on few sessions.
+        degrees of freedom with that number. Less where all of it rests on few sessions.
     """
 
     component: Array

@@ -1,4 +1,4 @@
-"""One calibration as a robot's history sees it: when it was driven, what came out, how sure that is."""
+"""One calibration as a robot's history sees it: when it was driven, what came out, how certain that is."""
 
 import hashlib
 from collections.abc import Mapping
@@ -42,7 +42,7 @@ class Session:
     covariance : (14, 14)
         Of the parameters in ``ORDER``; infinite (on the diagonal) where not determined, all of it for a closed form.
     camera_kind, image_size
-        What the camera's figures belong to: they are compared within one kind and size only.
+        What the camera's quantities belong to: they are compared within one kind and size only.
     verdict
         good, usable, redo, or empty.
     hardware
@@ -86,7 +86,7 @@ def session_of(calibration: Calibration) -> Session:
     """Return a calibration as its robot's history keeps it.
 
     The drive's time is the first stop's, by the log. A log whose clock was not set (before 2010) or is ahead of the
-    calibration by more than a day cannot tell; the time of the calibration takes its place, which the notes say.
+    calibration by more than a day cannot be right; the time of the calibration takes its place, which the notes say.
     """
     p = calibration.provenance
     created = _nanoseconds(p.created)
@@ -122,7 +122,7 @@ def session_of(calibration: Calibration) -> Session:
 def sessions_of(calibration: Calibration) -> tuple[Session, ...]:
     """Return the sessions of a calibration: the robot's own, and one for each further camera, named ``robot/camera``.
 
-    A further camera's session tells of that camera alone: its wheels are the robot's, which are watched once.
+    A further camera's session is about that camera alone: its wheels are the robot's, which are watched once.
     """
     first, *others = each_camera(calibration)
     own, rig = session_of(first), calibration.rig
@@ -144,7 +144,7 @@ def _of_camera_alone(s: Session) -> Session:
 def drive_key(named: Mapping[str, str], stops: list[tuple[int, int]]) -> str:
     """Return what the same drive has in common however often it is calibrated: a hash of its logs' hashes.
 
-    Logs without a hash (folders, and files of servers that tell their size alone) are identified by when their first
+    Logs without a hash (folders, and files of servers that say their size alone) are identified by when their first
     and last stop began and ended.
     """
     logs = sorted(named.values())

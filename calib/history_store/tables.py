@@ -19,7 +19,7 @@ NUMBERS = (
     *("qx", "qy", "qz", "qw"),
     *("x_m", "y_m", "z_m"),
 )
-"""Columns of figures: camera, wheels, orientation and place of the camera in the body."""
+"""Columns of values: camera, wheels, orientation and place of the camera in the body."""
 
 sessions = sa.Table(
     "boxcal_session",

@@ -14,7 +14,7 @@ from boxcal.target.arrays import Array, Mask
 FALSE_ALARM = 0.01
 """Chance that a fleet whose robots all saw one box has any robot left out."""
 _TELLS = 1e-6
-"""Directions of which a block says less than this share of the prior are not tested."""
+"""Directions of which a block says less than this fraction of the prior are not tested."""
 _ALIKE = 0.5
 """Robots whose statistic comes this near the largest are left out with it, where many are off."""
 _LEAST_FOR_SPREAD = 5
@@ -30,7 +30,7 @@ class Agreement:
     counts : (R,) bool
         Whether a robot counts.
     statistic : (R,)
-        Chi-square of its block against what the others that count tell.
+        Chi-square of its block against the estimate of the others that count.
     freedom : (R,)
         Its degrees of freedom.
     p_value : (R,)
@@ -125,7 +125,7 @@ def _spread(statistic: Array, freedom: Array) -> float:
 
 
 def _against_others(block: Block, found: Posterior, usual: Array, *, counted: bool) -> tuple[float, int]:
-    """Return chi-square and its degrees of freedom of a block against what the others tell."""
+    """Return chi-square and its degrees of freedom of a block against the estimate of the others."""
     own = at(block, found.shape)
     others = found.data.less(own) if counted else found.data
     shift, cov = _others_say(others, found)

@@ -28,7 +28,7 @@ class RefinedFleet:
     left_out
         Why a robot has none, by name.
     joint
-        The joint solution, with all its figures.
+        The joint solution, with all its values.
     """
 
     target: Target
@@ -46,7 +46,7 @@ def refine_box(
 ) -> RefinedFleet:
     """Return the true shape of a box from the drives of many robots around it, and every robot's calibration with it.
 
-    No calibration counts what its own drive told of the box as news.
+    No calibration counts its own drive's information about the box as new.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Motions and growth of a box as a whole, of which no robot can tell anything.
+"""Motions and growth of a box as a whole, which no robot can determine.
 
 Where the box stands, a robot's poses take up; how large it is, its wheels and its camera's place. A likelihood whose
 noise levels are held says a little of them still: a smaller box makes smaller residuals, and the floor's prior holds
@@ -12,7 +12,7 @@ from boxcal.calib.joint_box.sharpness import landmark_jacobian, similarities
 from boxcal.target.arrays import Array
 
 _REACHED = 1e-3
-"""A motion that the unknowns make up to this share of it is one that they can make."""
+"""A motion that the unknowns make up to this fraction of it is one that they can make."""
 
 
 def gauge_free(prior: ShapePrior, shape: Array) -> Array:

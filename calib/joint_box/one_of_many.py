@@ -149,7 +149,7 @@ def calibrate_with(member: Member, box: Target, known_as: Target) -> Calibration
     member
         The robot.
     box
-        The box without what this robot told of it.
+        The box without this robot's information about it.
     known_as
         The box of the whole fleet: results name that one.
 

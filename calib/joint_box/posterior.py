@@ -45,7 +45,7 @@ class Posterior:
         return spread_cov(self.data.information, self.prior, self.spread)
 
     def without(self, block: Block) -> tuple[Array, Array]:
-        """Return mean (m,) and covariance (m, m) without one robot: what all others tell it, itself not counted."""
+        """Return mean (m,) and covariance (m, m) without one robot: the estimate from all others."""
         data = self.data.less(at(block, self.shape))
         weight, score = data.information + self.prior, data.score + self._prior_score
         return self.shape + inverse(weight) @ score, spread_cov(data.information, self.prior, self.spread)
@@ -65,7 +65,7 @@ def spread_cov(information: Array, prior: Array, spread: float) -> Array:
 def posterior(
     blocks: Sequence[Block], prior: ShapePrior, components: dict[str, float], *, estimate_components: bool = True
 ) -> Posterior:
-    """Return the shape that some robots and the prior tell.
+    """Return the shape estimated from some robots and the prior.
 
     Parameters
     ----------

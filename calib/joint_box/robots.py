@@ -21,7 +21,7 @@ LOST = "the process that worked on it was lost"
 LEAST_ROBOTS = 2
 """With fewer robots there is nothing to solve together."""
 _MISSES = 2
-"""A robot that fails to follow the shape so many times in a row takes no part."""
+"""A robot that fails to follow the shape this many times in a row is left out."""
 
 
 class Robots:
@@ -62,7 +62,7 @@ class Robots:
 
     @property
     def blocks(self) -> list[Block]:
-        """Information of the robots that have a part, as they said it last; free of what no robot can tell."""
+        """Information of the robots that have a part, as they said it last; free of what no robot can determine."""
         return [block for k in self.there if (block := self.parts[k].block) is not None]
 
     @property

@@ -58,7 +58,7 @@ class ShapePrior:
         return weight, -weight @ shape
 
     def refined(self, shape: Array, cov: Array, drives: tuple[str, ...], robots: int) -> Target:
-        """Return the target with a shape (m,) and its covariance (m, m), found from some drives of so many robots."""
+        """Return the target with a shape (m,) and its covariance (m, m), found from drives of a number of robots."""
         values, whole = np.zeros(len(SHAPE)), np.zeros((len(SHAPE), len(SHAPE)))
         at = [SHAPE.index(name) for name in self.names]
         values[at] = shape

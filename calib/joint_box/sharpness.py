@@ -31,7 +31,7 @@ class Sharpness:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Ruler:
-    """Measure of how sharply covariances of a shape's unknowns tell a box.
+    """Measure of how sharply covariances of a shape's unknowns determine a box.
 
     Attributes
     ----------
@@ -75,7 +75,7 @@ def similarity_free(target: Target) -> tuple[Callable[[Array], Array], Array]:
 
 
 def similarities(target: Target) -> Array:
-    """Return how a target's landmarks move with the whole box, (3 L, 7): three ways, three turns, growth."""
+    """Return how a target's landmarks move with the whole box, (3 L, 7): translations, rotations, growth."""
     p = target.tag_corners.reshape(-1, 3)
     p = p - p.mean(axis=0)
     ways = [np.tile(axis, len(p)) for axis in np.eye(3)]

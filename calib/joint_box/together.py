@@ -16,7 +16,7 @@ from boxcal.target.box import Target
 from boxcal.target.errors import BoxcalError
 
 MOST_OFF = 3.0
-"""How far a robot's box may lie from the common one, in standard deviations of what it tells itself: what it is given
+"""How far a robot's box may lie from the common one, in standard deviations of its own estimate: what it is given
 for its own must not be further off than three sigmas, even if two boxes hide behind the scatter."""
 MOST_SPREAD = MOST_OFF**2
 """Largest scatter of the robots that is one box, as a variance in units of their noise. Fleets of one box have 1.0 to
@@ -60,9 +60,9 @@ class JointBox:
         return sum(block is not None for block in self.blocks)
 
     def without(self, k: int) -> Target | BoxcalError | None:
-        """Return the box without what one of its robots told of it: all that its own calibration may take as known.
+        """Return the box without the information of one of its robots: all that its own calibration may take as known.
 
-        None for a robot that was left out; an error where what the others told makes no box.
+        None for a robot that was left out; an error where the others' estimate makes no box.
         """
         block = self.blocks[k]
         if block is None:
@@ -76,7 +76,7 @@ class JointBox:
 def solve_box(members: Sequence[Member], run: Run = map) -> JointBox:
     """Return the shape of the box that robots drove around, found by all of them together.
 
-    Every robot tells what it knows of the shape, everything of its own eliminated; that is summed with what was known
+    Every robot gives what it knows of the shape, everything of its own eliminated; that is summed with what was known
     before, solved for, and sent back until nothing moves. A robot whose box differs from that of the others beyond
     chance is left out. What was found of the box in earlier runs is not counted: they may have been of the same drives.
 
@@ -136,7 +136,7 @@ def _concluded(
     joined: Joined,
     left_out: dict[str, BoxcalError],
 ) -> JointBox:
-    """Return the refined box, and what tells each robot the box without what it told itself."""
+    """Return the refined box, and what gives each robot the box without its own information."""
     found = joined.agreement.posterior
     taking = iter(joined.blocks)
     blocks = [None if part.block is None else next(taking) for part in parts]

@@ -1,4 +1,4 @@
-"""Maximum likelihood: the answer, its uncertainty, and what the drive does not tell.
+"""Maximum likelihood: the answer, its uncertainty, and what the drive does not determine.
 
 Its names are loaded when they are first used: who reads a saved result needs a part of it only.
 """

@@ -1,6 +1,6 @@
 """Choice of the camera model by an information criterion, from one solution.
 
-Brown's model with five coefficients holds the paper's one and is held by the rational one, so one solution tells of all
+Brown's model with five coefficients holds the paper's one and is held by the rational one, so one solution judges all
 three: what its further coefficients lower the sum of squares by (a Wald test), and what three more would (a score
 test). Only a wide field of view, where the fisheye model is another one altogether, costs a solution of its own.
 """
@@ -52,7 +52,7 @@ def choose_camera(solve: Solve, image_size: tuple[int, int]) -> tuple[Fit, tuple
     if field_of_view(brown) > WIDE:
         fisheye = fits[CameraKind.FISHEYE] = solve(CameraKind.FISHEYE, None)
         lowered[CameraKind.FISHEYE] = lowered_by(fisheye, brown)
-        if lowered[CameraKind.FISHEYE] > 0:  # what lies far from Brown's solution is not told by it
+        if lowered[CameraKind.FISHEYE] > 0:  # what lies far from Brown's solution is not judged by it
             rational = fits[CameraKind.RATIONAL] = solve(CameraKind.RATIONAL, brown)
             lowered[CameraKind.RATIONAL] = lowered_by(rational, brown)
     counts = {kind: 1 + len(further_names(kind)) for kind in lowered}
@@ -82,7 +82,7 @@ def field_of_view(fit: Fit) -> float:
 
 
 def invertible(kind: CameraKind, values: Array, image_size: tuple[int, int]) -> bool:
-    """Tell whether every pixel has a direction: no fold, and no pole of a rational model, inside the image."""
+    """Return whether every pixel has a direction: no fold, and no pole of a rational model, inside the image."""
     w, h = image_size
     u, v = np.meshgrid(np.linspace(0, w - 1, 9), np.linspace(0, h - 1, 7))
     uv = np.stack([u.ravel(), v.ravel()], axis=1)

@@ -24,11 +24,11 @@ class VarianceComponents:
     height : m
         Of the body's height over the common floor from stop to stop.
     growth : px
-        Of what the tags' black looks larger from picture to picture.
+        Of what the tags' black looks larger from image to image.
     target
         Of the target as built, by component.
     corner_floor : px
-        Error of every corner besides what its covariance tells, before the noise scale.
+        Error of every corner besides what its covariance states, before the noise scale.
     """
 
     noise_scale: float
@@ -53,7 +53,7 @@ class VarianceComponents:
         return sigma
 
     def freezes(self, state: State) -> bool:
-        """Tell whether a state has effects whose variance is zero."""
+        """Return whether a state has effects whose variance is zero."""
         values = np.column_stack([state.lean, state.growth])
         return bool(np.any(values[:, self.local_sigma == 0]))
 

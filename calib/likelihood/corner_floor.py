@@ -1,6 +1,6 @@
 """Error of corners that their own covariances leave out, as a variance component.
 
-A corner's covariance tells how well its picture determines it. What the picture's model leaves out (how an edge was
+A corner's covariance states how well its image determines it. What the image's model leaves out (how an edge was
 sampled, an uneven print) is alike for large and small tags: a floor, in px, that is added to all covariances. It comes
 from the residuals, under a t distribution, so that wrong corners do not make it.
 """
@@ -19,7 +19,7 @@ _FREEDOM = 8.0
 """Degrees of freedom of the t distribution."""
 _LEVELS = 20
 _CORNERS = 2000
-"""So many corners tell the floor to some per cent; of more, one in a few is taken."""
+"""Number of corners that determine the floor to some per cent; of more, one in a few is taken."""
 _LARGEST_PX = 1.0
 _SMALLEST_SHARE = 0.25
 """The least floor that is tried, in standard deviations of the best corner."""
@@ -27,7 +27,7 @@ _CLEARLY = 4.0
 """Gain in log likelihood from which on a floor is added; among corners that are alike a floor looks like a scale."""
 _FIXED_POINT = 4
 _ALIKE = 0.1
-"""Relative change of a floor that is worth no new equations."""
+"""Relative change of a floor below which the equations are kept."""
 
 
 def corner_floor(problem: Problem, at: Linearization) -> float:
@@ -80,11 +80,11 @@ def _loss(products: tuple[Array, Array, Array], cov: tuple[Array, Array, Array])
 
 
 def differs(problem: Problem, floor_px: float) -> bool:
-    """Tell whether a floor is another one than the problem has."""
+    """Return whether a floor is another one than the problem has."""
     return abs(floor_px - problem.floor_px) > _ALIKE * max(floor_px, problem.floor_px)
 
 
 def with_floor(problem: Problem, floor_px: float) -> Problem:
-    """Return the problem with corners whose errors have a floor, px, besides what their covariances tell."""
+    """Return the problem with corners whose errors have a floor, px, besides what their covariances state."""
     whiten, sigma_px = whitening(problem.told_px2 + floor_px**2 * np.eye(2))
     return replace(problem, whiten=whiten, sigma_px=sigma_px, floor_px=floor_px)

@@ -143,7 +143,7 @@ class Direction:
     Attributes
     ----------
     parameters
-        Those that take part, with their share (in natural units: 1 % of a length, 1 mm, 1 mrad), the largest first.
+        Those that take part, with their component (in natural units: 1 % of a length, 1 mm, 1 mrad), the largest first.
     sigma
         Standard deviation along it in those units; infinite if it is not determined.
     what

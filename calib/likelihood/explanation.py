@@ -54,7 +54,7 @@ class Explanation(Protocol):
 
 
 def in_pictures(explanation: Explanation) -> bool:
-    """Tell whether an explanation changes what a camera sees; one that does not say so may."""
+    """Return whether an explanation changes what a camera sees; one that does not say so may."""
     return bool(getattr(explanation, "in_pictures", True))
 
 

@@ -67,7 +67,7 @@ def grown_fit(known: Fit, drive: Correspondences) -> Fit:
 
 
 def _longer(known: Fit, T_cam_box: Array) -> State:
-    """Return the known state with more stops, which stand upright on the floor where their pictures put them."""
+    """Return the known state with more stops, which stand upright on the floor where their images put them."""
     state, more = known.state, len(T_cam_box)
     T_box_body = inverse(T_cam_box) @ inverse(state.T_body_cam) if more else np.zeros((0, 4, 4))
     heading = np.arctan2(T_box_body[:, 1, 0], T_box_body[:, 0, 0])

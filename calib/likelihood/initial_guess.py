@@ -1,6 +1,6 @@
 """Initial guess of the likelihood from consecutive stops, robust against slipped legs.
 
-The four steps weigh a long way like a short one and take every pair of stops; strong slip, a lifted robot or a moved
+The four steps weigh a long path like a short one and take every pair of stops; strong slip, a lifted robot or a moved
 box spoils many of their pairs. Between *consecutive* stops a fault touches one leg. Camera poses are taken as they are;
 wheels and mounting come from the paper's linear equations (eqs. 17 and 31), from couples of legs first, then from all
 of them, weighted by distance and by how well they fit.

@@ -1,7 +1,7 @@
-"""Sigmas that do not trust the model: what the answer does when a picture or a leg is left out.
+"""Sigmas that do not trust the model: what the answer does when an image or a leg is left out.
 
-Each stop's picture and each leg is left out in turn, by a downdate of the normal equations about one state (cluster
-deletion), so nothing is solved again. (A picture is left out of what it says of the shared unknowns; where it puts its
+Each stop's image and each leg is left out in turn, by a downdate of the normal equations about one state (cluster
+deletion), so nothing is solved again. (An image is left out of what it says of the shared unknowns; where it puts its
 stop is what the legs beside it are compared with, and these are left out themselves.) The sum of the squared changes
 is a covariance that holds whatever makes the data of one stop or one leg err together (Efron and Stein 1981,
 DOI 10.1214/aos/1176345462). Where it exceeds the likelihood's by more than chance allows, something is not as the
@@ -29,7 +29,7 @@ _MANY, _FEW = 2.7, 20.0
 Of 60 faultless simulated drives each with 9 and with 14 stops, none has any parameter beyond it.
 """
 _SINGULAR = 1e-9
-"""A picture or leg that holds a direction alone to this share cannot be left out: its change is not counted."""
+"""An image or leg that holds a direction alone to this fraction cannot be left out: its change is not counted."""
 
 
 def jackknife(fit: Fit) -> Jackknife:
@@ -58,7 +58,7 @@ def _without_pictures(fit: Fit, solution: Solution) -> Array:
     N, a = picture_blocks(fit.at.corners, weight, fit.components.local_sigma)
     step = np.concatenate([np.tile(solution.d_shared, (P, 1)), solution.d_stops[:, :3], solution.d_local], axis=1)
     a -= (N @ step[:, :, None])[:, :, 0]  # about the solution, not about the state
-    # What a picture says of the shared unknowns, its stop's own eliminated: their priors hold the local ones.
+    # What an image says of the shared unknowns, its stop's own eliminated: their priors hold the local ones.
     own = N[:, n:, n:] + np.diag(np.concatenate([np.zeros(3), np.ones(N.shape[2] - n - 3)]))
     gain = N[:, :n, n:] @ np.linalg.inv(own)
     information = N[:, :n, :n] - gain @ N[:, n:, :n]

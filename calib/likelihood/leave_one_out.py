@@ -1,4 +1,4 @@
-"""Leave-one-out (jackknife) check of an estimate's sigmas over pictures and legs."""
+"""Leave-one-out (jackknife) check of an estimate's sigmas over images and legs."""
 
 from dataclasses import dataclass
 
@@ -21,7 +21,7 @@ class Jackknife:
     ratio : (14,)
         Over the likelihood's; 1 where it was not tested.
     changes : (C, 14)
-        Of the parameters with each picture, then each leg left out.
+        Of the parameters with each image, then each leg left out.
     unexplained
         Whether any is beyond chance: something is not as the model has it.
     """

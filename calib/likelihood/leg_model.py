@@ -8,7 +8,7 @@ noise reach it, both propagated through the path that was really driven:
   little, and both drift sideways a little (``DRAGGED``, ``SIDEWAYS``), so that no leg is taken as exact.
 - *quantisation*: a reading differs from the wheel's angle by a uniform error of variance ``step^2 / 12``. The errors at
   the two stops act on the whole leg, and neighbouring legs share them: they are unknowns of their own (see
-  ``State.encoder_errors``), so that nothing is counted twice. The errors of readings on the way act on the path's shape
+  ``State.encoder_errors``), so that nothing is counted twice. The errors of readings in between act on the path's shape
   only; they are added to the leg's covariance.
 """
 
@@ -34,7 +34,7 @@ class LegModel:
     slip : (N, 3, 3)
         Covariance for slip of 1 m/sqrt(m).
     quantisation : (N, 3, 3)
-        Covariance from readings on the way, for an encoder step of 1 rad.
+        Covariance from readings in between, for an encoder step of 1 rad.
     rolled : (N, 2), m
         Distance that each wheel rolled.
     by_travel : (2, 3, S)

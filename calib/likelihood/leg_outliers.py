@@ -1,7 +1,7 @@
 """Possible causes of an outlier leg, in numbers and in words.
 
 One leg gives three numbers, so causes cannot be proven: a box that was pushed and a robot that was carried look alike
-to camera and wheels. What can be told is whether a slip of one wheel (or of both alike) at one moment explains all
+to camera and wheels. What can be decided is whether a slip of one wheel (or of both alike) at one moment explains all
 three, and how large each explanation is.
 """
 
@@ -21,7 +21,7 @@ from boxcal.target.arrays import Array, Mask
 _EXPLAINED = 0.01
 """A slip explains a leg if what it leaves has at least this chance."""
 _ONE_WHEEL = 0.15
-"""A slip counts as that of one wheel if the other's is less than this share of it."""
+"""A slip counts as that of one wheel if the other's is less than this fraction of it."""
 _SMALL_MM, _SMALL_DEG = 50.0, 5.0
 """A pushed box moves by less than this; a lifted robot by more, mostly."""
 

@@ -9,9 +9,9 @@ from boxcal.target.arrays import Array, Ids
 _PAIRS = np.array([(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)])
 _UNPACK = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])
 DRAGGED = 0.01
-"""Share of the other wheel's distance that counts as a wheel's own: a wheel that pivots scrubs."""
+"""Fraction of the other wheel's distance that counts as a wheel's own: a wheel that pivots scrubs."""
 SIDEWAYS = 1e-4
-"""Variance of sideways drift over that of slip along the way: a hundredth in standard deviation."""
+"""Variance of sideways drift over that of slip along the path: a hundredth in standard deviation."""
 
 
 def propagate(path: WheelPath, wheels: Array, at_start: Array, at_end: Array, added: Array | None) -> tuple[Array, ...]:

@@ -1,6 +1,6 @@
 """Normal equations with a border of shared unknowns, a chain of stops and local unknowns, these eliminated first.
 
-What belongs to one stop's picture alone (its lean, say) is eliminated for all stops at once (Schur complement); the
+What belongs to one stop's image alone (its lean, say) is eliminated for all stops at once (Schur complement); the
 chain of stops is the work of :mod:`boxcal.calib.likelihood.stop_elimination`. All arrays may carry the same leading
 axes: a batch of systems.
 """

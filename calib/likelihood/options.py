@@ -31,7 +31,7 @@ class EstimateOptions:
     ink_sigma : m
         Dot gain: how far all edges of the tags' black lie outwards.
     growth_sigma : px
-        Growth of the tags' black that is the same in all pictures: what the camera's response and sharpness do.
+        Growth of the tags' black that is the same in all images: what the camera's response and sharpness do.
     face_sigma : (rad, m), optional
         Poses of the faces, rotation and translation. None lets the data say; zeros take them as described.
     bow_sigma : m, optional
@@ -47,7 +47,7 @@ class EstimateOptions:
     noise_scale : optional
         What the corners' standard deviations are multiplied by; estimated if None.
     systematic_share
-        Size of smooth errors of corners that are alike in all pictures, in standard deviations of a corner's noise:
+        Size of smooth errors of corners that are alike in all images, in standard deviations of a corner's noise:
         what it adds to the covariance is in the sigmas. 0 where noise is known to be white, as in simulations.
         From robots of two renderers, ours and one that shares no code with it: with it the errors of the cameras are
         about as large as their sigmas say (``benchmarks/clean_robots.py``, ``benchmarks/rooms.py``).

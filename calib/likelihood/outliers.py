@@ -139,9 +139,9 @@ def leg_unknowns(problem: Problem, s: Solution) -> Array:
 class LegMemory:
     """Legs rejected in earlier rounds, remembered so that rounds end.
 
-    A leg that is in bends the solution and the level of slip its own way, so that the others look alike; only with it
-    out do they show how unlike they are. What is found with it out counts: a leg that returned twice stays. Nor do legs
-    become alike again.
+    A leg that is in bends the solution and the level of slip in its own direction, so that the others look alike; only
+    with it out do they show how unlike they are. What is found with it out counts: a leg that returned twice stays. Nor
+    do legs become alike again.
     """
 
     def __init__(self) -> None:

@@ -1,4 +1,4 @@
-"""Normal equations of each stop's picture by itself, its own unknowns among them."""
+"""Normal equations of each stop's image by itself, its own unknowns among them."""
 
 import numpy as np
 

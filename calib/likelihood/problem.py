@@ -3,7 +3,7 @@
 Unknowns that all stops share ("shared") come first: the fourteen that are reported, the floor's tilt a drive, further
 coefficients of the camera model, the target as built, explanations. Every stop adds five that legs couple with the next
 stop's (the chain): its pose on the floor ``(x, y, theta)`` and the two errors of its wheel readings; and four of its
-own (local): roll, pitch, height and the growth of the tags' black in its picture.
+own (local): roll, pitch, height and the growth of the tags' black in its image.
 """
 
 from collections.abc import Sequence
@@ -42,7 +42,7 @@ class Problem:
         Of the shared unknowns.
     prior : (n,)
         Standard deviations of their priors (zero mean), infinite where there is none; of those that belong to a
-        variance component what holds where the data do not tell.
+        variance component what holds where the data do not determine it.
     component : (n,)
         Variance component of each shared unknown, empty where its prior is fixed.
     unit : (n,)
@@ -56,7 +56,7 @@ class Problem:
     whiten : (L, 2, 2), 1/px
         Turns a corner's error into unit variance, before the noise scale.
     told_px2 : (L, 2, 2), px^2
-        The corners' covariances as they were told.
+        The corners' covariances as they were stated.
     floor_px : px
         What is added to them: see :mod:`boxcal.calib.likelihood.corner_floor`.
     sigma_px : px
@@ -89,7 +89,7 @@ class Problem:
         The shared unknowns of each variance component.
     tilts, extras, shapes, growth, explained
         Columns among the shared unknowns: of the tilts, the further distortion coefficients, the target's deformation,
-        the tags' growth in px that is common to all pictures, and the explanations.
+        the tags' growth in px that is common to all images, and the explanations.
     """
 
     lens: CameraKind

@@ -50,7 +50,7 @@ def robust_steps(drive: Correspondences, camera: CameraStep, why: str) -> FourSt
 
 
 def _as_steps(drive: Correspondences, camera: CameraStep, state: State) -> FourSteps:
-    """Return a state in the terms of the four steps, with the figures of its fit to consecutive stops."""
+    """Return a state in the terms of the four steps, with the values of its fit to consecutive stops."""
     axis = find_axis(camera.T_cam_box)
     legs = legs_between(drive, camera.kept)
     rR, rL, b = (float(w) for w in state.wheels)

@@ -52,7 +52,7 @@ from boxcal.target.arrays import Array, Ids
 _ROUNDS = 25
 _INNER = 12
 _EXTRAPOLATED = 3
-"""After so many values of the components they are extrapolated."""
+"""After this many values of the components they are extrapolated."""
 _CLOSE, _LOOSE = 0.02, 0.1
 """Relative changes of a component at which its fixed point, and the rounds, end."""
 _ROUGH = 1.0
@@ -67,7 +67,7 @@ _FLOORS = 3
 _MOST_STEPS = 100
 """Steps of all rounds after which they end, settled or not."""
 _LEAST_OF_QUIET = 0.05
-"""Slip is first taken as at least this share of what equals the quantisation."""
+"""Slip is first taken as at least this fraction of what equals the quantisation."""
 
 
 def solve_likelihood(
@@ -150,7 +150,7 @@ def averaged_over_slip(
     *,
     share: float,
 ) -> tuple[Linearization, Array, float]:
-    """Return the likelihood at the mean over slip, the covariance (n, n), and the sum of squares of the pictures.
+    """Return the likelihood at the mean over slip, the covariance (n, n), and the sum of squares of the images.
 
     What smooth errors do is nearly all taken up by the poses of stops: it comes out right only with the linearization
     that the profile's solutions are of.
@@ -191,7 +191,7 @@ def _beginning(
 def _corner_weights(
     problem: Problem, at: Linearization, components: VarianceComponents, options: EstimateOptions, first: bool
 ) -> tuple[Array, Ids]:
-    """Return the corners' weights and the unreliable stops; in the first round their noise is told by the median."""
+    """Return the corners' weights and the unreliable stops; in the first round the median estimates their noise."""
     scale = components.noise_scale
     if first and options.noise_scale is None:
         scale = max(robust_scale(at.residual_px), smallest_scale(problem))

@@ -30,7 +30,7 @@ class ScoreTest:
     statistic
         ``g I^-1 g`` at the most probable slip.
     freedom
-        How many of its unknowns the data can tell.
+        How many of its unknowns the data can determine.
     p_value
         Chance of a statistic as large without it, slip's uncertainty included.
     estimate, sigma, cov : (k,), (k,), (k, k)

@@ -22,7 +22,7 @@ class Views:
     p_box : (L, 3), m
         Where they are on the box.
     uv_px, cov_px2 : (L, 2), (L, 2, 2), px and px^2
-        Where they are seen, and how surely.
+        Where they are seen, and with which covariance.
     starts : (P + 1,)
         First landmark of each view, and how many there are.
     """

@@ -35,12 +35,12 @@ LARGEST_SLIP = 0.3
 SMALLEST_SLIP = 1e-8
 """What counts as no slip at all where the encoder has no step (m/sqrt(m)); exact data end here."""
 LITTLE_SLIP = 2.5e-4
-"""What a careful drive on a hard floor slips (m/sqrt(m)); counts where a coarse encoder cannot tell."""
+"""What a careful drive on a hard floor slips (m/sqrt(m)); counts where a coarse encoder cannot measure it."""
 _SPREAD = np.linspace(-1.0, 1.0, 5)
 _SPREAD_WEIGHT = np.exp(-2 * _SPREAD**2) / np.sum(np.exp(-2 * _SPREAD**2))
 """Little slip is only known to a factor of 1.65: logarithms of slip about its middle, and their probabilities."""
 _FINE = 1e-4
-"""Where the quantisation equals less slip than this (m/sqrt(m)), little slip is taken as a small share of that."""
+"""Where the quantisation equals less slip than this (m/sqrt(m)), little slip is taken as a small fraction of that."""
 _NO_SLIP = 3.0
 """Prior weight of little slip, in units of one in the logarithm of the variance.
 
@@ -48,7 +48,7 @@ A compromise from simulations with 5 stops: less makes the sigmas of wheels that
 more makes those of a slip too small to be told from the cameras' noise (0.1 mm/sqrt(m)) too small in rare runs.
 """
 _NONE = 0.02
-"""A given slip of nought is taken as this share of what equals the quantisation, so that nothing is exact."""
+"""A given slip of nought is taken as this fraction of what equals the quantisation, so that nothing is exact."""
 _POINTS = 13
 _ZOOMS = 4
 _ABOUT = 3.0
@@ -228,7 +228,7 @@ class _Scan(NamedTuple):
         return np.linspace(max(low, self.u[likely[0]] - self.step), min(high, self.u[likely[-1]] + self.step), _POINTS)
 
     def holds_all(self, low: float, high: float) -> bool:
-        """Tell whether nothing probable lies beyond the levels, which are close enough."""
+        """Return whether nothing probable lies beyond the levels, which are close enough."""
         probable = self.probable
         least = _IMPROBABLE * probable.max()
         below = self.u[0] <= low or probable[0] < least

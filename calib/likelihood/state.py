@@ -30,7 +30,7 @@ class State:
     shape : (n,)
         Deformation of the target.
     common_growth : px
-        By how much the tags' black looks larger than it is in all pictures, outwards at every edge.
+        By how much the tags' black looks larger than it is in all images, outwards at every edge.
     explained : (k,)
         Unknowns of the explanations that are part of the model.
     poses : (P, 3), m and rad

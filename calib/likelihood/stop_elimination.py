@@ -120,7 +120,7 @@ class EliminatedChain:
     information, right : (..., n, n), (..., n)
         Of the shared unknowns.
     back : (..., P, 5, n + 1)
-        Stops' blocks by shared unknowns, and their right-hand sides, half way solved for.
+        Stops' blocks by shared unknowns, and their right-hand sides, half solved for.
     pivots, gains : (..., P, 5, 5)
         The chain's factors.
     decrease, log_det : (...)

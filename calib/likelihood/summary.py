@@ -77,7 +77,7 @@ def summarise(fit: Fit, drives: Sequence[Correspondences]) -> Estimate:
 def measured_scale_covariance(problem: Problem, state: State, options: EstimateOptions) -> Array:
     """Return what the ruler's own error does to all lengths together, added to the covariance of the shared unknowns.
 
-    No image tells the size of the box as a whole, and a box that is regular says nothing of the ruler: wheels and
+    No image shows the size of the box as a whole, and a box that is regular says nothing of the ruler: wheels and
     camera position grow with the box in one direction, known as well as the box was measured.
     """
     v = np.zeros(len(problem.names))

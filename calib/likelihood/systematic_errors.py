@@ -1,8 +1,8 @@
-"""Errors of corners that are alike in all pictures: what they add to the covariance (consider covariance).
+"""Errors of corners that are alike in all images: what they add to the covariance (consider covariance).
 
 Noise averages over thousands of corners; what blur, shading and the camera's response do to all of them alike does not.
-No data tell these errors from the camera model, so they are considered, not estimated (Schmidt 1966): smooth fields
-over the image, each a small share of a corner's noise, and what each would do to the answer.
+No data distinguish these errors from the camera model, so they are considered, not estimated (Schmidt 1966): smooth
+fields over the image, each a small fraction of a corner's noise, and what each would do to the answer.
 """
 
 import numpy as np
@@ -24,7 +24,7 @@ def systematic_covariance(
     *,
     share: float,
 ) -> Array:
-    """Return what smooth errors common to all pictures add to the covariance of the shared unknowns, (n, n).
+    """Return what smooth errors common to all images add to the covariance of the shared unknowns, (n, n).
 
     Parameters
     ----------
@@ -61,7 +61,7 @@ def _fields(problem: Problem) -> tuple[Array, Array]:
     """Return smooth fields over the image at the corners, along u and along v, (L, F), each of root mean square 1.
 
     They are larger or smaller on both sides of the middle, as blur and growth make them: ``x, x^3, x y^2`` along u, and
-    likewise along v. Shifts to one side are not of that kind, and single pictures tell them.
+    likewise along v. Shifts to one side are not of that kind, and single images determine them.
     """
     off = problem.uv_px - problem.uv_px.mean(axis=0)
     x, y = (off / np.abs(off).max()).T

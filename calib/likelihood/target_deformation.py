@@ -2,7 +2,7 @@
 
 Every sheet is a rigid face that lies where the description has it, moved by a small rigid motion (glued a little
 aside, low or turned; a box that is not square), printed a little too large or small, and bowed. All landmarks of one
-face in one picture move with the camera's six degrees of freedom, so a face's pose costs no derivatives of its own.
+face in one image move with the camera's six degrees of freedom, so a face's pose costs no derivatives of its own.
 """
 
 from collections.abc import Iterable
@@ -40,7 +40,7 @@ class TargetDeformation:
         ``face3_rz`` (m, rad). The seat is how much higher all sheets stand: nobody knows whether a sheet that came out
         too small was glued by its middle or by its lower edge.
     sigma : (n,)
-        Standard deviations of their priors where the data do not tell.
+        Standard deviations of their priors where the data do not determine it.
     component : (n,)
         The variance component that each belongs to; empty where its prior is fixed.
     unit : (n,)
@@ -54,7 +54,7 @@ class TargetDeformation:
     outward : (L, 2)
         Signs of the corner's direction from its tag's centre, in its face.
     sagitta : (L,)
-        Share of the bow at each landmark: 1 on the face's vertical midline, 0 at its edges.
+        Fraction of the bow at each landmark: 1 on the face's vertical midline, 0 at its edges.
     T_box_face : (FACES, 4, 4), m
         Poses of the faces as described.
     refined

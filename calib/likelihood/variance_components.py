@@ -1,8 +1,8 @@
 """Variance components from the data, by restricted maximum likelihood (REML), at one linearization.
 
-A random effect of standard deviation s that the data tell to a posterior variance V in units of s^2 has used up
+A random effect of standard deviation s that the data determine to a posterior variance V in units of s^2 has used up
 ``1 - V`` of a degree of freedom: ``s^2 <- sum of squares / sum of (1 - V)`` is the fixed point (Schall 1991, Biometrika
-78:719, DOI 10.1093/biomet/78.4.719). The weight of a weak prior stands in for data that do not tell.
+78:719, DOI 10.1093/biomet/78.4.719). The weight of a weak prior stands in for data that do not determine it.
 """
 
 from collections.abc import Sequence
@@ -21,13 +21,13 @@ from boxcal.target.arrays import Array
 SMALLEST_PX = 1e-5
 """No corner is taken as better than this (px, standard deviation): exact data end here."""
 USUAL = {"lean": float(np.radians(0.03)), "height": 1e-4, "growth": 0.003}
-"""Where the estimate starts, and where it stays if the data tell nothing: rad, m, px."""
+"""Where the estimate starts, and where it stays if the data carry no information: rad, m, px."""
 _LEAST = 1e-4
-"""Smallest standard deviation, as a share of the usual one: so small that it moves nothing, yet can grow again."""
+"""Smallest standard deviation, as a fraction of the usual one: so small that it moves nothing, yet can grow again."""
 _BEST_TARGET = 0.02
 """The same for the target: no print is better than some 6 um, 3e-5 and 0.003 deg."""
 _AS_CAREFUL = 0.7
-"""Print and places of the faces are taken as at least this share of what the target's other components say."""
+"""Print and places of the faces are taken as at least this fraction of what the target's other components say."""
 _PRIOR_WEIGHT = 1e-4
 """Weight of the usual variance, in degrees of freedom."""
 _SHARED_WEIGHT = 1.0
@@ -83,9 +83,9 @@ def target_components(
 ) -> dict[str, float]:
     """Return the target's variance components after one step.
 
-    Some tell little of themselves (two print scales, of which one is the unit of length): each is drawn, with a weight
-    of one degree of freedom, towards what it would be on a target made as carefully as the others say. That care is
-    the mean over all components of the logarithm of what they are of a hand-made box's.
+    Some determine little by themselves (two print scales, of which one is the unit of length): each is drawn, with a
+    weight of one degree of freedom, towards what it would be on a target made as carefully as the others say. That care
+    is the mean over all components of the logarithm of what they are of a hand-made box's.
 
     Parameters
     ----------
@@ -111,7 +111,7 @@ def target_components(
     found = {}
     for name, (square, freedom) in own.items():
         estimate = _fixed_point(before[name], square, freedom, float(care) * HAND_MADE[name], _SHARED_WEIGHT)
-        # Size and height of the box as a whole leave no residuals: few values tell them, none surely.
+        # Size and height of the box as a whole leave no residuals: few values determine them, none well.
         share = _AS_CAREFUL * min(float(care), 1.0) if name in {"print", "place"} else 0.0
         found[name] = max(estimate, max(_BEST_TARGET, share) * HAND_MADE[name])
     return found

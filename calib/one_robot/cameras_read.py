@@ -73,7 +73,7 @@ def read_cameras(job: Job, tell: Callable[[str, float], None], keep: Keep) -> Re
     job
         The robot; its settings say which cameras.
     tell
-        Told what is read, and what share of all is done.
+        Called with what is read, and the fraction of all that is done.
     keep
         What keeps photographs.
 

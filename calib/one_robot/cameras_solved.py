@@ -146,7 +146,7 @@ def _each_alone(job: Job, cameras: Sequence[CameraDrives], left_out: dict[str, s
 def _without_twins(job: Job, cameras: Sequence[_Alone], left_out: dict[str, str]) -> list[_Alone]:
     """Return the cameras, of those that stand in one place at every stop one only (CalibError if both named).
 
-    That is the first whose name says that its pictures are raw, else the first: others are made from its pictures.
+    That is the first whose name says that its images are raw, else the first: others are made from its images.
     """
     kept: list[_Alone] = []
     for camera in cameras:

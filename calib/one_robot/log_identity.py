@@ -25,7 +25,7 @@ def log_identity(log: Path) -> str:
     Raises
     ------
     DetectError
-        If it cannot be read, or is a folder of pictures, which nothing short of reading it tells from another.
+        If it cannot be read, or is a folder of images, which nothing short of reading it tells from another.
     """
     if is_url(log):
         return store_of(log).state().identity

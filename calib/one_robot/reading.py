@@ -57,7 +57,7 @@ def _nominal_wheels(job: Job) -> tuple[float, float] | None:
 
 
 def nominal_of(settings: Settings, drive: Correspondences) -> Nominal | None:
-    """Return the nominal wheels that results are given against: the user's, else those that the log tells."""
+    """Return the nominal wheels that results are given against: the user's, else those that the log gives."""
     source = drive.source
     if settings.nominal is not None or min(source.nominal_radius, source.nominal_separation) <= 0:
         return settings.nominal

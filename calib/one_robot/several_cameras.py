@@ -17,7 +17,7 @@ from boxcal.calib.results.verdict import Level, Reason
 from boxcal.calib.settings import CORRESPONDENCES, Job, listed
 
 Tell = Callable[[str, str, float], None]
-"""Told a stage, what goes on in it, and what share of all is done."""
+"""Called with a stage, what goes on in it, and the fraction of all that is done."""
 
 
 def calibrate_cameras_of(job: Job, tell: Tell, read_share: float, solved_share: float) -> Calibration:
@@ -30,9 +30,9 @@ def calibrate_cameras_of(job: Job, tell: Tell, read_share: float, solved_share: 
     job
         The robot; its settings say which cameras.
     tell
-        Told how far the work is.
+        Called with how far the work is.
     read_share, solved_share
-        Shares of the whole work that are done once all is read, and solved.
+        Fractions of the whole work that are done once all is read, and solved.
 
     Raises
     ------

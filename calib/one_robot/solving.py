@@ -29,9 +29,9 @@ _SAME_FOCAL, _SAME_SEPARATION = 0.03, 0.4
 wheels rough."""
 
 _SAME_DRIVE = 0.5
-"""Share of the shorter drive's wheel samples that agree in time and angles from which on two are one drive."""
+"""Fraction of the shorter drive's wheel samples that agree in time and angles from which on two are one drive."""
 _NOT_TOLD = 0.3
-"""Relative standard deviation of a wheel's size from which on an estimate tells nothing of the wheels."""
+"""Relative standard deviation of a wheel's size from which on an estimate carries no information about the wheels."""
 
 
 def solve(job: Job, look: FirstLook) -> Calibration:
@@ -117,7 +117,7 @@ def _why_replaced(steps: Sequence[FourSteps]) -> str:
 
 
 def _check_told(found: Estimate, look: FirstLook) -> None:
-    """Refuse wheels of no size, and those of which nothing is told.
+    """Refuse wheels of no size, and those of which the data say nothing.
 
     That is where the four steps found no answer before, or where few legs are left of which the wheels' travel is
     known: these fit any wheels.
@@ -165,7 +165,7 @@ def options_of(job: Job) -> EstimateOptions:
 
 
 def check_drives_differ(job: Job, drives: Sequence[Correspondences]) -> None:
-    """Refuse a drive that is given twice, whole or in part: counted twice it makes all look surer than it is."""
+    """Refuse a drive that is given twice, whole or in part: counted twice it makes all sigmas too small."""
     for j, drive in enumerate(drives):
         for i, before in enumerate(drives[:j]):
             a, b = before.wheels, drive.wheels

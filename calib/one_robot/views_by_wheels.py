@@ -32,7 +32,7 @@ def views_by_wheels(drive: Correspondences) -> PredictedViews | None:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Path:
-    """The way of a robot by its wheels from the first stop to the last, sample by sample.
+    """The path of a robot by its wheels from the first stop to the last, sample by sample.
 
     Attributes
     ----------
@@ -78,7 +78,7 @@ class _Path:
 
 
 def _path(drive: Correspondences, steps: FourSteps) -> _Path:
-    """Return the way between the stops that the closed form used."""
+    """Return the path between the stops that the closed form used."""
     stops, wheels = [drive.stops[k] for k in steps.camera.kept], drive.wheels
     way = slice(stops[0].last_sample, stops[-1].first_sample + 1)
     dphi_R, dphi_L = np.diff(wheels.phi_R[way]), np.diff(wheels.phi_L[way])

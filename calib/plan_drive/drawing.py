@@ -1,4 +1,4 @@
-"""The drawing of a plan from above: box, floor, stops with their arrows and order, and the ways between."""
+"""The drawing of a plan from above: box, floor, stops with their arrows and order, and the paths between."""
 
 from math import ceil, cos, pi, sin
 from typing import TYPE_CHECKING, Any
@@ -50,7 +50,7 @@ def picture_bytes(plan: DrivePlan, side: float = 640.0) -> bytes:
 
 
 def _extent(plan: DrivePlan) -> tuple[Array, Array]:
-    """Return the corners of what is drawn, m: ways and box, and obstacles near them."""
+    """Return the corners of what is drawn, m: paths and box, and obstacles near them."""
     box = plan.target.box
     points = np.concatenate([*path_points(plan), plan.poses[:, :2], [[box.width / 2, box.depth / 2]]])
     points = np.concatenate([points, [[-box.width / 2, -box.depth / 2]]])
@@ -58,7 +58,7 @@ def _extent(plan: DrivePlan) -> tuple[Array, Array]:
 
 
 def path_points(plan: DrivePlan) -> list[Array]:
-    """Return the points (N, 2), m, of the way to each stop after the first."""
+    """Return the points (N, 2), m, of the path to each stop after the first."""
     out = []
     for before, stop in zip(plan.stops[:-1], plan.stops[1:], strict=True):
         x, y, heading = (float(v) for v in before.pose)

@@ -33,7 +33,7 @@ class TapedStop:
     heading_deg
         Of the arrow, counterclockwise from the direction out of face 0.
     drive
-        Way from the stop before, in words.
+        Path from the stop before, in words.
     """
 
     number: int
@@ -61,7 +61,7 @@ def taped_stops(plan: DrivePlan) -> tuple[TapedStop, ...]:
 
 
 def way_in_words(stop: PlannedStop) -> str:
-    """Return the way to a stop: turns to the degree, straights to the centimetre; small turns go without saying."""
+    """Return the path to a stop: turns to the degree, straights to the centimetre; small turns go without saying."""
     parts = []
     for distance, turn in zip(stop.distance, stop.turn, strict=True):
         side = "left" if turn > 0 else "right"

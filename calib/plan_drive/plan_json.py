@@ -57,7 +57,7 @@ def stop_document(stop: PlannedStop) -> dict[str, Any]:
 
 
 def bar_document(bar: Bar) -> dict[str, Any]:
-    """Return one figure as JSON has it; what nothing tells is null."""
+    """Return one value as JSON has it; undetermined values are null."""
     return {
         "name": bar.name,
         "label": bar.label,

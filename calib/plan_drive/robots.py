@@ -1,4 +1,4 @@
-"""Robots to plan for: from a calibration, a fleet of them, a URDF or a few figures; and as they might also be."""
+"""Robots to plan for: from a calibration, a fleet of them, a URDF or a few dimensions; and as they might also be."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -38,7 +38,7 @@ class Doubt:
     direction : rad
         Of the camera's yaw and pitch.
     place : m
-        Of the camera's place, each way.
+        Of the camera's place, along each axis.
     """
 
     focal: float = 0.0
@@ -47,12 +47,12 @@ class Doubt:
 
 
 ROUGH = Doubt(focal=0.08, direction=radians(3.0), place=0.015)
-"""Of a robot of which a data sheet or a URDF tells."""
+"""Usual values for a robot that only a data sheet or a URDF describes."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Figures:
-    """Figures of a robot that a user gives; what is None is left as it is.
+    """Dimensions of a robot that a user gives; what is None is left as it is.
 
     Attributes
     ----------
@@ -77,7 +77,7 @@ class Figures:
     pitch: float | None = None
 
     def applied(self, robot: Robot) -> Robot:
-        """Return a robot with these figures in place of its own."""
+        """Return a robot with these dimensions in place of its own."""
         if self.image_size is not None or self.field_of_view is not None:
             robot = _with_camera(robot, self.image_size or robot.image_size, self.field_of_view)
         b = self.wheel_separation or robot.b
@@ -95,7 +95,7 @@ class Figures:
 
 
 def _with_camera(robot: Robot, size: tuple[int, int], field_of_view: float | None) -> Robot:
-    """Return a robot whose camera has another picture: the focal length grows with it unless the field is given."""
+    """Return a robot whose camera has another image: the focal length grows with it unless the field is given."""
     width, height = size
     scale = width / robot.image_size[0]
     f = robot.camera.fu * scale if field_of_view is None else width / 2 / tan(field_of_view / 2)
@@ -157,7 +157,7 @@ def _looks(robot: Robot) -> Array:
 
 
 def urdf_robot(content: bytes, name: str, link: str | None) -> Robot:
-    """Return the robot of a URDF; its camera's field of view is the usual one, since a URDF does not tell it.
+    """Return the robot of a URDF; its camera's field of view is the usual one, since a URDF does not say it.
 
     Raises
     ------
@@ -174,7 +174,7 @@ def urdf_robot(content: bytes, name: str, link: str | None) -> Robot:
 
 
 def might_be(robot: Robot, doubt: Doubt) -> tuple[Robot, ...]:
-    """Return the robot as it might also be: at the corners of one standard deviation of what is not sure.
+    """Return the robot as it might also be: at the corners of one standard deviation of what is uncertain.
 
     Without doubt there are none.
     """

@@ -1,1 +1,1 @@
-"""Planning of drives: where the next stops tell most, and which whole drive is enough."""
+"""Planning of drives: where the next stops are most informative, and which whole drive is enough."""

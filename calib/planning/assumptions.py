@@ -1,4 +1,4 @@
-"""Assumptions on noise, floor and box where no drive has told of them yet."""
+"""Assumptions on noise, floor and box where no drive has measured them yet."""
 
 from dataclasses import dataclass, field
 from math import radians
@@ -31,7 +31,7 @@ class Assumptions:
     target
         How well the box was made, by variance component.
     min_side_px : px
-        Shortest side of a tag that is surely read.
+        Shortest side of a tag that is read reliably.
     joint_rate_hz : Hz
         Wheel samples a second.
     max_speed : m/s
@@ -120,7 +120,7 @@ _VAGUE_COEFFICIENT = 1.0
 def vague_sigma(names: tuple[str, ...], robot: Robot) -> Array:
     """Return standard deviations (n,) so large that they only keep a first stop's equations solvable; infinite if none.
 
-    Of lengths and of the camera they are shares of the values.
+    Of lengths and of the camera they are fractions of the values.
     """
     scale = {
         **dict.fromkeys(("fu", "fv", "cu", "cv"), (abs(robot.camera.fu) + abs(robot.camera.fv)) / 2),

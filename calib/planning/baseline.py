@@ -18,7 +18,7 @@ from boxcal.target.arrays import Array
 
 _RINGS = np.arange(0.3, 1.6, 0.1)
 _CANDIDATES = 8
-"""The search is made for its ways and figures only."""
+"""The search is made for its paths and quantities only."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -32,7 +32,7 @@ class Baseline:
     poses : (P, 3), m and rad
         Its stops.
     values : (6,)
-        Figures in the order of :class:`boxcal.calib.planning.goal.Goal`.
+        Quantities in the order of :class:`boxcal.calib.planning.goal.Goal`.
     """
 
     name: str
@@ -43,7 +43,7 @@ class Baseline:
 def baselines(plan: DrivePlan) -> tuple[Baseline, ...]:
     """Return an even ring (the best of several distances) and random stops, of as many stops as a plan has.
 
-    What has no free way on the plan's floor is left out.
+    What has no free path on the plan's floor is left out.
     """
     count, robot, target, options = len(plan.stops), plan.robot, plan.target, plan.options
     search = make_search(
@@ -70,7 +70,7 @@ def baselines(plan: DrivePlan) -> tuple[Baseline, ...]:
 
 
 def drive_of(search: Search, name: str, poses: Array) -> Baseline | None:
-    """Return a drive of given stops with a search's ways and figures; None if it is blocked or does not see the box."""
+    """Return a drive of given stops with a search's paths and quantities; None if it is blocked or misses the box."""
     model = search.model
     seen = tags_seen(model.robot, model.target, poses, model.assumptions.min_side_px, margin=0.0)
     if not (np.all(seen.any(axis=1)) and np.all(search.router.space.free(poses[:, :2]))):

@@ -1,4 +1,4 @@
-"""Places to stop at: poses around the box from which enough of its tags are read, and what their pictures tell."""
+"""Places to stop at: poses around the box from which enough of its tags are read, and their images' information."""
 
 from dataclasses import dataclass
 from math import atan2, ceil, hypot, pi
@@ -31,7 +31,7 @@ def enough_tags(target: Target) -> int:
 
 
 def good_views(target: Target, seen: Mask) -> Mask:
-    """Tell which views (N, T) show enough: one face well, or two faces half as well each."""
+    """Return which views (N, T) show enough: one face well, or two faces half as well each."""
     faces = np.sort(tags_by_face(target, seen), axis=1)
     need = enough_tags(target)
     return np.asarray((faces[:, -1] >= need) | (faces[:, -2] >= need / 2))
@@ -73,7 +73,7 @@ def draw_poses(
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Candidates:
-    """C places to stop at, and what each one's picture would tell.
+    """C places to stop at, and the information that each one's image would carry.
 
     Attributes
     ----------
@@ -84,9 +84,9 @@ class Candidates:
     faces : (C, 4)
         How many of each face.
     pictures : (C, n + 3, n + 3)
-        Information of each picture on the shared unknowns and on x, y, heading.
+        Information of each image on the shared unknowns and on x, y, heading.
     problem, state
-        Likelihood of all these pictures, for what legs need of it.
+        Likelihood of all these images, for what legs need of it.
     """
 
     poses: Array

@@ -1,4 +1,4 @@
-"""Information of a drive stop by stop: what all pictures and legs so far tell of shared unknowns and the last stop.
+"""Information of a drive stop by stop: what all images and legs so far carry about shared unknowns and the last stop.
 
 A leg couples neighbouring stops only, so a stop may be eliminated as soon as the next one stands: what remains is one
 matrix of the shared unknowns and of the last stop's five (x, y, heading, two encoder errors), however long the drive.
@@ -24,7 +24,7 @@ def first_stop(prior: Array, pictures: Array) -> Array:
     prior : (n, n)
         Of the shared unknowns.
     pictures : (N, n + 3, n + 3)
-        What each picture tells of them and of x, y and heading.
+        Information of each image about them and about x, y and heading.
     """
     n = len(prior)
     out = stop_alone(pictures)
@@ -33,7 +33,7 @@ def first_stop(prior: Array, pictures: Array) -> Array:
 
 
 def stop_alone(pictures: Array) -> Array:
-    """Return the information of pictures alone with their stops' encoder errors, (N, n + 5, n + 5)."""
+    """Return the information of images alone with their stops' encoder errors, (N, n + 5, n + 5)."""
     N, m = pictures.shape[:2]
     out = np.zeros((N, m + _ENCODERS, m + _ENCODERS))
     out[:, :m, :m] = pictures
@@ -49,15 +49,15 @@ def append(before: Array, legs: Array, pictures: Array) -> Array:
     before : (n + 5, n + 5) or (N, n + 5, n + 5)
         Of shared unknowns and the last stop.
     legs : (N, 13, 13)
-        What the wheels tell of the way from it: of (rR, rL, b), its five unknowns and the next stop's.
+        Information of the wheels about the path from it: about (rR, rL, b), its five unknowns and the next stop's.
     pictures : (N, n + 3, n + 3)
-        What the next stop's picture tells.
+        Information of the next stop's image.
     """
     return through(before, legs) + stop_alone(pictures)
 
 
 def through(before: Array, legs: Array) -> Array:
-    """Return what stops on one side of legs tell of shared unknowns and the stops on the other, (N, n + 5, n + 5).
+    """Return the information of one side of legs about shared unknowns and the other side's stops, (N, n + 5, n + 5).
 
     Parameters
     ----------
@@ -93,7 +93,7 @@ def of_shared(chain: Array) -> Array:
 
 
 def figure_values(found: Figures, information: Array) -> Array:
-    """Return the figures' standard deviations, (N, 6), for information (N, n, n) of the shared unknowns."""
+    """Return the quantities' standard deviations, (N, 6), for information (N, n, n) of the shared unknowns."""
     d = 1 / np.sqrt(np.einsum("...ii->...i", information))
     scaled = information * d[..., :, None] * d[..., None, :]
     right = np.swapaxes(found.rows * d[..., None, :], -1, -2)

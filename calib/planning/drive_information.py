@@ -32,7 +32,7 @@ class DriveInformation:
     Attributes
     ----------
     model
-        Robot, box and noise as the drive told them.
+        Robot, box and noise as the drive determined them.
     names : n
         Shared unknowns.
     chain : (n + 5, n + 5)
@@ -40,7 +40,7 @@ class DriveInformation:
     poses : (P, 3), m and rad
         Stops so far; the robot stands at the last one.
     slip_doubt
-        Standard deviation of the wheels' slip over its value, on which what wheels will tell depends; None if it was
+        Standard deviation of the wheels' slip over its value, on which the wheels' information depends; None if it was
         assumed.
     """
 
@@ -97,7 +97,7 @@ class Solved:
 
     @property
     def slip_doubt(self) -> float | None:
-        """Standard deviation of the slip over its value; None where the legs are too few to tell it."""
+        """Standard deviation of the slip over its value; None where the legs are too few to estimate it."""
         if sum(int(used.sum()) for used in self.legs_used) < LEGS_FOR_SLIP:
             return None
         return self.slip_spread
@@ -199,7 +199,7 @@ def _number_of(drive: Correspondences, t_start_ns: int) -> int:
 def information_of(
     solved: Solved, drives: Sequence[Correspondences], target: Target, robot: str = ""
 ) -> DriveInformation:
-    """Return what drives have told, about the result that was made from them; nothing is solved anew.
+    """Return the information of drives about the result that was made from them; nothing is solved anew.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Dubins curves: shortest ways between poses for a given turning radius, of two turns and a straight or of three turns.
+"""Dubins curves: shortest paths between poses for a given turning radius, two turns and a straight or three turns.
 
 L. E. Dubins, "On curves of minimal length with a constraint on average curvature", American Journal of Mathematics
 79:497-516, 1957, DOI 10.2307/2372560; closed forms after A. M. Shkel and V. Lumelsky, "Classification of the Dubins

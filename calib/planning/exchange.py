@@ -12,12 +12,12 @@ from boxcal.target.arrays import Array, Ids
 
 _SWEEPS = 3
 _GAIN = 1e-3
-"""Relative gain below which an exchange is not worth it."""
+"""Relative gain below which an exchange is not made."""
 _MISSING = 0.5
-"""Cost of a face of the box that no stop shows well, as a share of the whole."""
+"""Cost of a face of the box that no stop shows well, as a fraction of the whole."""
 
 Cost = Callable[[Array, Array], Array]
-"""Cost (N,) of drives from their figures (N, 6) and times (N,)."""
+"""Cost (N,) of drives from their quantities (N, 6) and times (N,)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -27,7 +27,7 @@ class Problem:
     Attributes
     ----------
     searches
-        The robot as it probably is, then as it might be: of each figure the worst among them counts.
+        The robot as it probably is, then as it might be: of each quantity the worst among them counts.
     priors
         Information on their shared unknowns before any stop.
     faces
@@ -44,9 +44,9 @@ class Problem:
         return self.searches[0]
 
     def worst(self, tour: Tour) -> Worth:
-        """Return what a drive gives whichever robot it is: the largest of each figure among them, and of the time.
+        """Return what a drive gives whichever robot it is: the largest of each quantity among them, and of the time.
 
-        One robot may be worst in one figure and another in the next: a goal is reached if all of them reach it.
+        One robot may be worst in one quantity and another in the next: a goal is reached if all of them reach it.
         """
         found = [worth(s, p, tour) for s, p in zip(self.searches, self.priors, strict=True)]
         return replace(
@@ -64,7 +64,7 @@ class Problem:
 
 
 def greedy(problem: Problem, stops: int, enough: Callable[[Array], bool]) -> Tour:
-    """Return a drive that takes at each stop the next that helps most, until it is enough or has so many stops."""
+    """Return a drive that takes at each stop the next that helps most, until it is enough or has the most stops."""
     search = problem.nominal
     step: Step | None = search.first(problem.priors[0])
     rows, spins = [], []
@@ -80,8 +80,8 @@ def greedy(problem: Problem, stops: int, enough: Callable[[Array], bool]) -> Tou
 def improved(problem: Problem, tour: Tour, cost: Cost, *, sweeps: int = _SWEEPS) -> Tour:
     """Return the drive after stops were exchanged for candidates as long as that lowers the cost.
 
-    Candidates are compared for the robot as it probably is; a change is made only if it is better by the worst figures
-    among all that it might be.
+    Candidates are compared for the robot as it probably is; a change is made only if it is better by the worst
+    quantities among all that it might be.
     """
     now = total(problem, tour, cost)
     for _ in range(sweeps):
@@ -99,7 +99,7 @@ def improved(problem: Problem, tour: Tour, cost: Cost, *, sweeps: int = _SWEEPS)
 
 
 def total(problem: Problem, tour: Tour, cost: Cost) -> float:
-    """Return the cost of a drive, faces that it does not show included; infinite where a way is blocked."""
+    """Return the cost of a drive, faces that it does not show included; infinite where a path is blocked."""
     found = problem.worst(tour)
     if not found.possible:
         return np.inf
@@ -130,6 +130,6 @@ def _best_at(problem: Problem, tour: Tour, k: int, cost: Cost) -> Tour | None:
 
 
 def _seconds_at(problem: Problem, tour: Tour, k: int) -> float:
-    """Return the time of the ways to and from one stop of a drive, s."""
+    """Return the time of the paths to and from one stop of a drive, s."""
     seconds = seconds_of(problem.nominal, ways_of(problem.nominal, tour))
     return float(seconds[max(k - 1, 0) : k + 1].sum())

@@ -63,7 +63,7 @@ class FreeSpace:
     solid: Array
 
     def free(self, xy: Array) -> Mask:
-        """Tell which points (N, 2) the origin may be at."""
+        """Return which points (N, 2) the origin may be at."""
         inside = np.all((xy >= self.low) & (xy <= self.high), axis=1)
         x0, y0, x1, y1 = self.blocked.T
         x, y = xy[:, :1], xy[:, 1:]
@@ -71,7 +71,7 @@ class FreeSpace:
         return np.asarray(inside & ~np.any(hit, axis=1))
 
     def clear(self, start: Array, end: Array) -> Mask:
-        """Tell which straight ways from points (N, 2) to points (N, 2) touch nothing (slab method)."""
+        """Return which straight paths from points (N, 2) to points (N, 2) touch nothing (slab method)."""
         low, high, ignored = self._in_the_way(start, end)
         p, d = start[:, None], (end - start)[:, None]  # (N, 1, 2)
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -84,9 +84,9 @@ class FreeSpace:
         return np.asarray(~np.any(hit & ~ignored, axis=1))
 
     def _in_the_way(self, start: Array, end: Array) -> tuple[Array, Array, Mask]:
-        """Return the rectangles' corners (N, K, 2), and which of them do not count (N, K), for ways between points.
+        """Return the rectangles' corners (N, K, 2), and which of them do not count (N, K), for paths between points.
 
-        A robot that stands closer than it should may drive away: then only what it would touch is in the way, and what
+        A robot that stands closer than it should may drive away: then only what it would touch is an obstacle, and what
         it touches already is not.
         """
 

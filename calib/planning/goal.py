@@ -18,7 +18,7 @@ from boxcal.target.arrays import Array
 from boxcal.target.camera.camera_model import project_with_jacobians
 
 PROJECTION_M = 1.0
-"""Distance of the points whose image tells how good camera and extrinsics are together, m."""
+"""Distance of the points whose image shows how good camera and extrinsics are together, m."""
 _GRID = (8, 6)
 _SEEN = 1e-12
 
@@ -65,19 +65,19 @@ LABELS = {
     "place": ("Place of the camera", "m"),
     "projection": ("Image of a point 1 m away", "px"),
 }
-"""Names of the figures, in words, and their units."""
+"""Names of the quantities, in words, and their units."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Bar:
-    """One figure that a user cares about, beside its goal.
+    """One quantity that a user cares about, beside its goal.
 
     Attributes
     ----------
     name, label, unit
-        Name as in :class:`Goal`, in words, and the unit of both figures: m, rad or px.
+        Name as in :class:`Goal`, in words, and the unit of both quantities: m, rad or px.
     value
-        Standard deviation; infinite where nothing tells it.
+        Standard deviation; infinite where it is undetermined.
     goal
         What is wanted.
     """
@@ -90,7 +90,7 @@ class Bar:
 
     @property
     def ratio(self) -> float:
-        """The figure over its goal: 1 and less is enough."""
+        """The quantity over its goal: 1 and less is enough."""
         return self.value / self.goal
 
     @property
@@ -106,16 +106,16 @@ def worst(bars: Sequence[Bar]) -> Bar:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Figures:
-    """The figures of :class:`Goal` as linear functions of the shared unknowns.
+    """The quantities of :class:`Goal` as linear functions of the shared unknowns.
 
     Attributes
     ----------
     rows : (K, n)
         Change of each linear function by the unknowns, in the order and terms of the covariance that it is meant for.
     spans
-        The rows of each figure, in the order of ``Goal``.
+        The rows of each quantity, in the order of ``Goal``.
     goals : (6,)
-        Goals of the figures.
+        Goals of the quantities.
     """
 
     rows: Array
@@ -123,7 +123,7 @@ class Figures:
     goals: Array
 
     def from_variances(self, variance: Array) -> Array:
-        """Return the figures' standard deviations, (..., 6), from the rows' variances (..., K).
+        """Return the quantities' standard deviations, (..., 6), from the rows' variances (..., K).
 
         Position and image are roots of the sum over both coordinates; direction and place are those of the worst axis.
         """
@@ -135,7 +135,7 @@ class Figures:
         return np.asarray(np.sqrt(np.stack(squares, axis=-1)))
 
     def bars(self, cov: Array) -> tuple[Bar, ...]:
-        """Return the bars of a covariance (n, n); a figure that hangs on what is not determined is infinite."""
+        """Return the bars of a covariance (n, n); a quantity that hangs on what is not determined is infinite."""
         unknown = ~np.isfinite(np.diag(cov))
         finite = np.where(unknown[:, None] | unknown, 0.0, cov)
         variance = np.einsum("ki,ij,kj->k", self.rows, finite, self.rows)
@@ -143,7 +143,7 @@ class Figures:
         return self.as_bars(self.from_variances(np.where(open_, inf, np.maximum(variance, 0.0))))
 
     def as_bars(self, values: Array) -> tuple[Bar, ...]:
-        """Return bars of the figures' values (6,)."""
+        """Return bars of the quantities' values (6,)."""
         return tuple(
             Bar(name=name, label=label, unit=unit, value=float(value), goal=float(goal))
             for (name, (label, unit)), value, goal in zip(LABELS.items(), values, self.goals, strict=True)
@@ -159,7 +159,7 @@ def figures(
     image_size: tuple[int, int],
     goal: Goal,
 ) -> Figures:
-    """Return the figures by the shared unknowns, the extrinsics' translation along the body's axes.
+    """Return the quantities by the shared unknowns, the extrinsics' translation along the body's axes.
 
     Parameters
     ----------
@@ -211,7 +211,7 @@ def _projection(at: dict[str, int], n: int, robot: KnownRobot, image_size: tuple
 
 
 def along_camera(found: Figures, R_body_cam: Array) -> Figures:
-    """Return figures that take the extrinsics' translation along the camera's axes, as the solver has it."""
+    """Return quantities that take the extrinsics' translation along the camera's axes, as the solver has it."""
     rows = found.rows.copy()
     rows[:, TRANSLATION] = rows[:, TRANSLATION] @ R_body_cam
     return replace(found, rows=rows)

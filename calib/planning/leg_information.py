@@ -1,4 +1,4 @@
-"""Information of the wheels on a way from one stop to the next."""
+"""Information of the wheels on a path from one stop to the next."""
 
 from dataclasses import replace
 
@@ -18,7 +18,7 @@ _PIECES = 8
 
 
 def wheel_path_of(ways: Ways, wheels: Array) -> WheelPath:
-    """Return the wheels' travel along ways, each arc cut into a few samples."""
+    """Return the wheels' travel along paths, each arc cut into a few samples."""
     N, A = ways.distance.shape
     half = wheels[2] / 2
     right = (ways.distance + half * ways.turn) / wheels[0] / _PIECES
@@ -38,16 +38,16 @@ def wheel_path_of(ways: Ways, wheels: Array) -> WheelPath:
 def leg_information_of(
     model: Model, of_pictures: tuple[Problem, State], ways: Ways, *, start: Array, end: Array
 ) -> Array:
-    """Return what ways tell of (rR, rL, b) and of the unknowns of both stops in the chain, (N, 13, 13).
+    """Return the information of paths about (rR, rL, b) and the unknowns of both stops in the chain, (N, 13, 13).
 
     Parameters
     ----------
     model
         Robot and noise.
     of_pictures
-        Likelihood of pictures of the same robot; where they stand does not matter.
+        Likelihood of images of the same robot; where they stand does not matter.
     ways
-        N ways.
+        N paths.
     start, end : (N, 3), m and rad
         Poses at their ends.
     """

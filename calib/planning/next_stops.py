@@ -1,4 +1,4 @@
-"""The stops that would tell most next, with how much they promise."""
+"""The most informative next stops, with how much they promise."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -49,14 +49,14 @@ class NextStop:
     tags, faces
         How many tags are read there, and of which faces.
     turn : rad
-        Net change of heading on the way there.
+        Net change of heading on the path there.
     way : m
-        Length of the way there.
+        Length of the path there.
     before, after
-        Figures that the user cares about before and after this stop.
+        Quantities that the user cares about before and after this stop.
     promise
-        Range of what will be found, over the figures computed with the slip as it is known now; those after this stop
-        are the middle of it.
+        Range of what will be found, over the quantities computed with the slip as it is known now; those after this
+        stop are the middle of it.
     """
 
     x: float
@@ -72,7 +72,7 @@ class NextStop:
     promise: Promise
 
     def promised(self, bar: Bar) -> str:
-        """Return between what values one of the figures after this stop will lie, nine times in ten."""
+        """Return between what values one of the quantities after this stop will lie, nine times in ten."""
         ends = (self.promise.low, self.promise.high)
         low, high = (said(replace(bar, value=bar.value * end / self.promise.middle)) for end in ends)
         return f"{low} to {high}"
@@ -92,7 +92,7 @@ class NextStop:
 
 
 def said(bar: Bar) -> str:
-    """Return a bar's figure as people say it."""
+    """Return a bar's value as people say it."""
     if not np.isfinite(bar.value):
         return "unknown"
     if bar.unit == "rad":
@@ -114,9 +114,9 @@ def what_next(
     count: int = 3,
     seed: int = 0,
 ) -> tuple[NextStop, ...]:
-    """Return the stops that bring the worst figure down most, each driven to from the one before.
+    """Return the stops that bring the worst quantity down most, each driven to from the one before.
 
-    There may be fewer than were asked for, or none, where no way there is free.
+    There may be fewer than were asked for, or none, where no path there is free.
 
     Parameters
     ----------
@@ -153,7 +153,7 @@ def next_stops(
     count: int = 3,
     seed: int = 0,
 ) -> tuple[NextStop, ...]:
-    """Return the best stops after a drive, and what each promises of the given figures: they shrink as computed."""
+    """Return the best stops after a drive, and what each promises of the given quantities: they shrink as computed."""
     model, n = known.model, len(known.names)
     robot = model.robot
     rng = np.random.default_rng([seed, len(known.poses)])
@@ -220,7 +220,7 @@ def first_stops(
 
 
 def _columns(names: tuple[str, ...], of_pictures: tuple[str, ...]) -> Ids:
-    """Return where each unknown of new pictures stands in a drive's; the floor is that of its last drive."""
+    """Return where each unknown of new images stands in a drive's; the floor is that of its last drive."""
     at = {name: k for k, name in enumerate(names)}
     last = max((int(name.rsplit("_", 1)[1]) for name in names if name.startswith("tilt_x_")), default=0)
     wanted = [f"{name}_{last}" if last and name.startswith("tilt_") else name for name in of_pictures]
@@ -228,7 +228,7 @@ def _columns(names: tuple[str, ...], of_pictures: tuple[str, ...]) -> Ids:
 
 
 def _in_order(pictures: Array, rows: Ids, n: int) -> Array:
-    """Return pictures' information with the shared unknowns where a drive has them, (N, n + 3, n + 3)."""
+    """Return images' information with the shared unknowns where a drive has them, (N, n + 3, n + 3)."""
     if len(rows) == n and np.array_equal(rows, np.arange(n)):
         return pictures
     at = np.concatenate([rows, n + np.arange(PER_STOP - 2)])

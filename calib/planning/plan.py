@@ -1,4 +1,4 @@
-"""The plan of a whole drive: the fewest stops that reach the goals, or the best drive of so many stops."""
+"""The plan of a whole drive: the fewest stops that reach the goals, or the best drive of a given number of stops."""
 
 from dataclasses import dataclass, field, replace
 from math import inf
@@ -25,7 +25,7 @@ _MOST_STOPS = 40
 _NEAR = 1.4
 """How far from its goal a greedy drive may be for an exchange to be tried."""
 _A_MINUTE = 0.02
-"""What a minute of driving costs in a drive of so many stops, as a share of its sigmas."""
+"""What a minute of driving costs in a drive of this many stops, as a fraction of its sigmas."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -41,7 +41,7 @@ class PlanOptions:
     least_stops
         The fewest that are planned where the number is free.
     criterion
-        What of the figures over their goals is to be small.
+        What of the quantities over their goals is to be small.
     floor
         Where the robot may drive.
     distances
@@ -76,14 +76,14 @@ class PlanOptions:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PlannedStop:
-    """One stop of a planned drive, and the way to it.
+    """One stop of a planned drive, and the path to it.
 
     Attributes
     ----------
     pose : (3,), m and rad
         x, y, heading of the body in the box's frame; headings run on from stop to stop, whole turns counted.
     distance, turn : (A,), m and rad
-        Arcs of the way from the stop before: way (negative backwards) and change of heading; none at the first.
+        Arcs of the path from the stop before: length (negative backwards) and change of heading; none at the first.
     tags
         How many tags are read.
     faces
@@ -112,9 +112,9 @@ class DrivePlan:
     stops
         In order.
     bars
-        Figures that the drive promises, beside their goals; of each the worst among the robots that were considered.
+        Quantities that the drive promises, beside their goals; of each the worst among the robots that were considered.
     seconds, length : s, m
-        Time and way.
+        Time and path.
     reached
         Whether all goals are reached.
     """
@@ -190,7 +190,7 @@ def _problem(
 
 
 def _as_seen_by(first: Search, robot: Robot, options: PlanOptions) -> Search:
-    """Return the same places and ways for the robot as it might also be."""
+    """Return the same places and paths for the robot as it might also be."""
     model = replace(first.model, robot=robot)
     poses = first.choice.poses
     seen = tags_seen(robot, model.target, poses, model.assumptions.min_side_px, margin=0.0)
@@ -201,7 +201,7 @@ def _as_seen_by(first: Search, robot: Robot, options: PlanOptions) -> Search:
 
 
 def _sure(problem: Problem, options: PlanOptions) -> Cost:
-    """Return the cost of a drive whose stops are given: its figures, and a little its time."""
+    """Return the cost of a drive whose stops are given: its quantities, and a little its time."""
 
     def cost(values: Array, seconds: Array) -> Array:
         ratio = values / problem.nominal.figures.goals

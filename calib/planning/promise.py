@@ -1,4 +1,4 @@
-"""The range in which figures will be found that a further stop promises: it hangs on a slip that is hardly known."""
+"""The range in which quantities will be found that a further stop promises: it hangs on a slip that is hardly known."""
 
 from dataclasses import dataclass
 
@@ -10,13 +10,13 @@ _OTHERWISE = 0.12
 """Relative change of what is found for other reasons: a stop is not met to the centimetre, legs may count for less."""
 _LEAST_FREEDOM = 3.0
 _ASSUMED = (0.25, 0.75, 1.6)
-"""Range where slip was assumed: that is a careful figure, which few wheels surpass."""
+"""Range where slip was assumed: that is a cautious value, which few wheels surpass."""
 _SURE = 1e-3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Promise:
-    """Factors on figures that were computed with the slip as it is known now.
+    """Factors on quantities that were computed with the slip as it is known now.
 
     Attributes
     ----------
@@ -32,10 +32,10 @@ class Promise:
 
 
 def promise_of(slip_doubt: float | None, stops: int) -> Promise:
-    """Return in what range figures will be found after further stops.
+    """Return in what range quantities will be found after further stops.
 
     The slip's variance is known as from some degrees of freedom; each leg adds two, one a wheel. What they will say,
-    over what is known, is F-distributed. Figures are averaged over the slip, whose doubt makes them larger at first.
+    over what is known, is F-distributed. Quantities are averaged over the slip, whose doubt makes them larger at first.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The search for the next stop: all candidates with all ways there, on one floor, for one robot."""
+"""The search for the next stop: all candidates with all paths there, on one floor, for one robot."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -28,13 +28,13 @@ class Step:
     whole_turns
         Whole turns on the spot to make there, to the left.
     turn : rad
-        Net change of heading on the way.
+        Net change of heading on the path.
     length : m
-        Of the way.
+        Of the path.
     chain : (n + 5, n + 5)
         Information of the drive with it.
     values : (6,)
-        Figures after it.
+        Quantities after it.
     """
 
     row: int
@@ -47,7 +47,7 @@ class Step:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Search:
-    """Candidates, ways and figures of one robot on one floor.
+    """Candidates, paths and quantities of one robot on one floor.
 
     Attributes
     ----------
@@ -56,9 +56,9 @@ class Search:
     choice
         Places to stop at.
     router
-        Ways.
+        Paths.
     figures
-        What is to become sure, by the shared unknowns in the solver's terms.
+        What is to become certain, by the shared unknowns in the solver's terms.
     criterion
         What of it is to be small.
     """
@@ -70,11 +70,11 @@ class Search:
     criterion: Criterion
 
     def score(self, values: Array) -> Array:
-        """Return one number for figures (..., 6): smaller is better."""
+        """Return one number for quantities (..., 6): smaller is better."""
         return score(values / self.figures.goals, self.criterion)
 
     def appended(self, chain: Array, here: Array, rows: Ids, ways: Ways) -> Array:
-        """Return the information after ways from a pose (3,) to candidates (N,), (N, n + 5, n + 5)."""
+        """Return the information after paths from a pose (3,) to candidates (N,), (N, n + 5, n + 5)."""
         there = self.choice.poses[rows]
         start = np.broadcast_to(here, there.shape)
         legs = leg_information_of(self.model, (self.choice.problem, self.choice.state), ways, start=start, end=there)
@@ -124,7 +124,7 @@ def make_search(
     count: int = 150,
     rng: np.random.Generator,
 ) -> Search:
-    """Return candidates, ways and figures for a robot on a floor.
+    """Return candidates, paths and quantities for a robot on a floor.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Information of a stop's picture on the shared unknowns and on where the robot stands."""
+"""Information of a stop's image on the shared unknowns and on where the robot stands."""
 
 from dataclasses import replace
 
@@ -40,7 +40,7 @@ def expected_views(model: Model, poses: Array, seen: Mask) -> Views:
 
 
 def expected_problem(model: Model, poses: Array, seen: Mask) -> tuple[Problem, State]:
-    """Return the likelihood's data and state for pictures at poses (N, 3), without wheels."""
+    """Return the likelihood's data and state for images at poses (N, 3), without wheels."""
     options = replace(model.options, lens=model.robot.camera.kind)
     still = np.zeros(0)
     legs = Legs(dphi_R=still, dphi_L=still, ends=(0,) * len(poses), known=np.zeros(len(poses) - 1, dtype=np.bool_))
@@ -59,7 +59,7 @@ def expected_problem(model: Model, poses: Array, seen: Mask) -> tuple[Problem, S
 
 
 def picture_information(model: Model, problem: Problem, state: State) -> Array:
-    """Return what each picture tells of the shared unknowns and its stop's pose, (N, n + 3, n + 3).
+    """Return the information of each image about the shared unknowns and its stop's pose, (N, n + 3, n + 3).
 
     Priors are not in it; lean, height and growth are eliminated.
     """

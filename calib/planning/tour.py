@@ -32,13 +32,13 @@ class Tour:
 
 
 def ways_of(search: Search, tour: Tour) -> Ways:
-    """Return the ways of a drive between its stops."""
+    """Return the paths of a drive between its stops."""
     poses = search.choice.poses[list(tour.rows)]
     return search.router.ways(poses[:-1], poses[1:]).with_whole_turns(np.array(tour.spins[1:], dtype=np.int64))
 
 
 def legs_of(search: Search, starts: Array, goals: Array, ways: Ways) -> Array:
-    """Return the information of ways from poses (N, 3) to poses (N, 3), (N, 13, 13)."""
+    """Return the information of paths from poses (N, 3) to poses (N, 3), (N, 13, 13)."""
     of_pictures = (search.choice.problem, search.choice.state)
     return leg_information_of(search.model, of_pictures, ways, start=starts, end=goals)
 
@@ -50,11 +50,11 @@ class Messages:
     Attributes
     ----------
     before : (P, n + 5, n + 5)
-        Of shared unknowns and each stop, from the stops up to it and with its picture.
+        Of shared unknowns and each stop, from the stops up to it and with its image.
     after : (P, n + 5, n + 5)
         The same from the stops that follow it.
     legs : (P - 1, 13, 13)
-        Of the ways.
+        Of the paths.
     """
 
     before: Array
@@ -78,18 +78,18 @@ def messages(search: Search, prior: Array, tour: Tour, ways: Ways) -> Messages:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Worth:
-    """Figures, time and way of a drive.
+    """Quantities, time and path of a drive.
 
     Attributes
     ----------
     values : (6,)
-        Figures in the order of :class:`boxcal.calib.planning.goal.Goal`.
+        Quantities in the order of :class:`boxcal.calib.planning.goal.Goal`.
     seconds : s
         Time that it takes.
     length : m
-        Its way.
+        Its path.
     possible
-        Whether all ways are free.
+        Whether all paths are free.
     """
 
     values: Array
@@ -99,7 +99,7 @@ class Worth:
 
 
 def seconds_of(search: Search, ways: Ways) -> Array:
-    """Return how long each way takes with the stop at its end, (N,), s."""
+    """Return how long each path takes with the stop at its end, (N,), s."""
     given = search.model.assumptions
     return np.asarray(2 * ways.rolled(search.model.robot.b) / given.max_speed + given.stand_s)
 
@@ -125,9 +125,9 @@ class Replacements:
     rows, spins : (N,)
         The stop there.
     values : (N, 6)
-        Figures.
+        Quantities.
     seconds : (N,)
-        Time of the ways to and from it.
+        Time of the paths to and from it.
     """
 
     rows: Ids

@@ -11,9 +11,9 @@ from boxcal.target.camera.camera_model import project
 from boxcal.target.camera.undistort import radius_limit
 
 _MARGIN = 0.02
-"""How far tags stay off the picture's border, as a share of its width: robots do not stop to the millimetre."""
+"""How far tags stay off the image's border, as a fraction of its width: robots do not stop to the millimetre."""
 _STEEPEST = 0.2
-"""Cosine of the largest angle off a face's normal at which its tags are surely read."""
+"""Cosine of the largest angle off a face's normal at which its tags are read reliably."""
 
 
 def camera_poses(robot: Robot, poses: Array) -> Array:
@@ -36,9 +36,9 @@ def tags_seen(robot: Robot, target: Target, poses: Array, min_side_px: float, ma
     poses : (N, 3), m and rad
         x, y, heading of the body.
     min_side_px : px
-        Shortest side of a tag that is surely read.
+        Shortest side of a tag that is read reliably.
     margin
-        How far they stay off the border, as a share of the image's width.
+        How far they stay off the border, as a fraction of the image's width.
     """
     T_box_cam = camera_poses(robot, poses)
     seen = _slants(target, T_box_cam[:, :3, 3]) > _STEEPEST

@@ -1,4 +1,4 @@
-"""Ways from stop to stop: turns on the spot and straights around what stands there, or curves of a turning radius."""
+"""Paths from stop to stop: turns on the spot and straights around what stands there, or curves of a turning radius."""
 
 from dataclasses import dataclass
 from math import pi
@@ -18,14 +18,14 @@ _MOST_TURN = 2.9 * pi
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Ways:
-    """N ways, each a chain of arcs from standstill to standstill; unused arcs are zero.
+    """N paths, each a chain of arcs from standstill to standstill; unused arcs are zero.
 
     Attributes
     ----------
     distance, turn : (N, A), m and rad
-        Way of the body's origin (negative backwards) and change of heading of each arc.
+        Path length of the body's origin (negative backwards) and change of heading of each arc.
     possible : (N,) bool
-        Whether there is such a way.
+        Whether there is such a path.
     """
 
     distance: Array
@@ -34,19 +34,19 @@ class Ways:
 
     @property
     def length(self) -> Array:
-        """Length of the ways of the body's origin, (N,), m."""
+        """Length of the paths of the body's origin, (N,), m."""
         return np.asarray(np.abs(self.distance).sum(axis=1))
 
     def rolled(self, b: float) -> Array:
-        """Return how far the faster wheel's rim rolls along each way, (N,), m."""
+        """Return how far the faster wheel's rim rolls along each path, (N,), m."""
         return np.asarray((np.abs(self.distance) + b / 2 * np.abs(self.turn)).sum(axis=1))
 
     def take(self, rows: Ids) -> "Ways":
-        """Return some of the ways."""
+        """Return some of the paths."""
         return Ways(distance=self.distance[rows], turn=self.turn[rows], possible=self.possible[rows])
 
     def with_whole_turns(self, turns: Ids) -> "Ways":
-        """Return the ways with whole turns to the left (N,) on the spot at their ends."""
+        """Return the paths with whole turns to the left (N,) on the spot at their ends."""
         turn = self.turn.copy()
         turn[:, -1] += 2 * pi * turns
         within = np.abs(turn.sum(axis=1)) <= _MOST_TURN
@@ -54,7 +54,7 @@ class Ways:
 
 
 class Router:
-    """Ways on one floor: direct ones, else the shortest along the corners of what stands in between."""
+    """Paths on one floor: direct ones, else the shortest along the corners of what stands in between."""
 
     def __init__(self, space: FreeSpace) -> None:
         x0, y0, x1, y1 = (space.blocked + _OFF_CORNER * np.array([-1, -1, 1, 1])).T
@@ -63,7 +63,7 @@ class Router:
         self.between, self.via = self._shortest()
 
     def _shortest(self) -> tuple[Array, Ids]:
-        """Return the lengths of the shortest ways between corners, and the corner to go to next (Floyd-Warshall)."""
+        """Return the lengths of the shortest paths between corners, and the corner to go to next (Floyd-Warshall)."""
         n = len(self.corners)
         length = self._lengths(self.corners)
         following = np.tile(np.arange(n), (n, 1))
@@ -75,7 +75,7 @@ class Router:
         return length, following
 
     def _lengths(self, xy: Array) -> Array:
-        """Return the lengths of straight ways from points (N, 2) to all corners, infinite where blocked."""
+        """Return the lengths of straight paths from points (N, 2) to all corners, infinite where blocked."""
         N, n = len(xy), len(self.corners)
         start, end = np.repeat(xy, n, axis=0), np.tile(self.corners, (N, 1))
         length = np.hypot(*(end - start).T)
@@ -84,7 +84,7 @@ class Router:
     def stations(self, starts: Array, goals: Array) -> tuple[Array, Mask]:
         """Return the places to pass from points (N, 2) to points (N, 2), (N, H, 2), the last the goal.
 
-        Shorter chains repeat their goal. The second array (N,) tells whether there is a way.
+        Shorter chains repeat their goal. The second array (N,) says whether there is a path.
         """
         possible = self.space.clear(starts, goals)
         chains: list[list[Array]] = [[goal] for goal in goals]
@@ -104,7 +104,7 @@ class Router:
         return np.array([chain + [chain[-1]] * (most - len(chain)) for chain in chains]), possible
 
     def ways(self, starts: Array, goals: Array) -> Ways:
-        """Return ways of turns on the spot and straights from poses (N, 3) to poses (N, 3).
+        """Return paths of turns on the spot and straights from poses (N, 3) to poses (N, 3).
 
         The gear of the first straight is that which needs the smaller first turn, and is kept.
         """
@@ -128,12 +128,12 @@ class Router:
         return Ways(distance=distance, turn=turn, possible=possible)
 
     def spins(self) -> Ids:
-        """Return the whole turns on the spot, to the left, that a way may end with."""
+        """Return the whole turns on the spot, to the left, that a path may end with."""
         return np.array([0, 1, -1])
 
 
 class CurveRouter(Router):
-    """Ways of a robot that cannot turn on the spot: Dubins curves, forwards or backwards.
+    """Paths of a robot that cannot turn on the spot: Dubins curves, forwards or backwards.
 
     Parameters
     ----------
@@ -162,7 +162,7 @@ class CurveRouter(Router):
         return Ways(distance=distance, turn=turn, possible=np.isfinite(best))
 
     def _free_along(self, xy: Array) -> Mask:
-        """Tell which chains of points (N, K, 2) are free, and so are the chords between them."""
+        """Return which chains of points (N, K, 2) are free, and so are the chords between them."""
         N, K = xy.shape[:2]
         free: Mask = np.asarray(self.space.free(xy.reshape(-1, 2)).reshape(N, K).all(axis=1))
         chains = xy[free]

@@ -86,7 +86,7 @@ def scene_data(
 
 
 def _frustum(calibration: Calibration, s: SeenStop) -> Array:
-    """Return the far corners (4, 3) of what the camera sees, drawn a sixth of the way to the box."""
+    """Return the far corners (4, 3) of what the camera sees, drawn a sixth of the distance to the box."""
     k, (width, height) = calibration.camera, calibration.image_size
     depth = float(np.clip(np.linalg.norm(s.result.T_box_cam[:3, 3]) / 6, 0.05, 0.3))
     u, v = np.array([-0.5, width - 0.5]), np.array([-0.5, height - 0.5])
@@ -96,7 +96,7 @@ def _frustum(calibration: Calibration, s: SeenStop) -> Array:
 
 
 def projection_data(calibration: Calibration) -> dict[str, Any] | None:
-    """Return how sure the place of a known point's image is, over the image, at some distances; None if unknown."""
+    """Return how certain the place of a known point's image is, over the image, at some distances; None if unknown."""
     detail = calibration.detail
     if detail is None or not np.all(np.isfinite(detail.covariance.matrix)):
         return None

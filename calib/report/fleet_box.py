@@ -19,12 +19,12 @@ _SHAPE = re.compile(r"scale_[xy]|width|depth|seat|ink|bow\d|face\d_\w\w")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ShapeRow:
-    """One figure of the box as the robots found it.
+    """One value of the box as the robots found it.
 
     Attributes
     ----------
     words, unit
-        The figure.
+        The value.
     cells
         As each robot found it, in their order; of large fleets mean, robots that solved for it, and who disagrees.
     agree
@@ -38,7 +38,7 @@ class ShapeRow:
 
 
 def shape_rows(results: Sequence[Calibration]) -> list[ShapeRow]:
-    """Return the box's figures that two robots and more solved for, side by side: all drove around one box."""
+    """Return the box's values that two robots and more solved for, side by side: all drove around one box."""
     found: list[Mapping[str, float]] = [c.detail.extra if c.detail else {} for c in results]
     names = [n for n in dict.fromkeys(n for extra in found for n in extra) if _SHAPE.fullmatch(n)]
     rows = []

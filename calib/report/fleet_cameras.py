@@ -39,7 +39,7 @@ OF_PAIR = tuple(
         ("angle", "Turned", "\u00b0", 180 / pi, 3),
     )
 )
-"""Figures of a pair: place of the second camera in the first one's frame, distance, angle."""
+"""Values of a pair: place of the second camera in the first one's frame, distance, angle."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -57,7 +57,7 @@ class Line:
     counts
         Stops and reprojection error, of a camera.
     cells
-        Figures.
+        Values.
     """
 
     robot: str
@@ -77,13 +77,13 @@ class CameraTable:
     lines
         Its rows.
     headings
-        Of the figures.
+        Of the values.
     data
         The same for the page's script, which sorts and filters.
     odd
         Outliers in words.
     spread
-        Spread of each camera's figures, or each pair's, over the fleet, by name.
+        Spread of each camera's values, or each pair's, over the fleet, by name.
     """
 
     lines: tuple[Line, ...]

@@ -1,4 +1,4 @@
-"""Figures of a fleet that the page's script sorts, filters and draws, in little room: a list a column, texts once."""
+"""Values of a fleet that the page's script sorts, filters and draws: a list for each column, repeated texts once."""
 
 from collections.abc import Sequence
 from math import isfinite
@@ -10,7 +10,7 @@ from boxcal.calib.report.fleet_tables import PARAMETERS, Parameter, RobotRow
 from boxcal.target.arrays import Array, Mask
 
 _DIGITS = 10
-"""Significant digits of figures; of sigmas three."""
+"""Significant digits of values; sigmas have three."""
 
 
 def fleet_data(
@@ -38,7 +38,7 @@ def fleet_data(
 
 
 def panels(parameters: Sequence[Parameter], values: Array, sigmas: Array, odd: Mask) -> list[dict[str, Any]]:
-    """Return figures, their standard deviations and which are outliers, (N, n) each, a panel a parameter."""
+    """Return values, their standard deviations and which are outliers, (N, n) each, a panel a parameter."""
     return [
         {
             "key": p.key,

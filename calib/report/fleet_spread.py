@@ -30,11 +30,11 @@ class SpreadRow:
     sigma
         The calibrations' own standard deviation, typically.
     differ
-        Standard deviation of the true figures among each other, with its own; what is real of the spread.
+        Standard deviation of the true values among each other, with its own; what is real of the spread.
     share
-        Its share of the spread's variance, in percent.
+        Its fraction of the spread's variance, in percent.
     hardware
-        Share of the real variance that the hardware revisions explain, in percent, where they differ by more than
+        Fraction of the real variance that the hardware revisions explain, in percent, where they differ by more than
         chance (a dash where they do not); empty with fewer than two.
     """
 
@@ -116,7 +116,7 @@ def _share(real: RandomEffects) -> str:
 
 
 def _explained(column: Array, sigma: Array, groups: Sequence[str], real: RandomEffects) -> str:
-    """Return the share of the real variance that lies between hardware revisions, in percent."""
+    """Return the fraction of the real variance that lies between hardware revisions, in percent."""
     kinds = np.array(groups, dtype=object)
     names = [name for name in dict.fromkeys(groups) if name and np.sum(kinds == name) > 2]
     if len(names) < 2 or not real.between > 0:
@@ -137,7 +137,7 @@ def _explained(column: Array, sigma: Array, groups: Sequence[str], real: RandomE
 
 
 def _differ(column: Array, sigma: Array, kinds: Array, names: Sequence[str], within: float) -> bool:
-    """Tell whether the means of hardware revisions differ beyond chance (Fisher's F of weighted means)."""
+    """Return whether the means of hardware revisions differ beyond chance (Fisher's F of weighted means)."""
     known = np.isfinite(column) & np.isfinite(sigma) & np.isin(kinds, names)
     y, of = column[known], np.array([names.index(kind) for kind in kinds[known]])
     w = 1 / (np.square(sigma[known]) + within + 1e-300)

@@ -15,9 +15,9 @@ from boxcal.target.arrays import Array, Mask
 REPORT = "report.html"
 """File name of a robot's own report, in the folder that bears its name."""
 ODD = 3.5
-"""A robot is an outlier where a figure lies this many robust standard deviations from the fleet's median."""
+"""A robot is an outlier where a value lies this many robust standard deviations from the fleet's median."""
 ENOUGH = 5
-"""Robots from which on outliers are told."""
+"""Number of robots from which on outliers are reported."""
 _ROBUST = 1.4826
 """A normal distribution's standard deviation over its median absolute deviation."""
 
@@ -60,7 +60,7 @@ PARAMETERS = tuple(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Cell:
-    """A figure of one robot: as shown, as sorted, and whether it is an outlier."""
+    """A value of one robot: as shown, as sorted, and whether it is an outlier."""
 
     text: str
     value: str
@@ -89,7 +89,7 @@ class RobotRow:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OddOne:
-    """A robot's figure that lies far from the fleet's."""
+    """A robot's value that lies far from the fleet's."""
 
     robot: str
     link: str
@@ -128,7 +128,7 @@ def hardware_of(results: Sequence[Calibration]) -> tuple[str, ...]:
 
 
 def outlying(values: Array, sigmas: Array, groups: Sequence[str] = ()) -> Mask:
-    """Return which figures (N, n) lie far from the median of their group, against the group's own spread.
+    """Return which values (N, n) lie far from the median of their group, against the group's own spread.
 
     The spread is the median absolute deviation times 1.4826 (a normal distribution's standard deviation); what the
     calibration itself leaves open is allowed for. Fleets and groups of fewer than five have no outliers.
@@ -136,7 +136,7 @@ def outlying(values: Array, sigmas: Array, groups: Sequence[str] = ()) -> Mask:
     Parameters
     ----------
     values, sigmas : (N, n)
-        Figures, and their standard deviations.
+        Values, and their standard deviations.
     groups
         The robots' hardware revisions; one group if not given.
     """

@@ -118,7 +118,7 @@ def _row(r: RobotHistory, linked: set[str]) -> dict[str, Any]:
 
 
 def _scatter_rows(history: FleetHistory) -> list[tuple[str, ...]]:
-    """Return, by figure: name, unit, what calibrations claim, what lies between drives, its share in percent."""
+    """Return, by value: name, unit, what calibrations claim, what lies between drives, its fraction in percent."""
     rows: list[tuple[str, ...]] = []
     for j, c in enumerate(CHANNELS):
         claimed = np.concatenate([r.series.variances[:, j] for r in history.robots])

@@ -46,7 +46,7 @@ class Row:
 
     @property
     def sigma_text(self) -> str:
-        """The standard deviation, with two figures."""
+        """The standard deviation, to two significant digits."""
         if self.sigma is None:
             return ""
         return f"{self.sigma:.{self._places()}f}" if isfinite(self.sigma) else "not determined"
@@ -145,7 +145,7 @@ def _turns(c: Calibration) -> tuple[Row, ...]:
 def _row(
     c: Calibration, key: str, name: str, value: float, say: Callable[[float], str], *, unit: str = "px", digits: int = 3
 ) -> Row:
-    """Return a row; ``value`` in SI or px, ``say`` tells what a sigma in the same unit does."""
+    """Return a row; ``value`` in SI or px, ``say`` says what a sigma in the same unit does."""
     scale = 1e3 if unit == "mm" else 1.0
     sigma = c.detail.covariance.sigma[key] if c.detail else None
     return Row(

@@ -38,7 +38,7 @@ FLEET_PAGE = "../fleet.html"
 """Address of the fleet's page from a robot's folder."""
 _SINGULAR_LOW = 1e-4
 _TELLING = ("around", "legs", "slip", "sharpness", "fit", "print")
-"""What a good verdict tells first."""
+"""What a good verdict says first."""
 
 
 def robot_report(

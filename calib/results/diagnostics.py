@@ -19,7 +19,8 @@ SIDE = (
 
 
 _MOST_FLOOR = 1 - 1e-6
-"""The largest share of the corners' noise that the floor may be: something of their own covariances is always left."""
+"""The largest fraction of the corners' noise that the floor may be: something of their own covariances is always
+left."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -136,7 +137,7 @@ class HeldOut:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LeaveOneOut:
-    """Standard deviations that do not trust the model, from leaving out each stop's picture and each leg.
+    """Standard deviations that do not trust the model, from leaving out each stop's image and each leg.
 
     Attributes
     ----------

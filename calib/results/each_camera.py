@@ -11,7 +11,7 @@ from boxcal.calib.results.rig import RigCamera
 def each_camera(calibration: Calibration) -> tuple[Calibration, ...]:
     """Return a robot's result once for each of its cameras, the robot's own first, as it is.
 
-    Those of further cameras are named as their folders are (``r01/rear``) and have what the robot's own file tells of
+    Those of further cameras are named as their folders are (``r01/rear``) and have what the robot's own file says of
     them: camera model, extrinsics, covariance and fit, with the robot's wheels and drive. A robot with one camera, and
     the file of a further camera, are one result.
     """

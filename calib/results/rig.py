@@ -1,4 +1,4 @@
-"""All cameras of one robot beside each other: where each sits, how sure that is, and the transform between any two."""
+"""All cameras of one robot: where each sits, how certain that is, and the transform between any two."""
 
 from dataclasses import dataclass
 from itertools import combinations
@@ -34,7 +34,7 @@ class RigCamera:
         Root mean square of its 2-D reprojection errors.
     clock_offset : s
         By how much its clock was ahead of the wheels' before its stamps were put right, by what frames on the move
-        tell where they were used.
+        say where they were used.
     landmarks
         Corners used, over all stops.
     verdict, why

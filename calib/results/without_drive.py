@@ -19,7 +19,7 @@ def without_drive(calibration: Calibration) -> Calibration:
     """Return a result of some 10 kB, whatever the number of stops, legs and frames.
 
     Left are parameters and their covariance, goodness of fit, noise, notes, causes, verdict, inputs, of the stops the
-    first and the last, and of checks that were passed their rules. What only the robot's own file and report tell is
+    first and the last, and of checks that were passed their rules. What only the robot's own file and report say is
     gone: the other stops, legs, rejected corners, held-out stops, growth, settings but for those of ``_KEPT`` and the
     covariance of the camera model's further coefficients.
     """

@@ -109,7 +109,7 @@ class Drive:
     faults: Imperfections
 
     def stop_at(self, t_ns: int) -> int:
-        """Return the stop whose scene holds at a time, ns: half way to the next stop the next one's begins."""
+        """Return the stop whose scene holds at a time, ns: midway to the next stop the next one's begins."""
         halves = (self.stop_t_ns[:-1, 1] + self.stop_t_ns[1:, 0]) // 2
         return int(np.searchsorted(halves, t_ns, side="right"))
 
@@ -142,9 +142,9 @@ def simulate_drive(
     robot, target, options
         Who drives around what, and how.
     rng
-        Draws the stops, the ways between them, the slip and the wheels' first angles.
+        Draws the stops, the paths between them, the slip and the wheels' first angles.
     stops : (P, 3), m and rad, optional
-        Poses (x, y, heading) to stop at, instead of random ones. Ways between them are straights and turns on the
+        Poses (x, y, heading) to stop at, instead of random ones. Paths between them are straights and turns on the
         spot. Headings hold as numbers: 2 pi more is one more turn on the spot.
     faults
         What is not exact; its slip counts instead of the options'. None for a rigid robot that slips by the options.
@@ -237,7 +237,7 @@ def _read(phi: Array, step: float) -> Array:
 def exact_correspondences(
     robot: Robot, target: Target, drive: Drive, sigma_px: float = 0.0, rng: np.random.Generator | None = None
 ) -> Correspondences:
-    """Return what a perfect detector would extract from the drive's log: no pictures are made.
+    """Return what a perfect detector would extract from the drive's log: no images are made.
 
     Parameters
     ----------

@@ -125,7 +125,7 @@ def simulate_robot(job: Job) -> Done:
 
 
 def simulate_fleet(jobs: list[Job], workers: int) -> Iterator[Done]:
-    """Do jobs in so many processes; yield what came of each, in their order, as soon as it is known."""
+    """Do jobs in a number of processes; yield what came of each, in their order, as soon as it is known."""
     if min(workers, len(jobs)) <= 1:
         yield from map(simulate_robot, jobs)
         return

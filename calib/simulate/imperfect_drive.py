@@ -1,4 +1,4 @@
-"""A drive of a robot that is not exact, as correspondences: no pictures are made, so hundreds take a minute."""
+"""A drive of a robot that is not exact, as correspondences: no images are made, so hundreds take a minute."""
 
 from dataclasses import dataclass
 from math import radians
@@ -18,7 +18,7 @@ from boxcal.target.box import CORNERS, FACES, Target
 from boxcal.target.camera.camera_model import project
 
 FRAMES = 3
-"""Pictures of a stop, spread evenly over it."""
+"""Images of a stop, spread evenly over it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -94,7 +94,7 @@ def _stops(robot: Robot, target: Target, drive: Drive, rng: np.random.Generator)
 def _look(
     robot: Robot, built: Target, drive: Drive, stop: int, *, views: list[Array], rng: np.random.Generator
 ) -> tuple[Ids, Array, Array] | None:
-    """Return landmarks, pixels and their covariances, mean over the pictures of one stop; None if no tag is seen."""
+    """Return landmarks, pixels and their covariances, mean over the images of one stop; None if no tag is seen."""
     camera, faults = drive.scene.cameras[stop], drive.faults.camera
     tags = [set(decodable_tags(robot, built, T).tolist()) for T in views]
     ids = np.array(sorted(set.intersection(*tags)), dtype=np.int64)

@@ -1,4 +1,4 @@
-"""Imperfections of robot, floor, camera and box in figures; all zero is the rigid model."""
+"""Imperfections of robot, floor, camera and box as numbers; all zero is the rigid model."""
 
 from dataclasses import dataclass
 
@@ -21,9 +21,9 @@ class WheelFaults:
     backlash : rad
         Dead travel between encoder and wheel after each reversal, both wheels.
     scrub : (left, right, spot)
-        Share of a turn that is lost in turns to the left, to the right, and on the spot (there beside the other).
+        Fraction of a turn that is lost in turns to the left, to the right, and on the spot (there beside the other).
     drift : m/rad
-        Sideways motion to the left for each radian turned, whichever way.
+        Sideways motion to the left for each radian turned, in either direction.
     slip, slip_spread : m/sqrt(m), 1
         Slip of each wheel, and the standard deviation of its logarithm from leg to leg.
     slipped : (leg, right, left), m
@@ -62,17 +62,17 @@ class CameraFaults:
     knocked : (stop, (6,)), rad and m
         From a stop on the camera sits elsewhere: right perturbation of ``T_body_cam`` (rotation, translation).
     focus : (stop, scale, right, down), 1 and px
-        From a stop on the picture is larger by a factor about its centre, and shifted.
+        From a stop on the image is larger by a factor about its centre, and shifted.
     autofocus
         Relative standard deviation of the focal length from stop to stop.
     late, drift : s, s/s
-        How late the pictures' stamps are, at the first stop, and how much later each second.
+        How late the images' stamps are, at the first stop, and how much later each second.
     lens : (k2, p1, p2, k3)
         Further coefficients of the Brown model.
     fisheye : (k1, k2, k3, k4), optional
         Equidistant camera of these coefficients (OpenCV's), instead of the robot's.
     noise, shift, spread : px
-        Standard deviations: of each coordinate, and common to one stop: of the picture's shift and of the tags' black.
+        Standard deviations: of each coordinate, and common to one stop: of the image's shift and of the tags' black.
     side_light : px
         Shift to the right of all corners of face 0, lit from one side; less on the others, as they face that light.
     """

@@ -28,7 +28,7 @@ class Arc:
 
 
 def arc_progress(arc: Arc, b: float, max_speed: float, step_s: float) -> Array:
-    """Return the share of an arc that lies behind at each step's end, (N,), ascending to 1.
+    """Return the fraction of an arc that lies behind at each step's end, (N,), ascending to 1.
 
     The speed is a raised cosine over time, so it starts and ends smoothly. Its peak on the faster wheel's rim is
     ``max_speed`` (m/s), or what 1 m/s^2 allows on a short arc. It is constant within a step.
@@ -92,7 +92,7 @@ def arc_path(start: Array, distance: Array, turn: Array) -> Array:
 
 
 def within_arc(start: Array, end: Array, share: Array) -> Array:
-    """Return the poses (N, 3) at a share (N,), 0..1, of the way along the arcs from start to end poses, (N, 3) each."""
+    """Return the poses (N, 3) at a fraction (N,), 0..1, of the arcs from start to end poses, (N, 3) each."""
     turn = end[:, 2] - start[:, 2]
     middle = start[:, 2] + turn / 2
     along = (end[:, 0] - start[:, 0]) * np.cos(middle) + (end[:, 1] - start[:, 1]) * np.sin(middle)

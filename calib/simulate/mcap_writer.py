@@ -115,7 +115,7 @@ class LogWriter:
         *,
         frame_id: str = "camera",
     ) -> None:
-        """Write a ``sensor_msgs/msg/CompressedImage`` that holds an encoded picture."""
+        """Write a ``sensor_msgs/msg/CompressedImage`` that holds an encoded image."""
         self.message(
             topic,
             log_ns,

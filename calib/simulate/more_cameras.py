@@ -16,7 +16,8 @@ from boxcal.target.box import Target
 from boxcal.target.camera.camera_model import CameraKind, CameraModel
 
 RIGS = ("rear", "stereo", "wide")
-"""What a robot's second camera may be: one that looks the other way, one 60 mm beside the first, a fisheye."""
+"""What a robot's second camera may be: one that looks in the opposite direction, one 60 mm beside the first, a
+fisheye."""
 BASELINE = 0.06
 """Distance of a stereo pair, m."""
 _BESIDE = 0.04
@@ -35,7 +36,7 @@ class OwnSettings:
     image_sizes : px
         Width and height; if empty, those of the first camera.
     frames
-        Pictures at each stop; if empty, each camera takes one more than the one before.
+        Images at each stop; if empty, each camera takes one more than the one before.
     """
 
     late_s: tuple[float, ...] = ()
@@ -43,7 +44,7 @@ class OwnSettings:
     frames: tuple[int, ...] = ()
 
     def of(self, number: int, record: RecordOptions) -> RecordOptions:
-        """Return how the pictures of a camera, from 0, are recorded, by how those of the robot are."""
+        """Return how the images of a camera, from 0, are recorded, by how those of the robot are."""
         late_s = self.late_s[number] if self.late_s else record.late_s + number * _LATER_S
         frames = self.frames[number] if self.frames else record.frames + number
         return replace(record, late_s=late_s, frames=frames)
@@ -165,7 +166,7 @@ def stops_for_all(robots: Sequence[Robot], target: Target, options: DriveOptions
 def views_of(
     drive: Drive, robot: Robot, others: dict[str, Robot], record: RecordOptions, own: OwnSettings
 ) -> tuple[View, ...]:
-    """Return a drive as each further camera sees and stamps it; no two have one clock, or one rate of pictures."""
+    """Return a drive as each further camera sees and stamps it; no two have one clock, or one rate of images."""
     return tuple(
         View(
             robot=other,

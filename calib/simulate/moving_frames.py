@@ -16,9 +16,10 @@ from boxcal.target.camera.camera_model import project
 
 _EXPOSURE_SAMPLES, _ROW_ROUNDS = 5, 3
 _ALONG = 0.05
-"""Share of a streak's length that corners err by along it, beyond their noise."""
+"""Fraction of a streak's length that corners err by along it, beyond their noise."""
 _LENS_PX, _BLUR_ERROR = 0.6, 0.1
-"""Standard deviation of the blur of lens and pixels, and the share of its own that the variance of a streak errs by."""
+"""Standard deviation of the blur of lens and pixels, and the fraction of its own that the variance of a streak errs
+by."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -40,7 +41,7 @@ class ShutterOptions:
     readout_s : s
         From the first row to the last; the middle row is seen at the frame's time.
     sigma_px : px
-        Standard deviation of the noise on each pixel coordinate, which the covariance tells.
+        Standard deviation of the noise on each pixel coordinate, which the covariance states.
     period_s : s
         Between frames.
     """

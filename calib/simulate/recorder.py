@@ -1,4 +1,4 @@
-"""One drive as a log: which pictures are taken when, and all messages in the order in which a recorder gets them."""
+"""One drive as a log: which images are taken when, and all messages in the order in which a recorder gets them."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -42,9 +42,9 @@ class RecordOptions:
     Attributes
     ----------
     frames
-        Pictures at each stop.
+        Images at each stop.
     moving_frames
-        Pictures between two stops.
+        Images between two stops.
     image
         ``jpeg``, ``png`` (both ``CompressedImage``) or ``raw`` (``Image``, mono8).
     quality
@@ -52,9 +52,9 @@ class RecordOptions:
     compression
         Of the file's chunks: ``none``, ``lz4`` or ``zstd``.
     exposure_s : s
-        How long the shutter is open; pictures taken on the move are blurred by it.
+        How long the shutter is open; images taken on the move are blurred by it.
     late_s : s
-        Stamps of the pictures less the middle of their exposure, in the middle of the drive.
+        Stamps of the images less the middle of their exposure, in the middle of the drive.
     clock_rate : s/s
         How much later they are stamped for each second that passes.
     clock_jump_s : s
@@ -64,11 +64,11 @@ class RecordOptions:
     jitter_s : s
         Standard deviation of each stamp's own error.
     readout_s : s
-        Time from the first row to the last of a rolling shutter; the middle row is seen at the picture's time.
+        Time from the first row to the last of a rolling shutter; the middle row is seen at the image's time.
     sensor
         Lens and sensor.
     topic, frame
-        Of raw pictures, and the frame that they name.
+        Of raw images, and the frame that they name.
     """
 
     frames: int = 3
@@ -93,13 +93,13 @@ class RecordOptions:
 
     @property
     def camera_topic(self) -> str:
-        """The topic of the pictures."""
+        """The topic of the images."""
         return self.topic if self.image == "raw" else f"{self.topic}/compressed"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class View:
-    """A drive as one camera sees it, and how its pictures are recorded.
+    """A drive as one camera sees it, and how its images are recorded.
 
     Attributes
     ----------
@@ -108,7 +108,7 @@ class View:
     drive
         The drive, with that camera's poses.
     options
-        Of its pictures.
+        Of its images.
     """
 
     robot: Robot
@@ -117,7 +117,7 @@ class View:
 
 
 def frame_times(drive: Drive, options: RecordOptions, rng: np.random.Generator) -> Ids:
-    """Return the stamps of all pictures, (F,) int64 ns, ascending.
+    """Return the stamps of all images, (F,) int64 ns, ascending.
 
     Those of a stop are spread evenly over it, off its ends; those of a leg are drawn from its middle nine tenths.
     """
@@ -138,12 +138,12 @@ def write_log(
     rng: np.random.Generator,
     others: Sequence[View] = (),
 ) -> tuple[tuple[str, str], int]:
-    """Write a drive's log; return the joints' names in the order of the messages, and the number of pictures.
+    """Write a drive's log; return the joints' names in the order of the messages, and the number of images.
 
     ``others`` are more cameras of the robot.
 
     Header stamps are the true times, but for a fault of the camera's clock. Log times are later, by some 2 ms for
-    joints and 30 ms for pictures.
+    joints and 30 ms for images.
 
     Raises
     ------
@@ -190,7 +190,7 @@ def write_log(
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Pictures:
-    """Pictures of one camera: when they are taken, stamped and recorded, ns."""
+    """Images of one camera: when they are taken, stamped and recorded, ns."""
 
     view: View
     t_ns: Ids
@@ -199,7 +199,7 @@ class _Pictures:
     rng: np.random.Generator
 
     def write(self, log: LogWriter, target: Target, k: int) -> None:
-        """Take a picture and write it."""
+        """Take an image and write it."""
         view = self.view
         picture = take_rows(view.robot, target, view.drive, int(self.t_ns[k]), options=view.options, rng=self.rng)
         _write_picture(log, picture, int(self.stamps[k]), int(self.log_ns[k]), view.options)
@@ -217,7 +217,7 @@ def _pictures_of(view: View, rng: np.random.Generator) -> _Pictures:
 
 
 def stamps_late_ns(drive: Drive, t_ns: Ids) -> Ids:
-    """Return how late, ns, the camera's clock stamps pictures taken at times (N,), ns."""
+    """Return how late, ns, the camera's clock stamps images taken at times (N,), ns."""
     faults = drive.faults.camera
     since = t_ns - drive.path_t_ns[0]
     return np.asarray(np.rint(faults.late * 1e9 + faults.drift * since), dtype=np.int64)
@@ -236,9 +236,9 @@ def _stamp_errors_ns(view: View, t_ns: Ids, rng: np.random.Generator) -> Ids:
 def take_rows(
     robot: Robot, target: Target, drive: Drive, t_ns: int, *, options: RecordOptions, rng: np.random.Generator
 ) -> Image:
-    """Return the picture (H, W) of a shutter that may roll; see :func:`take_picture`.
+    """Return the image (H, W) of a shutter that may roll; see :func:`take_picture`.
 
-    A rolling shutter is made of bands of a few rows, each of a picture taken at the time of its middle row.
+    A rolling shutter is made of bands of a few rows, each of an image taken at the time of its middle row.
     """
     height = robot.image_size[1]
     rows = np.arange(0, height, _BAND_ROWS)
@@ -253,9 +253,9 @@ def take_rows(
 def take_picture(
     robot: Robot, target: Target, drive: Drive, t_ns: int, *, options: RecordOptions, rng: np.random.Generator
 ) -> Image:
-    """Return the picture (H, W) that the robot takes at a time, ns, of the box as it was built and placed then.
+    """Return the image (H, W) that the robot takes at a time, ns, of the box as it was built and placed then.
 
-    A picture on the move is blurred along the path of a point 0.6 m before the camera.
+    An image on the move is blurred along the path of a point 0.6 m before the camera.
     """
     stop, box = drive.stop_at(t_ns), drive.faults.box
     camera = drive.scene.cameras[stop]
@@ -277,7 +277,7 @@ def _as_built(target: Target, faults: Imperfections) -> Target:
 
 
 def _motion_px(camera: CameraModel, T_box_cam: Array) -> Array:
-    """Return how far a point before the camera moves in the picture from the first of three poses to the last, px."""
+    """Return how far a point before the camera moves in the image from the first of three poses to the last, px."""
     p_box = T_box_cam[1][:3, :3] @ _BEFORE_CAMERA + T_box_cam[1][:3, 3]
     ends = [inverse(T) for T in (T_box_cam[0], T_box_cam[2])]
     before, after = (project(camera, T[:3, :3] @ p_box + T[:3, 3]) for T in ends)

@@ -106,7 +106,7 @@ def turtlebot(name: str = "turtlebot") -> Robot:
 def random_robot(name: str, rng: np.random.Generator, image_size: tuple[int, int] = VGA) -> Robot:
     """Return a robot drawn at random: small to middling, its camera looking ahead, to a side or backwards.
 
-    The camera is tilted so that something 0.6 m away and 0.1 m high is somewhere near the middle of its picture.
+    The camera is tilted so that something 0.6 m away and 0.1 m high is somewhere near the middle of its image.
     """
     width, height = image_size
     r = float(np.exp(rng.uniform(np.log(0.02), np.log(0.045))))

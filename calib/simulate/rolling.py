@@ -1,4 +1,4 @@
-"""Wheels that are not round, not alike both ways, that slip or scrub: how far they roll, and where the robot goes."""
+"""Wheels that are not round or not alike in both directions, that slip or scrub: how far they roll, where they lead."""
 
 import numpy as np
 
@@ -8,11 +8,11 @@ from boxcal.calib.simulate.robot import Robot
 from boxcal.target.arrays import Array, Ids
 
 _SPOT = 0.1
-"""A turn is one on the spot where the body moves less than this share of what the wheels' rims do."""
+"""A turn is one on the spot where the body moves less than this fraction of what the wheels' rims do."""
 
 
 def rolled(robot: Robot, w: WheelFaults, first: Array, dphi: Array, before: Array) -> tuple[Array, Array]:
-    """Return how far each wheel rolls in each step (N, 2), m, and the way each turned last (2,).
+    """Return how far each wheel rolls in each step (N, 2), m, and the direction in which each turned last (2,).
 
     Parameters
     ----------
@@ -23,7 +23,7 @@ def rolled(robot: Robot, w: WheelFaults, first: Array, dphi: Array, before: Arra
     dphi : (N, 2), rad
         What the encoders see of each step.
     before : (2,)
-        The way each turned last before that: 1, -1, or 0 for not at all.
+        The direction in which each turned last before that: 1, -1, or 0 for not at all.
     """
     radius = np.array([robot.rR, robot.rL])
     start = first + np.concatenate([np.zeros((1, 2)), np.cumsum(dphi, axis=0)])

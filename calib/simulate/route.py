@@ -1,4 +1,4 @@
-"""Ways from stop to stop that keep off the box: turns on the spot, arcs and straights, forwards or backwards."""
+"""Paths from stop to stop that keep off the box: turns on the spot, arcs and straights, forwards or backwards."""
 
 from dataclasses import dataclass
 from math import atan2, ceil, cos, hypot, pi, radians, remainder, sin
@@ -46,7 +46,7 @@ class KeepOut:
         return (hypot(self.half_x, self.half_y) + self.gap) / cos(_RING_STEP / 2)
 
     def clear(self, start: Array, arc: Arc) -> bool:
-        """Tell whether an arc from a pose (3,) keeps off; where an end is closer already, not to come closer still."""
+        """Return whether an arc from a pose (3,) keeps off; where an end is closer already, comes no closer."""
         n = _CHECKED - 1
         xy = arc_path(start, np.full(n, arc.distance / n), np.full(n, arc.turn / n))[:, :2]
         off = self.off_box(xy)
@@ -59,7 +59,7 @@ def route(
     """Return the arcs that lead from a pose to another without touching the box.
 
     Each hop is a turn on the spot and an arc; a last turn gives the heading. Where the direct hop would come too
-    close, the way leads round the box, on the shorter side. To where the robot is, it is one arc of no length.
+    close, the path leads round the box, on the shorter side. To where the robot is, it is one arc of no length.
 
     Parameters
     ----------

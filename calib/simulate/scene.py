@@ -38,7 +38,7 @@ class Scene:
 
 
 def make_scene(robot: Robot, faults: Imperfections, stops: int, rng: np.random.Generator) -> Scene:
-    """Return what stands where; random figures are drawn only where there are any."""
+    """Return what stands where; random values are drawn only where there are any."""
     floor = rigid(exp_so3(np.array([*faults.tilt, 0.0])), np.zeros(3))
     T_floor_box = np.eye(4) if faults.box.standing is None else faults.box.standing
     turned = faults.lean * rng.standard_normal((stops, 2)) if faults.lean else np.zeros((stops, 2))

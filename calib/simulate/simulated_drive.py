@@ -1,4 +1,4 @@
-"""A simulated drive without pictures: what a good detector would extract from its log, and the truth."""
+"""A simulated drive without images: what a good detector would extract from its log, and the truth."""
 
 from dataclasses import dataclass
 
@@ -52,7 +52,7 @@ def simulate(
     stops
         Number of stops, where ``options`` does not say.
     seed
-        Settles stops, ways, slip and noise.
+        Settles stops, paths, slip and noise.
     sigma_px : px
         Standard deviation of the corners' noise.
     options

@@ -107,7 +107,7 @@ def _camera_document(view: View) -> dict[str, Any]:
 
 
 def faults_document(drive: Drive, note: str) -> dict[str, Any]:
-    """Return what was not exact, as plain values: m, degrees, shares; sheets and faces as seen from outside."""
+    """Return what was not exact, as plain values: m, degrees, fractions; sheets and faces as seen from outside."""
     faults = drive.faults
     camera = drive.scene.cameras[0]
     plain = camera.kind is CameraKind.RADIAL

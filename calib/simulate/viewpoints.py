@@ -14,7 +14,7 @@ from boxcal.target.camera.camera_model import project
 from boxcal.target.render.renderer import visible_tags
 
 DECODABLE_PX = 16.0
-"""Shortest side of a tag that a detector is sure to read: 2 px a module."""
+"""Shortest side of a tag that a detector reads reliably: 2 px a module."""
 
 _WELL_SEEN = 20
 _TRIES = 400
@@ -25,7 +25,7 @@ _TWO_FACES_SHARE = 0.75
 def decodable_tags(
     robot: Robot, target: Target, T_box_cam: Array, *, margin_px: float = 0.0, min_side_px: float = DECODABLE_PX
 ) -> Ids:
-    """Return the ids of the tags, ascending, that are wholly in the picture and large enough to be read."""
+    """Return the ids of the tags, ascending, that are wholly in the image and large enough to be read."""
     T_cam_box = inverse(T_box_cam)
     ids = visible_tags(target, robot.camera, T_cam_box, robot.image_size, margin_px)
     corners = target.tag_corners[np.searchsorted(target.tag_ids, ids)]
@@ -37,8 +37,8 @@ def decodable_tags(
 def choose_stops(robot: Robot, target: Target, count: int, gap: float, rng: np.random.Generator) -> Array:
     """Return stops (count, 3), x, y (m) and heading (rad), from which the camera sees the box well.
 
-    They circle the box; from 8 stops on, the second half goes round the other way. At each the camera reads at least 20
-    tags of a face (57 % of them where a face has fewer than 35), at most of them also a second face.
+    They circle the box; from 8 stops on, the second half goes round in the other direction. At each the camera reads at
+    least 20 tags of a face (57 % of them where a face has fewer than 35), at most of them also a second face.
 
     Parameters
     ----------

@@ -77,7 +77,7 @@ class Truth:
 
 
 NO_SLIP = 0.02
-"""No slip at all is taken as this share of what equals the encoders' quantisation, so that nothing is exact."""
+"""No slip at all is taken as this fraction of what equals the encoders' quantisation, so that nothing is exact."""
 
 
 def cramer_rao(drives: Sequence[Correspondences], truth: Truth, options: EstimateOptions | None = None) -> Array:

@@ -1,4 +1,4 @@
-"""Random-effects model: which part of a spread of figures is real, and which is their own uncertainty."""
+"""Random-effects model: which part of a spread of values is real, and which is their own uncertainty."""
 
 from dataclasses import dataclass
 
@@ -15,18 +15,18 @@ _SAME = 1e-3
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RandomEffects:
-    """Figures of many, of which each is known to its own sigma.
+    """Values of many, of which each is known to its own sigma.
 
     Attributes
     ----------
     mean, mean_sigma
         Their mean, weighted, and its standard deviation.
     between, between_sigma
-        Standard deviation of the true figures among each other (0: none is seen), and how well that is known.
+        Standard deviation of the true values among each other (0: none is seen), and how well that is known.
     within
-        Typical standard deviation of one figure by itself.
+        Typical standard deviation of one value by itself.
     count
-        Figures that are known.
+        Values that are known.
     """
 
     mean: float
@@ -38,7 +38,7 @@ class RandomEffects:
 
 
 def random_effects(values: Array, sigmas: Array) -> RandomEffects:
-    """Return mean and variance between figures (N,) with sigmas (N,) by restricted maximum likelihood.
+    """Return mean and variance between values (N,) with sigmas (N,) by restricted maximum likelihood.
 
     ``values[i] ~ N(mean, between^2 + sigmas[i]^2)`` (DerSimonian and Laird's model; Viechtbauer 2005,
     doi:10.3102/10769986030003261, for the estimator and its standard error). What is not finite is left aside.

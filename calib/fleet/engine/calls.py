@@ -11,7 +11,7 @@ OUT_OF_MEMORY = "ran out of memory"
 """What is said of a call whose process had no memory left; it is made once more, as is one whose process died."""
 
 Told = Callable[[Any], None]
-"""Given what calls tell of themselves while they run; in the process that runs the engine."""
+"""Receives what calls report of themselves while they run; in the process that runs the engine."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -9,7 +9,7 @@ from boxcal.calib.fleet.engine.processes import LocalProcesses
 
 
 def chosen_engine(args: Namespace, calls: int) -> tuple[Engine, list[str]]:
-    """Return an engine for so many calls, and what is to be said of it.
+    """Return an engine for a number of calls, and what is to be said of it.
 
     Parameters
     ----------
@@ -31,7 +31,7 @@ def chosen_engine(args: Namespace, calls: int) -> tuple[Engine, list[str]]:
 
 
 def local_engine(calls: int, *, workers: int | None = None, limit_s: float = float("inf")) -> Engine:
-    """Return the engine of this machine for so many calls: one that works alone needs no further process.
+    """Return the engine of this machine for a number of calls: one that works alone needs no further process.
 
     Parameters
     ----------

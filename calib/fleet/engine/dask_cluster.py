@@ -30,9 +30,9 @@ _LOOK_S = 1.0
 _START_S = 120.0
 """Seconds that a worker may take besides for its first call: it loads and perhaps compiles code."""
 _FETCH_S = 60.0
-"""Seconds that a result may take on its way."""
+"""Seconds that a result may take in transfer."""
 _SAY_S = 0.5
-"""Seconds between two stages that a call tells."""
+"""Seconds between two stages that a call reports."""
 _NOBODY_S = 60.0
 """Seconds after which a cluster that has no workers (left) is given up."""
 
@@ -139,7 +139,7 @@ class DaskCluster(AbstractContextManager["DaskCluster"]):
             )
 
     def _give(self, waiting: Iterator[Call[Any]], again: deque[_Attempt]) -> bool:
-        """Give every worker that is free a call; tell whether there are calls that wait for one."""
+        """Give every worker that is free a call; return whether there are calls that wait for one."""
         self._look()
         busy = {attempt.worker for attempt in self._running.values()}
         for worker in self._alive:
@@ -211,7 +211,7 @@ class DaskCluster(AbstractContextManager["DaskCluster"]):
 
 
 _LOST = {"KilledWorker", "CancelledError", "FutureCancelledError", "FutureLostError", "TimeoutError", "CommClosedError"}
-"""Names of what is raised for a result whose worker, or whose way here, is lost."""
+"""Names of what is raised for a result whose worker, or whose connection, is lost."""
 
 
 def _gone() -> CalibError:
@@ -229,8 +229,8 @@ def _first(waiting: Iterator[Call[Any]]) -> _Attempt | None:
 def made_by_a_worker(call: Call[Any], topic: str) -> tuple[Any, str, str]:
     """Return what becomes of a call that is made here, without the call itself: result, why lost, traceback.
 
-    The stages that it tells go out as events of a topic, one every :data:`_SAY_S` at most, since all of a cluster's go
-    through one scheduler.
+    The stages that it reports go out as events of a topic, one every :data:`_SAY_S` at most, since all of a cluster's
+    go through one scheduler.
     """
     from distributed import get_worker  # noqa: PLC0415  (an extra)
 

@@ -84,7 +84,7 @@ class LocalProcesses(AbstractContextManager["LocalProcesses"]):
         return [worker for worker in self._pool if worker.attempt is not None]
 
     def _give(self, waiting: "Iterator[Call[Any]]", again: deque[_Attempt]) -> bool:
-        """Give every process that is free a call; tell whether any was given."""
+        """Give every process that is free a call; return whether any was given."""
         given = False
         while len(self._busy()) < self.workers:
             attempt = again.popleft() if again else None

@@ -1,4 +1,4 @@
-"""Messages of a call while it runs, on their way to the process that runs the engine."""
+"""Messages of a call while it runs, sent to the process that runs the engine."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -7,7 +7,7 @@ from typing import Any
 from boxcal.calib.fleet.engine.calls import Told
 
 _listeners: list[Told] = []
-"""Where this process tells what its call says; none outside an engine."""
+"""Where this process reports what its call says; none outside an engine."""
 
 
 def tell(message: Any) -> None:
@@ -18,7 +18,7 @@ def tell(message: Any) -> None:
 
 @contextmanager
 def heard_by(listener: Told) -> Iterator[None]:
-    """Give messages that calls tell meanwhile to a listener."""
+    """Give messages that calls report meanwhile to a listener."""
     _listeners.append(listener)
     try:
         yield

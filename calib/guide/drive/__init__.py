@@ -1,1 +1,1 @@
-"""The drive so far: wheels, stands, pictures, and the stops that were taken."""
+"""The drive so far: wheels, stands, images, and the stops that were taken."""

@@ -11,18 +11,18 @@ MOST_BYTES = 96 << 20
 MOST_FRAMES = 40
 """Twice what a stop is measured from, so that every second one still leaves enough."""
 BEFORE_NS = 1_500_000_000
-"""Time before the newest picture that is kept while the robot moves: a stand is noticed late."""
+"""Time before the newest image that is kept while the robot moves: a stand is noticed late."""
 
 
 class HeldFrame(NamedTuple):
-    """A picture's message, undecoded.
+    """An image's message, undecoded.
 
     Attributes
     ----------
     t_ns : ns
         Its stamp on the wheels' clock.
     number
-        Which picture of the recording it is.
+        Which image of the recording it is.
     channel, data
         The message.
     """
@@ -34,7 +34,7 @@ class HeldFrame(NamedTuple):
 
 
 class FramesAtRest:
-    """Holds the pictures of one stand, every second, fourth ... of the recording's when there are many."""
+    """Holds the images of one stand, every second, fourth ... of the recording's when there are many."""
 
     def __init__(self) -> None:
         self._frames: dict[int, HeldFrame] = {}
@@ -42,7 +42,7 @@ class FramesAtRest:
         self._from_ns = 0
 
     def add(self, frame: HeldFrame) -> None:
-        """Hold a picture; one of a stamp that is held already is a double and is left out."""
+        """Hold an image; one of a stamp that is held already is a double and is left out."""
         if frame.t_ns in self._frames or frame.t_ns < self._from_ns or frame.number % self._stride:
             return
         self._frames[frame.t_ns] = frame
@@ -51,7 +51,7 @@ class FramesAtRest:
             self._frames = {t: f for t, f in self._frames.items() if f.number % self._stride == 0}
 
     def forget_before(self, t_ns: int) -> None:
-        """Let go of pictures before a time, ns: that of a new stand, or of the robot's being on its way."""
+        """Let go of images before a time, ns: that of a new stand, or of the robot's moving."""
         self._from_ns = t_ns
         self._frames = {t: f for t, f in self._frames.items() if t >= t_ns}
         if len(self._frames) <= MOST_FRAMES // 4:
@@ -64,24 +64,24 @@ class FramesAtRest:
 
     @property
     def newest_ns(self) -> int:
-        """Stamp of the newest picture, ns; 0 without one."""
+        """Stamp of the newest image, ns; 0 without one."""
         return max(self._frames, default=0)
 
     def any_between(self, first_ns: int, last_ns: int) -> bool:
-        """Tell whether a picture of a time, ns, is held."""
+        """Return whether an image of a time, ns, is held."""
         return any(first_ns <= t <= last_ns for t in self._frames)
 
     def of_stop(self, t_start_ns: int, t_end_ns: int, settle_s: float, most: int) -> list[HeldFrame]:
-        """Return the pictures that a stop is measured from, as :func:`boxcal.detect.extract.frames_at` chooses them.
+        """Return the images that a stop is measured from, as :func:`boxcal.detect.extract.frames_at` chooses them.
 
         Parameters
         ----------
         t_start_ns, t_end_ns : ns
             When the robot stood.
         settle_s : s
-            Time at both ends that is left out if pictures remain.
+            Time at both ends that is left out if images remain.
         most
-            Most pictures.
+            Most images.
         """
         t = np.array(sorted(self._frames), dtype=np.int64)
         margin = round(settle_s * 1e9)

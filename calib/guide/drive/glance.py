@@ -1,4 +1,4 @@
-"""A quick look at the newest picture: which tags, how large, how sharp, how bright, and where the camera is."""
+"""A quick look at the newest image: which tags, how large, how sharp, how bright, and where the camera is."""
 
 from dataclasses import dataclass
 
@@ -14,7 +14,7 @@ from boxcal.target.box import Target
 from boxcal.target.camera.camera_model import CameraModel, unproject
 
 MOST_SIDE_PX = 1280
-"""Larger pictures are made smaller before tags are looked for."""
+"""Larger images are made smaller before tags are looked for."""
 SHOWN_SIDE_PX = 800
 _JPEG_QUALITY = 72
 _LEAST_TAGS = 2
@@ -24,16 +24,16 @@ _QUICK = TagSettings(accurate=False)
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Glance:
-    """One picture, looked at quickly.
+    """One image, looked at quickly.
 
     Attributes
     ----------
     t_ns : ns
         Its stamp.
     size : px
-        Width and height of the camera's picture.
+        Width and height of the camera's image.
     corners : (N, 4, 2)
-        The tags' corners in shares of width and height.
+        The tags' corners in fractions of width and height.
     faces
         Numbers of the box's faces that are seen.
     side_px : px
@@ -41,11 +41,11 @@ class Glance:
     edge_px : px
         Width of the tags' black edges, median; 2 is as sharp as pixels are. NaN without a tag.
     black, white
-        Grey levels (0 to 255) of the tags' black and white; of the whole picture's darkest and brightest without a tag.
+        Grey levels (0 to 255) of the tags' black and white; of the whole image's darkest and brightest without a tag.
     T_box_cam : (4, 4), m, optional
         The camera's pose.
     jpeg
-        The picture made smaller, to be shown.
+        The image made smaller, to be shown.
     """
 
     t_ns: int
@@ -61,12 +61,12 @@ class Glance:
 
 
 def glance(image: DeepGrey, t_ns: int, target: Target, camera: CameraModel | None) -> Glance:
-    """Return what a grey picture (H, W) shows at a glance.
+    """Return what a grey image (H, W) shows at a glance.
 
     Parameters
     ----------
     image
-        The camera's picture.
+        The camera's image.
     t_ns : ns
         Its stamp.
     target
@@ -113,7 +113,7 @@ def _look(grey: NDArray[np.uint8], uv_px: Array) -> tuple[float, float, float]:
 
 
 def _pose(ids: Ids, uv_px: Array, target: Target, camera: CameraModel) -> Array | None:
-    """Return the camera's pose in the box's frame from the tags' corners, None if they do not tell."""
+    """Return the camera's pose in the box's frame from the tags' corners, None if they do not determine it."""
     if len(ids) < _LEAST_TAGS:
         return None
     p_box = target.p_box((4 * ids[:, None] + np.arange(4)).ravel())

@@ -1,4 +1,4 @@
-"""The drive as it is heard: wheels, stands and pictures kept up to date, and what of it to measure next."""
+"""The drive as it is heard: wheels, stands and images kept up to date, and what of it to measure next."""
 
 from collections.abc import Sequence
 
@@ -25,9 +25,9 @@ HOLD_S = 2.0
 """Time for which the robot is asked to stand."""
 _ENOUGH_FRAMES = 4
 _PATIENCE_S = 2.0
-"""Time beyond which a stop is measured from fewer pictures than enough."""
+"""Time beyond which a stop is measured from fewer images than enough."""
 _REMEMBERED = 400
-"""Pictures whose stamps tell the camera's clock."""
+"""Images whose stamps determine the camera's clock."""
 _CLOCK_STEP_NS = 50_000_000
 
 
@@ -41,15 +41,15 @@ class LiveDrive:
     samples
         Wheel samples so far; None where there are none yet.
     stands
-        When the robot stood; None where the wheels do not tell yet.
+        When the robot stood; None where the wheels do not determine it yet.
     taken
         Stops that were measured.
     newest
-        The newest picture.
+        The newest image.
     pictures
-        How many pictures were heard.
+        How many images were heard.
     damaged
-        Sentence about pictures without a stamp that can be read; empty if all have one.
+        Sentence about images without a stamp that can be read; empty if all have one.
     """
 
     def __init__(self, robot: str, target: Target, settings: Settings) -> None:
@@ -98,7 +98,7 @@ class LiveDrive:
             self.newest = frame
 
     def update(self) -> None:
-        """Bring samples and stands up to date, and let go of pictures that no stop needs."""
+        """Bring samples and stands up to date, and let go of images that no stop needs."""
         self.samples = self.wheels.samples()
         if self.samples is not None:
             self.stands = stands_of(self.samples.wheels)
@@ -135,12 +135,12 @@ class LiveDrive:
         return any(s.t_start_ns not in self._final and self._frames.any_between(s.t_start_ns, s.t_end_ns) for s in left)
 
     def to_measure(self, *, at_end: bool = False) -> tuple[Stop, list[HeldFrame]] | None:
-        """Return the stop that is to be measured now, with its pictures; None if none is.
+        """Return the stop that is to be measured now, with its images; None if none is.
 
         Parameters
         ----------
         at_end
-            Whether the drive is to be calibrated now, so that a stand which goes on counts with all its pictures.
+            Whether the drive is to be calibrated now, so that a stand which goes on counts with all its images.
         """
         if self.stands is None or not self.stands.stops:
             return None

@@ -1,4 +1,4 @@
-"""The stops that were taken: pictures measured once they are there, and again when the robot has left."""
+"""The stops that were taken: images measured once they are there, and again when the robot has left."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -20,22 +20,22 @@ from boxcal.target.box import Target
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TakenStop:
-    """One stop's pictures, measured.
+    """One stop's images, measured.
 
     Attributes
     ----------
     t_start_ns, t_end_ns : ns
         When the robot stood, as known when they were measured.
     numbers
-        Pictures that were used, as the recording counts them.
+        Images that were used, as the recording counts them.
     corners
         What they show.
     left_out
-        Pictures that were left out and why; empty if none was.
+        Images that were left out and why; empty if none was.
     rejected_tags
         How many tags of the box were read that do not lie where the box has them.
     camera
-        What the stop before told of the camera, so that measuring again begins alike.
+        What is known of the camera from the stop before, so that measuring again begins alike.
     """
 
     t_start_ns: int
@@ -60,9 +60,9 @@ class TakenStops:
     stops
         What was taken.
     image_size : px
-        Width and height of the camera's pictures; None before the first.
+        Width and height of the camera's images; None before the first.
     undecoded
-        Sentence about a picture that did not decode; empty if all did.
+        Sentence about an image that did not decode; empty if all did.
     """
 
     target: Target
@@ -74,14 +74,14 @@ class TakenStops:
     _camera: KnownCamera | None = None
 
     def take(self, stop: Stop, frames: Sequence[HeldFrame]) -> TakenStop | None:
-        """Measure a stop, or measure it again with the pictures that there are now; return it if it can be used.
+        """Measure a stop, or measure it again with the images that there are now; return it if it can be used.
 
         Parameters
         ----------
         stop
             When the robot stood.
         frames
-            Its pictures.
+            Its images.
         """
         again = next((k for k, s in enumerate(self.stops) if _overlap(s, stop)), None)
         numbers = tuple(f.number for f in frames)
@@ -147,11 +147,11 @@ class TakenStops:
         return self._camera
 
     def holds(self, stop: Stop) -> bool:
-        """Tell whether a stop was taken."""
+        """Return whether a stop was taken."""
         return any(_overlap(taken, stop) for taken in self.stops)
 
     def _decoded(self, frames: Sequence[HeldFrame]) -> list[DeepGrey]:
-        """Return the pictures of the usual size, with the camera's bits at full scale; others are left out."""
+        """Return the images of the usual size, with the camera's bits at full scale; others are left out."""
         images = []
         for frame in frames:
             try:
@@ -172,7 +172,7 @@ class TakenStops:
 
 
 def _overlap(taken: TakenStop, stop: Stop) -> bool:
-    """Tell whether a stop that was taken is this one of the wheels."""
+    """Return whether a stop that was taken is this one of the wheels."""
     return _shared_ns(taken, stop) >= 0
 
 

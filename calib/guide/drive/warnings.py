@@ -1,4 +1,4 @@
-"""Warnings at once, from a look at one picture and from the solution so far."""
+"""Warnings at once, from a look at one image and from the solution so far."""
 
 from collections.abc import Iterator
 from math import degrees
@@ -14,7 +14,7 @@ _WHITE = 252.0
 _SMALL_PX, _TINY_PX = 18.0, 14.0
 _SOFT_PX, _BLURRED_PX = 2.8, 3.5
 _LEAN = 1.5
-"""Tilt of the floor against the box, degrees, that is worth a word."""
+"""Tilt of the floor against the box, degrees, that is reported."""
 
 
 class Warned(NamedTuple):
@@ -33,16 +33,16 @@ class Warned(NamedTuple):
 
 
 def warnings_of_picture(seen: Glance, *, planned: bool, moving: bool) -> Iterator[Warned]:
-    """Yield what is wrong with a picture.
+    """Yield what is wrong with an image.
 
     Parameters
     ----------
     seen
-        The picture at a glance.
+        The image at a glance.
     planned
         Whether stops are planned: how many faces they see is part of the plan then.
     moving
-        Whether the robot is on its way: it may look elsewhere and its pictures may be blurred.
+        Whether the robot is moving: it may look elsewhere and its images may be blurred.
     """
     if not len(seen.corners):
         if seen.white < _DARK:
@@ -67,7 +67,7 @@ def warnings_of_picture(seen: Glance, *, planned: bool, moving: bool) -> Iterato
 
 
 def sharpness(seen: Glance) -> str:
-    """Return in a word how sharp a picture is, empty without a tag."""
+    """Return in a word how sharp an image is, empty without a tag."""
     if not np.isfinite(seen.edge_px):
         return ""
     return "sharp" if seen.edge_px < _SOFT_PX else "a little soft" if seen.edge_px < _BLURRED_PX else "blurred"

@@ -35,7 +35,7 @@ class WheelsSoFar:
         self._units, self._nominal = units, nominal
 
     def take(self, messages: Sequence[LiveMessage]) -> None:
-        """Take messages that are no pictures (DetectError if there are unreasonably many)."""
+        """Take messages that are no images (DetectError if there are unreasonably many)."""
         by_channel: dict[int, tuple[Channel, list[LiveMessage]]] = {}
         for message in messages:
             by_channel.setdefault(id(message.channel), (message.channel, []))[1].append(message)

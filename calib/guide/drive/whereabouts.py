@@ -1,4 +1,4 @@
-"""The robot on the floor right now: seen from its picture, or reckoned from its last stop."""
+"""The robot on the floor right now: seen from its image, or reckoned from its last stop."""
 
 from dataclasses import dataclass
 from math import atan2
@@ -14,7 +14,7 @@ from boxcal.detect.log.wheel_samples import WheelSamples
 from boxcal.target.arrays import Array
 
 FRESH_NS = 700_000_000
-"""A look at a picture older than this says nothing of where a moving robot is."""
+"""A look at an image older than this says nothing of where a moving robot is."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -43,12 +43,12 @@ def whereabouts(
     wheels: WheelSamples | None,
     now_ns: int,
 ) -> Whereabouts | None:
-    """Return where the robot is, None if nothing tells.
+    """Return where the robot is, None if that is unknown.
 
     Parameters
     ----------
     seen
-        The last look at a picture.
+        The last look at an image.
     estimate, drive
         The calibration so far, and what it was made from.
     wheels

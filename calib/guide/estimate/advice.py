@@ -1,4 +1,4 @@
-"""Advice to the driver: how far the goal is, which stops come next, and the way to the first of them."""
+"""Advice to the driver: how far the goal is, which stops come next, and the path to the first of them."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -50,7 +50,7 @@ class Place:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Way:
-    """The way to a place.
+    """The path to a place.
 
     Attributes
     ----------
@@ -65,14 +65,14 @@ class Way:
 
 
 def bars(estimate: Estimate, goal: Goal, image_size: tuple[int, int]) -> tuple[Bar, ...]:
-    """Return the figures that a user cares about, beside their goals."""
+    """Return the quantities that a user cares about, beside their goals."""
     return bars_of_estimate(estimate, goal, image_size)
 
 
 def next_places(
     estimate: Estimate, drive: Correspondences, target: Target, goal: Goal, count: int = 2
 ) -> tuple[Place, ...]:
-    """Return the places that would tell most next, in the order to drive to them."""
+    """Return the most informative next places, in the order to drive to them."""
     found = what_next(estimate, [drive], target, goal=goal, count=count)
     return tuple(Place(x=s.x, y=s.y, heading=s.heading, whole_turns=s.whole_turns, gain=_gain(s)) for s in found)
 
@@ -85,7 +85,7 @@ def first_places(target: Target, taken: int, image_size: tuple[int, int] | None)
 
 
 def _another(target: Target, k: int) -> Place:
-    """Return a further place, where the first ones determine nothing: each with a whole turn the other way."""
+    """Return a further place, where the first ones determine nothing: each with a whole turn in the other direction."""
     radius = _RING * hypot(target.box.width, target.box.depth) / 2
     angle = _RING_FROM + k * _RING_STEP
     x, y = radius * cos(angle), radius * sin(angle)
@@ -175,5 +175,5 @@ def _gain(stop: NextStop) -> str:
 
 
 def reached(found: Sequence[Bar]) -> bool:
-    """Tell whether all goals are reached."""
+    """Return whether all goals are reached."""
     return bool(found) and all(bar.reached for bar in found)

@@ -69,7 +69,7 @@ class FullSolution:
         Parameters
         ----------
         drive
-            What was measured on the way.
+            What was measured meanwhile.
         out, command
             Where results go; the command line for their provenance.
         log

@@ -28,7 +28,7 @@ class RunningEstimate:
     seen
         The drive as it was seen last; None before the first.
     drive
-        What the estimate was made from: stops of frozen pictures without corners, landmarks where they are.
+        What the estimate was made from: stops of frozen images without corners, landmarks where they are.
     problem
         Sentence about why there is none; empty if there is.
     seconds
@@ -83,7 +83,7 @@ class RunningEstimate:
 
 
 def _continues(before: Correspondences, now: Correspondences) -> bool:
-    """Tell whether a drive begins with the stops that it had before, perhaps measured anew."""
+    """Return whether a drive begins with the stops that it had before, perhaps measured anew."""
     pairs = zip(before.stops, now.stops, strict=False)
     same = all(a.t_start_ns <= b.t_end_ns and b.t_start_ns <= a.t_end_ns for a, b in pairs)
     return same and len(before.stops) <= len(now.stops)

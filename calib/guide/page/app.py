@@ -1,4 +1,4 @@
-"""The page's server: its files, its state, the camera's picture, the report, and what the page may ask for."""
+"""The page's server: its files, its state, the camera's image, the report, and what the page may ask for."""
 
 from pathlib import Path
 

@@ -101,7 +101,7 @@ def _at_the_end(session: Session) -> dict[str, Any] | None:
 
 
 def _missing(session: Session) -> dict[str, Any] | None:
-    """Return what is missing before anything can be told of the drive; None if nothing is."""
+    """Return what is missing before anything can be said of the drive; None if nothing is."""
     link, drive = session.link, session.progress.drive
     if not link.connected and not (drive.stands is not None and link.said.startswith("the recording")):
         return _said("bad", "Not connected", link.said or f"looking for {link.name}")
@@ -183,7 +183,7 @@ def _picture(session: Session) -> dict[str, Any]:
 
 
 def _looked_at_now(session: Session) -> Glance | None:
-    """Return the last look at a picture, if that was taken a moment ago, and of a robot that stands, since then."""
+    """Return the last look at an image, if that was taken a moment ago, and of a robot that stands, since then."""
     seen, newest, stands = session.progress.outlook.seen, session.progress.drive.newest, session.progress.drive.stands
     if seen is None or newest is None or newest.t_ns - seen.t_ns > _OLD_S * 1e9:
         return None

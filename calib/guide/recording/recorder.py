@@ -17,7 +17,7 @@ EVERY_S = 0.4
 MOST_PENDING_BYTES = 8 << 20
 """A chunk is written early when it holds so much."""
 MOST_QUEUED_BYTES = 96 << 20
-"""Messages that wait for a slow disk; beyond it pictures are not kept, beyond twice that nothing is."""
+"""Messages that wait for a slow disk; beyond it images are not kept, beyond twice that nothing is."""
 TRY_AGAIN_S = 5.0
 
 
@@ -54,7 +54,7 @@ class Recorder:
     lost
         Messages that were not kept because of that, or because the disk is far behind.
     unkept_pictures
-        Pictures that were not kept because the disk is slow.
+        Images that were not kept because the disk is slow.
     """
 
     def __init__(self, path: Path) -> None:
@@ -78,7 +78,7 @@ class Recorder:
         return self._file.messages
 
     def keep(self, message: LiveMessage) -> bool:
-        """Keep a message; return False if the disk cannot follow: of pictures first, of all in the end."""
+        """Keep a message; return False if the disk cannot follow: of images first, of all in the end."""
         size = message.size
         with self._lock:
             most = MOST_QUEUED_BYTES if message.picture else 2 * MOST_QUEUED_BYTES

@@ -37,7 +37,7 @@ async def follow_file(link: Link, path: Path) -> None:
 
 
 async def _pass_on(link: Link, reader: GrowingMcap) -> bool:
-    """Hand on what has come; return whether anything has. Pictures come at the rate at which they were recorded."""
+    """Hand on what has come; return whether anything has. Images come at the rate at which they were recorded."""
     any_came = False
     for batches in reader.grown():
         link.offer(reader.channels)
@@ -57,5 +57,5 @@ async def _pass_on(link: Link, reader: GrowingMcap) -> bool:
 
 
 def is_file(source: str) -> bool:
-    """Tell whether a source is a file and no server's address."""
+    """Return whether a source is a file and no server's address."""
     return "://" not in source

@@ -1,4 +1,4 @@
-"""Messages on their way from the network to the session: few are held, and pictures are dropped rather than queued."""
+"""Messages between the network and the session: few are held, and images are dropped rather than queued."""
 
 import threading
 from collections import deque
@@ -7,10 +7,10 @@ from typing import NamedTuple
 from boxcal.detect.log.containers.base import Channel
 
 MOST_PICTURE_BYTES = 64 << 20
-"""Pictures that wait are at most these, beyond the newest one."""
+"""Images that wait are at most these, beyond the newest one."""
 MOST_OTHER_BYTES = 64 << 20
 PICTURES_A_SECOND = 10.0
-"""Rate at which pictures are taken in; more say nothing new of a robot that stands."""
+"""Rate at which images are taken in; more say nothing new of a robot that stands."""
 _LATEST_NS = (1 << 63) - 1
 _BACK_S = 1.0
 _OVERHEAD = 256
@@ -49,7 +49,7 @@ class Inbox:
     Attributes
     ----------
     dropped_pictures
-        Pictures that came faster than they could be worked on or kept.
+        Images that came faster than they could be worked on or kept.
     dropped_others
         Other messages that did.
     """
@@ -70,7 +70,7 @@ class Inbox:
         message
             The message; its time is clipped to what a log can hold.
         now : s
-            Of a steady clock; pictures beyond the rate are dropped by it.
+            Of a steady clock; images beyond the rate are dropped by it.
         """
         message = message._replace(log_ns=min(max(message.log_ns, 0), _LATEST_NS))
         size = message.size

@@ -73,7 +73,7 @@ class Link:
         self.connected, self.said = False, why
 
     def choose_camera(self, topic: str) -> None:
-        """Name the camera; whoever listens chooses anew soon, and meanwhile no other one's pictures are handed on."""
+        """Name the camera; whoever listens chooses anew soon, and meanwhile no other one's images are handed on."""
         self.topics, self.chosen = replace(self.topics, camera_topic=topic), topic
         self.choices += 1
 
@@ -93,7 +93,7 @@ class Link:
         return self.selection
 
     def hand_on(self, channel: Channel, log_ns: int, data: bytes, now: float | None = None) -> None:
-        """Hand a message to the session; pictures beyond a rate are dropped by this time, s, or by the clock."""
+        """Hand a message to the session; images beyond a rate are dropped by this time, s, or by the clock."""
         picture, now = channel.topic == self.selection.camera, time.monotonic() if now is None else now
         if not picture and channel.topic in self.selection.cameras:
             return  # of a camera that is not, or no longer, the chosen one
@@ -113,7 +113,7 @@ class Link:
 
     @property
     def pictures_left_out(self) -> int:
-        """Number of pictures that came faster than they could be worked on."""
+        """Number of images that came faster than they could be worked on."""
         return self.inbox.dropped_pictures + (0 if self._video is None else self._video.left_out)
 
     def _picture(self, channel: Channel, log_ns: int, data: bytes, now: float) -> None:

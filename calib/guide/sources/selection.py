@@ -26,7 +26,7 @@ class Selection:
     problem
         Sentence that says what is missing or ambiguous, empty if nothing is.
     cameras
-        Topics of pictures and videos that a user can choose from.
+        Topics of images and videos that a user can choose from.
     is_video
         Whether the camera's topic is a video.
     """
@@ -46,8 +46,8 @@ class Selection:
 def select(channels: Iterable[Channel], topics: Topics) -> Selection:
     """Return what to listen to of the topics that a server offers.
 
-    Of a camera with raw and compressed pictures the compressed ones are taken: a network carries ten times as many. A
-    video is taken where there are no pictures.
+    Of a camera with raw and compressed images the compressed ones are taken: a network carries ten times as many. A
+    video is taken where there are no images.
 
     Parameters
     ----------

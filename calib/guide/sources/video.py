@@ -1,6 +1,6 @@
-"""A camera's video, decoded as it comes: its pictures are handed on, and kept, as pictures without loss.
+"""A camera's video, decoded as it comes: its images are handed on, and kept, as images without loss.
 
-A packet needs those before it, so a video cannot be thinned out where it comes in, nor kept in parts. Its pictures can.
+A packet needs those before it, so a video cannot be thinned out where it comes in, nor kept in parts. Its images can.
 """
 
 import struct
@@ -18,7 +18,7 @@ from boxcal.detect.log.images import COMPRESSED_IMAGE, VideoPacket, decode_frame
 from boxcal.detect.log.video import VideoDecoder, is_key
 
 MOST_BYTES = 32 << 20
-"""Packets that wait to be decoded; beyond them those up to the next whole picture are left out."""
+"""Packets that wait to be decoded; beyond them those up to the next whole image are left out."""
 _EVERY_NS = 95_000_000
 _OVERHEAD = 256
 """Bytes that a packet takes beside its content: empty ones fill the memory, too."""
@@ -53,12 +53,12 @@ class _Shown(NamedTuple):
 
 
 class VideoFeed:
-    """Decodes the packets of a video in a thread, and hands some ten of its pictures a second on.
+    """Decodes the packets of a video in a thread, and hands some ten of its images a second on.
 
     Parameters
     ----------
     hand_on
-        Takes a picture's message: channel, time of arrival (ns), bytes, and the steady time (s) of its packet.
+        Takes an image's message: channel, time of arrival (ns), bytes, and the steady time (s) of its packet.
     tell
         Takes a sentence about why the video cannot be decoded.
     stopped
@@ -119,7 +119,7 @@ class VideoFeed:
                 self._decode(packet)
             except DetectError as error:
                 self._tell(f"{packet.channel.topic}: {error}")
-            except Exception as error:  # of the decoder, on odd packets: the next whole picture begins anew
+            except Exception as error:  # of the decoder, on odd packets: the next whole image begins anew
                 self._decoder = None
                 self._tell(f"{packet.channel.topic}: a packet cannot be decoded ({type(error).__name__}: {error})")
 

@@ -25,11 +25,11 @@ from boxcal.target.camera.camera_model import CameraModel
 from boxcal.target.errors import BoxcalError
 
 _NUMERIC = (cv2.error, np.linalg.LinAlgError)
-"""Errors of libraries on odd pictures or equations; one of them must not end the drive."""
+"""Errors of libraries on odd images or equations; one of them must not end the drive."""
 _GLANCE_S, _GLANCE_SHARE = 0.15, 2.0
-"""Time between looks at pictures: at least this, and so many times what one takes; other work is more pressing."""
+"""Time between looks at images: at least this, and this many times what one takes; other work is more pressing."""
 _JUDGED_FROM = 4
-"""Stops from which on the full calibration is worth its time."""
+"""Number of stops from which on the full calibration is run."""
 
 
 class Tasks:
@@ -51,7 +51,7 @@ class Tasks:
 
     @property
     def idle(self) -> bool:
-        """Whether no task runs but a look at a picture."""
+        """Whether no task runs but a look at an image."""
         return self._worker.idle
 
     @property
@@ -67,7 +67,7 @@ class Tasks:
         self._eyes.close()
 
     def begin_next(self, recorder: Recorder | None, *, compiled: bool) -> None:
-        """Begin what is most pressing; pictures are looked at beside that.
+        """Begin what is most pressing; images are looked at beside that.
 
         Parameters
         ----------
@@ -124,7 +124,7 @@ class Tasks:
             self.said.append(f"written: {now.options.out / robot}")
 
     def _look(self) -> None:
-        """Have the newest picture looked at, some times a second."""
+        """Have the newest image looked at, some times a second."""
         frame, camera, t = self.progress.drive.newest, self.progress.camera, time.monotonic()
         if frame is None or frame.number == self._glanced or t < self._next_glance or not self._eyes.idle:
             return
@@ -183,7 +183,7 @@ class Tasks:
             now.problems["estimate"] = f"the estimate could not be updated ({error})"
 
     def _all_seen(self, last: Any, log: str) -> Correspondences | None:
-        """Return all that was seen, the stand that still goes on with its newest pictures."""
+        """Return all that was seen, the stand that still goes on with its newest images."""
         drive = self.progress.drive
         try:
             if last is not None:

@@ -1,4 +1,4 @@
-"""Alembic's way in: it runs the migrations on the connection that it is handed."""
+"""Alembic's entry point: it runs the migrations on the connection that it is handed."""
 
 from alembic import context
 

@@ -20,7 +20,7 @@ from boxcal.target.arrays import Array
 CHANCE = 1e-4
 """Differences that are less probable than this disagree."""
 _LEAST_GAIN = 0.15
-"""Directions in which all cameras lessen the variance by a smaller share than this cannot be compared."""
+"""Directions in which all cameras lessen the variance by a smaller fraction than this cannot be compared."""
 _WHEELS = 3
 """Numbers that a leg gives, and unknowns of the wheels."""
 

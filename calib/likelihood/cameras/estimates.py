@@ -158,7 +158,8 @@ def _besides(own: Estimate, alone: Fit, together: Array, v: Array) -> Array:
     """Return what a camera's covariance has besides the likelihood's and the ruler's: doubts, (n_c, n_c).
 
     A doubt widens what the camera by itself says of its unknowns; as much, in proportion, it widens what all cameras
-    say of them (``together``, the likelihood's): of wheels that others tell well, a camera's few stops cast little.
+    say of them (``together``, the likelihood's): of wheels that others determine well, a camera's few stops cast
+    little.
     """
     count = len(together)
     likelihood = reported_cov(alone.cov, alone.state, np.zeros(len(alone.cov), dtype=np.bool_))

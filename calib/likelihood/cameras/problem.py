@@ -2,7 +2,7 @@
 
 The chain of stops, the wheels, the floor and the box are those of one problem, whose camera is the first; the other
 cameras' own unknowns stand behind it, where explanations stand in a problem of one camera. Every stop's local unknowns
-are roll, pitch and height of the body, and the growth of the tags' black in each camera's picture.
+are roll, pitch and height of the body, and the growth of the tags' black in each camera's image.
 """
 
 from collections.abc import Sequence

@@ -21,7 +21,7 @@ class Row:
     ----------
     drives
         Each drive with the stops of all cameras; of their landmarks only the places on the box mean anything, and its
-        pictures are as large as the largest of any camera.
+        images are as large as the largest of any camera.
     places
         For each camera where its stops stand in the row, (P_c,); drives one behind the other.
     """
@@ -73,7 +73,7 @@ def one_row(drives: Sequence[Sequence[Correspondences]], kept: Sequence[Sequence
 
 
 def _largest(views: Sequence[Correspondences]) -> tuple[int, int]:
-    """Return width and height, px, that hold the pictures of every camera."""
+    """Return width and height, px, that hold the images of every camera."""
     return max(v.image_size[0] for v in views), max(v.image_size[1] for v in views)
 
 

@@ -13,7 +13,7 @@ from boxcal.target.arrays import Array
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Mounted:
-    """One camera: its coefficients, its extrinsics and the growth of the tags' black in its pictures.
+    """One camera: its coefficients, its extrinsics and the growth of the tags' black in its images.
 
     Attributes
     ----------

@@ -22,7 +22,7 @@ _ESTIMATOR = (four_steps.__name__, "boxcal.calib.likelihood.compiled.compilation
 
 
 def prepare_detector(tell: Tell) -> None:
-    """Have the detector's code compiled, unless it is, and the estimator's begun; ``tell`` is told what takes long.
+    """Have the detector's code compiled, unless it is, and the estimator's begun; ``tell`` receives what takes long.
 
     Who needs the estimator's waits for it (:func:`boxcal.calib.likelihood.backend.numba_backend`).
     """
@@ -30,7 +30,7 @@ def prepare_detector(tell: Tell) -> None:
 
 
 def prepare_all(tell: Tell) -> None:
-    """Have the detector's and the estimator's code compiled, unless it is; ``tell`` is told what takes long."""
+    """Have the detector's and the estimator's code compiled, unless it is; ``tell`` receives what takes long."""
     prepare(tell, _ESTIMATOR)
     for module in _ESTIMATOR:
         finish(module)

@@ -19,7 +19,7 @@ SIGMAS = 3.5
 CHANCE = 1e-3
 """Changes of all parameters together that are less probable than this disagree."""
 _LEAST_GAIN = 0.15
-"""Directions in which frames lessen the variance by a smaller share than this cannot be compared."""
+"""Directions in which frames lessen the variance by a smaller fraction than this cannot be compared."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

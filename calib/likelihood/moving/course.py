@@ -6,7 +6,7 @@ from boxcal.detect.log.wheel_samples import WheelSamples
 from boxcal.target.arrays import Array, Ids
 
 ORDERS = 3
-"""Derivatives of the wheels' angles that are told: rate, acceleration and its change."""
+"""Derivatives of the wheels' angles that are estimated: rate, acceleration and its change."""
 _HALF_S = 0.08
 """Readings so near to a moment are used (s): their rounding averages out, and a robot's speed is a cubic over it."""
 _LEAST, _MOST = 2, 16

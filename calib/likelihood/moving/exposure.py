@@ -29,9 +29,9 @@ class Exposure:
 
 
 def exposure(found: Settled, drives: Sequence[Correspondences]) -> Exposure | None:
-    """Return the exposure time that the frames' blur tells; None where too few frames are blurred along their motion.
+    """Return the exposure time estimated from the frames' blur; None where too few frames are blurred along it.
 
-    A point that moves by L during the exposure is blurred along its way by a variance of L^2 / 12.
+    A point that moves by L during the exposure is blurred along its path by a variance of L^2 / 12.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ def exposure(found: Settled, drives: Sequence[Correspondences]) -> Exposure | No
 
 
 def _of_frame(blur_px2: Array, motion: Array) -> float:
-    """Return the exposure, s, that a PSF's covariance (2, 2) and a motion (2,), px/s, tell; 0 where they do not."""
+    """Return the exposure, s, that a PSF's covariance (2, 2) and a motion (2,), px/s, give; 0 where they give none."""
     total, speed = float(np.trace(blur_px2)), float(motion @ motion)
     if not (total > 0 and speed > 0):
         return 0.0

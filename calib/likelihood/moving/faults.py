@@ -17,13 +17,13 @@ from boxcal.detect.correspondences import Correspondences
 from boxcal.target.arrays import Array, Ids
 
 FEWEST = 4
-"""With fewer frames there is no telling which of them is wrong."""
+"""With fewer frames which of them is wrong cannot be decided."""
 _ROUNDS = 6
 _LEAST_LATE_S = 1e-3
 """Frames of another time by less than this, s, are jitter."""
 _MOST_SHARE = 0.34
 _MISFIT = 6.0
-"""A frame whose corners' mean square is so many times that of the usual frame shows something else."""
+"""A frame whose corners' mean square is this many times that of the usual frame shows something else."""
 
 
 def enough_frames(drives: Sequence[Correspondences]) -> Ids:

@@ -1,4 +1,4 @@
-"""Times of frames on the move, each told by the wheels' path alone: no jitter draws the frames together.
+"""Times of frames on the move, each estimated from the wheels' path alone: no jitter draws the frames together.
 
 What frames are late by besides offset and rate is then a linear model with known covariance, and scatter, a jump of the
 clock and frames of another time are compared by their likelihoods.
@@ -20,7 +20,7 @@ from boxcal.calib.likelihood.stop_elimination import solve_chain
 from boxcal.target.arrays import Array, Ids
 
 _FREE_S = 1.0
-"""Standard deviation beforehand of each frame's own lateness, s: what it is is told by the data."""
+"""Standard deviation beforehand of each frame's own lateness, s: the data determine what it is."""
 _HELD = 1e-7
 """Offset (s) and rate (s/s) are held to this: what frames are late by is their own."""
 _JITTERS_S = np.concatenate([[1e-5], np.geomspace(3e-5, 0.3, 33)])
@@ -120,7 +120,7 @@ def gains(times: FrameTimes, kept: Array, causes: Array) -> tuple[Array, Array]:
     """Return how much more probable each of some causes (F, M) makes the times, and its size, (M,) each.
 
     That is twice the difference of the logarithms of the likelihoods, each at its own most probable jitter, shrunk for
-    the few frames that tell it (Bartlett 1937); below zero where a cause cannot be told.
+    the few frames that determine it (Bartlett 1937); below zero where a cause cannot be recognised.
 
     Parameters
     ----------
@@ -153,4 +153,4 @@ def gains(times: FrameTimes, kept: Array, causes: Array) -> tuple[Array, Array]:
 
 
 _TOLD = 1e-6
-"""Share of a cause that offset, rate and what else is known must leave to be told."""
+"""Fraction of a cause that offset, rate and what else is known must leave for it to be recognised."""

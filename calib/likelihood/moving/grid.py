@@ -11,7 +11,7 @@ from boxcal.target.arrays import Array, Ids
 
 _IMPROBABLE = 1e-4
 _NEGLIGIBLE = 1e-6
-"""Levels less probable than this share of the most probable are not solved."""
+"""Levels less probable than this fraction of the most probable are not solved."""
 _EDGE = 0.05
 """A level at the end of a grid that is so probable, over the most probable one, has others beyond it."""
 _BETWEEN = 400
@@ -66,7 +66,7 @@ class Axis:
         return np.sqrt(np.maximum(square, self.least**2))
 
     def covers(self, levels: Array, weight: Array, edge: float = _EDGE) -> bool:
-        """Tell whether levels reach to where they are improbable, by ``edge`` at most, or as far as levels go."""
+        """Return whether levels reach to where they are improbable, by ``edge`` at most, or as far as levels go."""
         far = np.array([levels[0] > 1.01 * self.coarse[0], levels[-1] < 0.99 * self.coarse[-1]])
         return not bool(np.any(far & (weight[[0, -1]] > edge * weight.max())))
 
@@ -143,8 +143,8 @@ def _probable(scanned: Callable[[Array, Array], Scan], slip: Array, jitter_s: Ar
 def mean_and_sigma(slip: Array, log_likelihood: Array) -> tuple[float, float]:
     """Return slip's mean and standard deviation, from the likelihood at levels of slip and jitter.
 
-    The likelihood's logarithm is read between the levels, too, by parabolas: a drive of many legs tells slip to a tenth
-    of what levels are apart, and then one level has all the probability.
+    The likelihood's logarithm is read between the levels, too, by parabolas: a drive of many legs determines slip to a
+    tenth of what levels are apart, and then one level has all the probability.
 
     Parameters
     ----------

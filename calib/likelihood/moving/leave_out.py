@@ -1,9 +1,9 @@
 """Sigmas that do not trust the noise of frames on the move: the answer without one leg's frames, or its wheels.
 
-Stops are too coarse to check frames that tell ten times more. So the frames of each leg, and the wheels of each leg,
-are left out in turn, and the answer is solved again about the same state. Where the noise is as the model has it, a
-change has the difference of the two covariances (see :mod:`boxcal.calib.likelihood.moving.agreement`); the ratio of the
-squared changes to their expectations, summed over legs, tells by how much the frames disagree among themselves.
+Stops are too coarse to check frames that carry ten times more information. So the frames of each leg, and the wheels of
+each leg, are left out in turn, and the answer is solved again about the same state. Where the noise is as the model has
+it, a change has the difference of the two covariances (see :mod:`boxcal.calib.likelihood.moving.agreement`); the ratio
+of the squared changes to their expectations, summed over legs, shows by how much the frames disagree among themselves.
 """
 
 from dataclasses import dataclass
@@ -30,7 +30,8 @@ _MOST_PARTS = 30
 _BATCH = 16
 """Systems that are solved at once: memory grows with it."""
 _LEAST_CHANGE = 1e-4
-"""Parts that are expected to change a parameter's variance by less than this share of it tell nothing of it."""
+"""Parts that are expected to change a parameter's variance by less than this fraction of it carry no information about
+it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -145,7 +146,7 @@ def leg_of_places(woven: Woven) -> Ids:
 
 
 def _without_frames(fit: Fit, found: Settled, whole: System) -> list[Solution]:
-    """Return the solutions without the pictures of the frames of each part."""
+    """Return the solutions without the images of the frames of each part."""
     joint, n = found.joint, len(found.joint.problem.names)
     weight = joint.weights.corners / fit.components.noise_scale**2
     values, sigma = np.column_stack([joint.state.lean, joint.state.growth]), whole.local_sigma
@@ -167,7 +168,7 @@ def _without_frames(fit: Fit, found: Settled, whole: System) -> list[Solution]:
 
 
 def _less(normal: Normal, N: Array, a: Array, groups: list[Ids]) -> Normal:
-    """Return equations without some pictures, a batch of one system a group of them."""
+    """Return equations without some images, a batch of one system a group of them."""
     n, K = normal.A.shape[-1], len(groups)
     A, B, D, right, c = (np.repeat(part, K, axis=0) for part in _batch_of_one(normal))
     for k, rows in enumerate(groups):

@@ -23,18 +23,18 @@ _QUIET_JITTER_S, _MOST_JITTER_S, _JITTERS, _FINE_JITTERS = 1e-4, 3e-2, 7, 5
 _LEAST_JITTER_S = 1e-6
 _SLIPS, _FINE_SLIPS = 11, 7
 _LEAST_OF_QUIET = 0.05
-"""Slip is taken as at least this share of what equals the quantisation."""
+"""Slip is taken as at least this fraction of what equals the quantisation."""
 _LEAST_OF_STOPS = 0.05
-"""And as this share of what stops show: frames are near to each other, and less would hide them in rounding."""
+"""And as this fraction of what stops show: frames are near to each other, and less would hide them in rounding."""
 _OF_STOPS = 1e-4
-"""Levels of slip less probable than this share of the most probable, by the stops, are not looked at first."""
+"""Levels of slip less probable than this fraction of the most probable, by the stops, are not looked at first."""
 _AT_REST = 0.1
 """Squared change of the shared unknowns, in their standard deviations, from which on the solver did not get there."""
 _LIKELY = 0.01
-"""Levels less probable than this share of the most probable are left out of that check."""
+"""Levels less probable than this fraction of the most probable are left out of that check."""
 _LEAST_SWAY, _MOST_SWAY = 0.03, 100.0
 _LEAST_SCALE = 1.0
-"""A picture of a moving camera is never taken to be sharper than its covariances say."""
+"""An image of a moving camera is never taken to be sharper than its covariances say."""
 _ROUNDS = 2
 _ALIKE = 0.05
 _SWAYS = 6
@@ -82,7 +82,7 @@ class Settled:
 
 
 def settled(fit: Fit, drives: Sequence[Correspondences], joint: Joint, noise: FrameNoise) -> Settled | None:
-    """Return stops and frames at their maximum, with noise levels that the data tell; None if the solver fails.
+    """Return stops and frames at their maximum, with noise levels estimated from the data; None if the solver fails.
 
     Parameters
     ----------

@@ -104,7 +104,7 @@ def of_another_kind(settled: Settled, cov: Array, moving: Moving) -> str:
 
 
 def _less_sure(fit: Fit, settled: Settled, among: LeaveOut, cov: Array) -> bool:
-    """Return whether disagreement among frames leaves a parameter less sure than the stops alone have it."""
+    """Return whether disagreement among frames leaves a parameter less certain than the stops alone."""
     nothing = np.zeros(COUNT, dtype=np.bool_)
     stops = np.diag(reported_cov(fit.cov[:COUNT, :COUNT], fit.state, nothing))
     both = np.diag(reported_cov(cov[:COUNT, :COUNT], settled.joint.state, nothing))

@@ -9,7 +9,7 @@ from boxcal.calib.likelihood.variance_components import USUAL
 from boxcal.target.arrays import Array, Ids
 
 GROWTH_PX = 0.02
-"""Motion in a picture makes its tags' black look larger or smaller by about this much besides."""
+"""Motion in an image makes its tags' black look larger or smaller by about this much besides."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -19,7 +19,7 @@ class FrameNoise:
     Attributes
     ----------
     slip : m/sqrt(m)
-        Of each wheel, spread along the way.
+        Of each wheel, spread along the path.
     jitter_s : s
         Standard deviation of a frame's own error in time.
     sway

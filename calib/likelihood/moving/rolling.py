@@ -42,7 +42,7 @@ class Readout:
 def with_rolling(problem: Problem, state: State, corners: Corners, course: Array, height: int) -> Corners:
     """Return the corners with the readout time, which is the last of the shared unknowns.
 
-    The middle row is seen at the frame's time, rows above it earlier, the robot rolling on as its wheels tell.
+    The middle row is seen at the frame's time, rows above it earlier, the robot rolling on as its wheels measure.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ def with_rolling(problem: Problem, state: State, corners: Corners, course: Array
         Of the images.
     """
     stop, n = problem.corner_stop, len(state.lens)
-    rows = np.flatnonzero(np.any(course != 0, axis=(1, 2))[stop])  # no row of a stop's picture moves
+    rows = np.flatnonzero(np.any(course != 0, axis=(1, 2))[stop])  # no row of a stop's image moves
     course, row = course[stop[rows]], problem.uv_px[rows, 1] / height - 0.5
     readout = float(state.explained[-1])
     since = readout * row
@@ -72,7 +72,7 @@ def with_rolling(problem: Problem, state: State, corners: Corners, course: Array
 
 
 def motions_px_s(problem: Problem, corners: Corners, state: State, course: Array) -> Array:
-    """Return how fast the corners of each stop and frame move through the picture, on average, (P, 2) px/s.
+    """Return how fast the corners of each stop and frame move through the image, on average, (P, 2) px/s.
 
     Arguments as of :func:`with_rolling`.
     """

@@ -1,8 +1,8 @@
-"""Slip while a frame is read: rows of a rolling shutter see the robot off the course that its wheels tell.
+"""Slip while a frame is read: rows of a rolling shutter see the robot off the course that its wheels measure.
 
-From the middle row on, either way in time, each wheel's slip is a random walk over the distance that it rolls. Its few
-largest modes (Karhunen-Loeve expansion of the Wiener process) move all corners of a frame at once: unknowns of the
-frame with known variances, eliminated where the corners' equations are made.
+From the middle row on, forwards and backwards in time, each wheel's slip is a random walk over the distance that it
+rolls. Its few largest modes (Karhunen-Loeve expansion of the Wiener process) move all corners of a frame at once:
+unknowns of the frame with known variances, eliminated where the corners' equations are made.
 """
 
 from dataclasses import dataclass, replace
@@ -20,7 +20,7 @@ from boxcal.calib.likelihood.state import State
 from boxcal.target.arrays import Array
 
 _MODES = 3
-"""Of each wheel, either way: 93 % of the walk's variance at its end."""
+"""Of each wheel, in either direction: 93 % of the walk's variance at its end."""
 _SHORT_S = 5e-4
 """Readout time, s, up to which nothing slips meanwhile that corners show."""
 

@@ -27,7 +27,7 @@ REWOVEN_S = 2e-4
 """A change of the offset beyond this (s) sets the frames to new places on the path."""
 STEPS = 10
 DIVERGED = 3.0
-"""Corners' squares so many times those at the start are of a solver that runs away."""
+"""Corners' squares this many times those at the start are of a solver that runs away."""
 LONGEST_S = 1.0
 """Longer changes of the offset (s) leave the leg that a frame belongs to."""
 CLOSE, ROUGH = 1e-2, 0.1

@@ -87,7 +87,7 @@ def merged(  # noqa: PLR0917 - two solutions and what is doubtful of the second
 
 
 def rolling(settled: Settled, cov: Array) -> str:
-    """Return how long a rolling shutter takes to read a frame, if longer than the course around a frame is told for."""
+    """Return a rolling shutter's time to read a frame, if longer than the course around a frame is known for."""
     state, problem = settled.joint.state, settled.joint.problem
     readout = float(state.explained[-1])
     sigma = float(np.sqrt(reported_cov(cov, state, np.zeros(len(problem.names), dtype=np.bool_))[-1, -1]))
@@ -97,7 +97,7 @@ def rolling(settled: Settled, cov: Array) -> str:
 
 
 def _said(settled: Settled, doubts: Doubts, values: Array, sigma: Array) -> str:
-    """Return what the frames are and tell: clocks, readout time and jitter, of values (n,) and their sigmas."""
+    """Return what the frames are and determine: clocks, readout time and jitter, of values (n,) and their sigmas."""
     odd, among = doubts.without.odd, doubts.among
     drives = len(settled.joint.woven.drives)
     late, rate = slice(-1 - 2 * drives, -1 - drives), slice(-1 - drives, -1)
@@ -173,7 +173,7 @@ SAID_EXPOSURE_S = 0.01
 
 
 ROUGH_READOUT_S = 5e-2
-"""A longer readout, s, is not taken for granted: the robot's course is told for about as long around a frame."""
+"""A longer readout, s, is not taken for granted: the robot's course is known for about as long around a frame."""
 
 
 def _drive(found: DriveEstimate, settled: Settled, cov: Array, number: int) -> DriveEstimate:

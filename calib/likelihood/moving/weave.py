@@ -17,7 +17,7 @@ from boxcal.detect.correspondences import Correspondences, StopObservation
 from boxcal.target.arrays import Array, Ids, Mask
 
 _LEAST_RATE = 0.05
-"""Wheel rate (rad/s) below which a frame tells nothing of the clocks, and may belong to a stand."""
+"""Wheel rate (rad/s) below which a frame carries no information about the clocks, and may belong to a stand."""
 _ROOM_NS = 2
 """Least time between two samples that a third fits between."""
 APART_S = 0.005
@@ -104,7 +104,7 @@ def weave(drive: Correspondences, kept: Ids, frames: Ids, late_s: Array | float)
     Parameters
     ----------
     drive
-        The drive, with its frames on the move. Without any stop, all of its way counts.
+        The drive, with its frames on the move. Without any stop, all of its path counts.
     kept : (K,)
         Numbers of the stops to use, ascending.
     frames : (F,)
@@ -119,7 +119,7 @@ def weave(drive: Correspondences, kept: Ids, frames: Ids, late_s: Array | float)
     kept = kept if drive.stops else kept[:0]
     usable = _between_stops(drive, kept, at, t0) if drive.stops else (at > t[0]) & (at < t[-1])
     after = np.clip(np.searchsorted(t, at), 1, len(t) - 1)
-    # a frame stamped as a sample that was woven in before has no room between the two: it goes before both
+    # a frame stamped as a sample that was woven in before does not fit between the two: it goes before both
     after = after - ((wheels.t_ns[after] - wheels.t_ns[after - 1] < _ROOM_NS) & (after > 1))
     phi = np.stack([wheels.phi_R, wheels.phi_L], axis=1)
     course = wheel_course(wheels, t0 + np.rint(at * 1e9).astype(np.int64), after)

@@ -21,7 +21,7 @@ _BACKLOG = 256
 
 
 class Bridge:
-    """Serves joint states and pictures.
+    """Serves joint states and images.
 
     Parameters
     ----------
@@ -30,7 +30,7 @@ class Bridge:
     host, port
         Where; port 0 takes any that is free.
     quality
-        Of the pictures' JPEG.
+        Of the images' JPEG.
     """
 
     def __init__(self, moving: MovingRobot, camera: LiveCamera, host: str, port: int, quality: int = 90) -> None:
@@ -71,7 +71,7 @@ class Bridge:
         self._joints.log(bytes(self._store.serialize_cdr(message, JOINTS)), log_time=t_ns)
 
     def tell_picture(self) -> None:
-        """Take a picture and send it."""
+        """Take an image and send it."""
         t_ns = self._now_ns()
         data = encode_jpeg(self._camera.picture(), self._quality)
         message = self._new(

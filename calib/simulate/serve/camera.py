@@ -1,4 +1,4 @@
-"""The pictures of a robot that is being driven, rendered one after the other as fast as the machine can."""
+"""The images of a robot that is being driven, rendered one after the other as fast as the machine can."""
 
 from dataclasses import replace
 from math import atan2, hypot
@@ -20,7 +20,7 @@ _BEFORE_CAMERA = np.array([0.0, 0.0, 0.6])
 
 
 class LiveCamera:
-    """Takes pictures; while the robot stands one is rendered, and only the noise is new."""
+    """Takes images; while the robot stands one is rendered, and only the noise is new."""
 
     def __init__(self, moving: MovingRobot, sensor: SensorModel, rng: np.random.Generator) -> None:
         self._moving, self._sensor, self._rng = moving, sensor, rng
@@ -29,7 +29,7 @@ class LiveCamera:
         self.gain = 1.0
 
     def picture(self) -> Image:
-        """Return the picture (H, W) of now."""
+        """Return the image (H, W) of now."""
         T_box_cam, now = self._moving.T_box_cam, self._moving.time_s
         still = self._last is not None and np.array_equal(self._last[0], T_box_cam)
         if not still or self._at_rest is None:
@@ -58,7 +58,7 @@ class LiveCamera:
         return np.asarray(np.rint(np.clip(picture + noise, 0, 255)), dtype=np.uint8)
 
     def _streak(self, T_box_cam: Array, now: float) -> Array:
-        """Return how far a point before the camera moves in the picture during an exposure, (2,), px."""
+        """Return how far a point before the camera moves in the image during an exposure, (2,), px."""
         if self._last is None or now <= self._last[1] or not self._moving.moving:
             return np.zeros(2)
         p_box = T_box_cam[:3, :3] @ _BEFORE_CAMERA + T_box_cam[:3, 3]

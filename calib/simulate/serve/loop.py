@@ -1,4 +1,4 @@
-"""A robot's time: it passes as a clock's does, or faster; wheels and pictures are told as it passes."""
+"""A robot's time: it passes as a clock's does, or faster; wheels and images are sent as it passes."""
 
 import threading
 import time
@@ -14,16 +14,16 @@ _LEAST_WAIT_S = 0.0005
 
 
 class Loop:
-    """Two threads: one moves the robot and tells its wheels, one takes its pictures.
+    """Two threads: one moves the robot and sends its wheels, one takes its images.
 
     Parameters
     ----------
     moving, bridge
-        Who moves, and where that is told.
+        Who moves, and where that is sent.
     speed
         Seconds of the robot's time in a second.
     pictures_a_second
-        Pictures in a second of the robot's time, at most.
+        Images in a second of the robot's time, at most.
     """
 
     def __init__(self, moving: MovingRobot, bridge: Bridge, speed: float, pictures_a_second: float) -> None:

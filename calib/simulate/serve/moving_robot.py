@@ -88,7 +88,7 @@ class MovingRobot:
 
     @property
     def ahead(self) -> Array:
-        """The way that is planned: places (N, 2), m."""
+        """The path that is planned: places (N, 2), m."""
         with self._lock:
             planned, pose = self._planned[::40], self._pose
         if not len(planned):
@@ -104,7 +104,7 @@ class MovingRobot:
             return np.asarray(inverse(self._T_floor_box) @ planar(*self._pose) @ self.robot.T_body_cam)
 
     def drive(self, v: float, w: float) -> None:
-        """Drive by speeds, m/s ahead and rad/s to the left, for a short while; a way that was planned is given up."""
+        """Drive by speeds, m/s ahead and rad/s to the left, for a short while; a path that was planned is given up."""
         half = w * self.robot.b / 2
         wanted = np.clip(np.array([v + half, v - half]), -self._max_speed, self._max_speed)
         with self._lock:
