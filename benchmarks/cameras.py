@@ -1,6 +1,6 @@
 """Two cameras on one robot: the transform between them and the wheels, against the Cramer-Rao bound.
 
-Simulated robots with 20 stops (slip .3 mm/sqrt(m), corners with .1 px of noise, no pictures), each drive solved from
+Simulated robots with 20 stops (slip .3 mm/sqrt(m), corners with .1 px of noise, no images), each drive solved from
 both cameras together and from each camera alone. Three kinds of robots: a camera ahead and one behind, which never see
 the box at the same stop; a stereo pair of 60 mm; a lens of 30 deg beside a fisheye lens of 120 deg. Printed for each:
 errors of the pair's transform over their sigmas (largest) and over the bound (root mean square over all six of all
@@ -10,8 +10,8 @@ With --moving each camera also takes frames on the move, both at the same moment
 late and 20 ms early, jitter .5 ms); printed are errors of wheels and cameras' places over their sigmas and over the
 bound (known noise levels), what frames do to the sigmas of the stops, and the clocks' errors over their sigmas.
 
-With --pictures a few robots are driven with rendered pictures, by two cameras of unlike sizes, clocks and rates of
-pictures, and calibrated from their logs by the whole line.
+With --pictures a few robots are driven with rendered images, by two cameras of unlike sizes, clocks and rates of
+images, and calibrated from their logs by the whole line.
 
     python benchmarks/cameras.py              40 robots of each kind, some 4 minutes on one core
     python benchmarks/cameras.py --moving     the same with frames on the move, some 8 minutes

@@ -1,4 +1,4 @@
-"""Two cameras from rendered pictures, by the whole line from log to result: the table of ``cameras.py --pictures``."""
+"""Two cameras from rendered images, by the whole line from log to result: the table of ``cameras.py --pictures``."""
 
 import json
 import time
@@ -29,8 +29,8 @@ LATE_S, SIZES, FRAMES = (0.03, -0.02), ((640, 480), (1280, 720)), (2, 4)
 class Pictured:
     """One robot: errors (6,) of the pair's transform and (3,) of the wheels, over sigmas and whitened.
 
-    ``late`` are the errors of the clocks' offsets, s, NaN where too few frames on the move show the box to tell one;
-    ``verdicts`` those of the cameras.
+    ``late`` are the errors of the clocks' offsets, s, NaN where too few frames on the move show the box to determine
+    one; ``verdicts`` those of the cameras.
     """
 
     pair: Array

@@ -69,7 +69,7 @@ def with_clock(run: CapturedRun) -> CapturedRun:
     """Return the run with the motion capture moved onto the encoders' clock.
 
     Offset and rate are those with which ``dtheta = aR dphi_R + aL dphi_L`` over one second fits best, aR and aL free:
-    no figure of the robot is needed.
+    no dimension of the robot is needed.
     """
     share = (run.t - run.t[0]) / (run.t[-1] - run.t[0])
     wheels = CubicSpline(run.t, run.phi)
@@ -133,7 +133,7 @@ def carry_camera(run: CapturedRun, rng: np.random.Generator) -> Correspondences:
 
 
 def _seen(p_cam: Array) -> tuple[np.ndarray[tuple[int], np.dtype[np.int64]], Array]:
-    """Return the numbers and pixels of the points in the picture, of (N, 3) in the camera's frame."""
+    """Return the numbers and pixels of the points in the image, of (N, 3) in the camera's frame."""
     ahead = np.flatnonzero(p_cam[:, 2] > 0.5 * np.linalg.norm(p_cam, axis=1))
     uv_px = project(CAMERA, p_cam[ahead])
     inside = np.all((uv_px >= 0) & (uv_px <= np.array(IMAGE_SIZE) - 1), axis=1)

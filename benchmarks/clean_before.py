@@ -3,9 +3,9 @@
     python benchmarks/clean_before.py
 
 Errors and sigmas of the default likelihood on clean drives (a perfect box, a flat floor, the paper's camera), against
-those of an older commit on the same drives, by its own code. The default is the last commit before all that was
-part of the likelihood. Beside it today's with exact landmarks and the paper's camera model, and the default told that
-corners' noise is white, as it is here.
+those of an older commit on the same drives, by its own code. The default is the last commit before all that was part of
+the likelihood. Beside it today's with exact landmarks and the paper's camera model, and the default with the
+information that corners' noise is white, as it is here.
 """
 
 import argparse

@@ -1,4 +1,4 @@
-"""Are the sigmas right on pictures? Clean robots are rendered, calibrated with the command's defaults, and compared.
+"""Are the sigmas right on rendered images? Clean robots are calibrated with the defaults and compared.
 
 Every robot has its own camera, wheels, camera extrinsics, drive and slip; nothing else is wrong. The PSF acts
 before the pixel's integral, as in a camera. Printed for camera, wheels and extrinsics: root mean

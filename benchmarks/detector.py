@@ -2,7 +2,7 @@
 
 python benchmarks/detector.py --quick
 
-Every figure of docs/detector.md is printed by this command without --quick. Peers come with the extra ``bench``; those
+Every number of docs/detector.md is printed by this command without --quick. Peers come with the extra ``bench``; those
 that are not installed are named as absent. One thread each; times are the processor's, the least of some runs, so that
 other work on the machine disturbs them little.
 """
@@ -33,7 +33,7 @@ DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 EXPECTED = "boxcal, tags expected"
 ULTRA_HD = (3840, 2160)
 TURNS = 6
-"""Turns of the detectors on a picture; the least time of each counts."""
+"""Turns of the detectors on an image; the least time of each counts."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -89,7 +89,7 @@ def larger(chosen: dict[str, Detector], views: int, scale: float, size: tuple[in
 
 
 def speed(chosen: dict[str, Detector], views: int) -> None:
-    """Time on sRGB JPEG, the detectors taking turns on every picture, so that what else runs slows all alike."""
+    """Time on sRGB JPEG, the detectors taking turns on every image, so that what else runs slows all alike."""
     camera = SensorModel(noise=2, psf_px=0.6, srgb=True)
     some = {k: chosen[k] for k in ("OpenCV, no refinement", FAST, OURS)}
     print("time on sRGB JPEG\n| picture | OpenCV ms | fast | accurate | expected | recall | rms px | sigma |")
@@ -130,7 +130,7 @@ def expecting(scene: Scene) -> Detector:
 
 
 def small(chosen: dict[str, Detector], views: int) -> None:
-    """Recall by the narrower way across a tag."""
+    """Recall by the shorter distance across a tag."""
     bins = ((8, 10), (10, 12), (12, 14), (14, 16))
     sets = {b: scenes(views, seed=3 + b[0], focal=420.0, distances=(0.5, 1.3), widths=b, kr=0.0) for b in bins}
     print("small tags: recall by width, px\n| detector | " + " | ".join(f"{a}-{b}" for a, b in bins) + " | wrong |")

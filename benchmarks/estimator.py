@@ -56,7 +56,7 @@ class Case:
 
     @property
     def cover(self) -> Array:
-        """Share of 95 % intervals that hold the truth."""
+        """Fraction of 95 % intervals that hold the truth."""
         return np.asarray(np.mean(np.abs(self.errors) <= 1.959964 * self.sigma, axis=0))
 
 

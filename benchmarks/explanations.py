@@ -1,7 +1,7 @@
 """What the diagnosis makes of drives on which something is not as the model has it.
 
 Every violation of the catalogue (:mod:`boxcal.calib.simulate.violations`) is drawn at random, beside what a careful
-user has anyway: a hand-made box, a robot that leans, a real lens, corner noise common to a stop. No pictures are made.
+user has anyway: a hand-made box, a robot that leans, a real lens, corner noise common to a stop. No images are made.
 Printed: by how many of its sigmas each violation moves a parameter where nothing is diagnosed (the same drive with and
 without it, paired), what was named for what was injected, the sizes found, errors in their own sigmas, and how many
 results are called good or usable that are wrong by more than 5 sigma.

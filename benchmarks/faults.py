@@ -68,7 +68,7 @@ def spin(drive: Drive, rng: np.random.Generator) -> tuple[Correspondences, str]:
 
 
 def lifted(drive: Drive, rng: np.random.Generator) -> tuple[Correspondences, str]:
-    """From some stop on the robot stands elsewhere: carried by 10 to 20 cm and turned by 20 to 60 deg on the way.
+    """From some stop on the robot stands elsewhere: carried by 10 to 20 cm and turned by 20 to 60 deg meanwhile.
 
     Stops after it see the box from where they would stand anyway; it is the wheels that did not turn on that leg.
     """

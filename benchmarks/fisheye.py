@@ -23,7 +23,7 @@ from fisheye_views import aimed, fisheye, fisheye_truth, fisheye_view
 LENSES = ((0.0, 0.0, 0.0, 0.0), (-0.02, -0.004, 0.001, 0.0), (0.03, -0.01, 0.001, 0.0))
 """k1 to k4 as OpenCV's fisheye model has them."""
 PLACES = {"centre": (0.5, 0.5), "side": (0.14, 0.55), "corner": (0.82, 0.22)}
-"""Where the box's middle is seen, shares of the image."""
+"""Where the box's middle is seen, fractions of the image."""
 VIEWS = {
     640: ((0.345, 5, 15), (0.395, 40, 20), (0.475, 20, 10)),
     1280: ((0.395, 5, 15), (0.525, 40, 20), (0.675, 20, 10)),

@@ -7,7 +7,7 @@ The command's own engine calibrates and writes every robot, without reports. The
 drives under many names: each is read, solved and written as if it were another robot's. Every count runs in a process
 of its own, whose memory is the coordinator's. Processor time is that of the workers in their calls (what other work on
 the machine hardly changes), after a first robot each, which has compiled code read; a worker is busy while it has a
-call. The table at the end is computed from the figures above it.
+call. The table at the end is computed from the numbers above it.
 """
 
 import argparse
@@ -71,7 +71,7 @@ def resident_bytes() -> int:
 
 
 def jobs(inputs: list[Path], count: int, folder: Path) -> Iterator[Job]:
-    """Yield the jobs of so many robots: each finds one of the inputs under a name of its own."""
+    """Yield the jobs of a number of robots: each finds one of the inputs under a name of its own."""
     for k in range(count):
         source = inputs[k % len(inputs)]
         log = folder / f"r{k:05d}{source.suffix}"
@@ -80,7 +80,7 @@ def jobs(inputs: list[Path], count: int, folder: Path) -> Iterator[Job]:
 
 
 def coordinate(inputs: list[Path], count: int, workers: int) -> dict[str, float]:
-    """Calibrate so many robots in processes, keep their outcomes as the command does, and return the figures."""
+    """Calibrate robots in processes, keep their outcomes as the command does; return the measurements."""
     with tempfile.TemporaryDirectory(prefix="boxcal-fleet-") as name, LocalProcesses(workers) as engine:
         folder = Path(name)
         started = _started(engine, inputs, folder / "first", workers)
@@ -158,7 +158,7 @@ def recordings(folder: Path, count: int) -> list[Path]:
 
 
 def table(title: str, rows: list[dict[str, float]]) -> dict[str, float]:
-    """Print the figures over the number of robots; return those of the largest, with what a further robot keeps."""
+    """Print measurements over the number of robots; return those of the largest, with the memory of a further robot."""
     print(f"\n{title}; a worker's first robot: {rows[0]['started']:.1f} s")
     heads = ("robots", "ms a robot", "busy", "coordinator ms", "memory MB", "kB back", "kB written")
     print("".join(f"{head:>16}" for head in heads))

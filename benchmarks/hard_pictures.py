@@ -26,7 +26,7 @@ LEAST_WIDTH_PX = 10.0
 
 
 def cases() -> Iterator[tuple[str, Callable[[], list[Scene]]]]:
-    """Yield the pictures of ``shared/cases``; none where they are absent."""
+    """Yield the images of ``shared/cases``; none where they are absent."""
     for truth in sorted(CASES.glob("*.truth.json")):
         name = truth.name.removesuffix(".truth.json")
         picture = next(p for p in sorted(CASES.glob(f"{name}.*")) if p.suffix in {".png", ".jpg"})
@@ -35,7 +35,7 @@ def cases() -> Iterator[tuple[str, Callable[[], list[Scene]]]]:
 
 
 def case(image: np.ndarray, corners: dict[str, list[list[float]]]) -> Scene:
-    """Return a picture with the corners of the tags that its truth has; nothing is known of others."""
+    """Return an image with the corners of the tags that its truth has; nothing is known of others."""
     uv = np.full((len(TARGET.tag_ids), 4, 2), np.nan)
     for tag, places in corners.items():
         uv[int(tag)] = places
@@ -55,7 +55,7 @@ def only_known(detect: Callable, scene: Scene) -> Callable:
 
 
 def deviation_error(score: Score) -> float:
-    """Return the standard error of the deviation of normalised errors, by leaving out one picture after the other."""
+    """Return the standard error of the deviation of normalised errors, by leaving out one image after the other."""
     squares = np.array([np.sum(z**2) for z in score.normalised])
     counts = np.array([z.size for z in score.normalised])
     n = len(counts)

@@ -1,7 +1,7 @@
 """Hard pictures with their truth: light, paper, lens and sensors that are unkind, for :mod:`hard_pictures`.
 
 What acts on the light before it falls on pixels (spread ink, wrinkles, defocus, the sensor's mosaic) is made on a
-picture that is rendered three times finer without noise, then gathered into pixels; what acts afterwards, on pixels.
+image that is rendered three times finer without noise, then gathered into pixels; what acts afterwards, on pixels.
 """
 
 from collections.abc import Callable, Iterator
@@ -21,12 +21,12 @@ PLAIN = SensorModel(noise=2, psf_px=0.6)
 ASPECTS = (0.75, 0.85, 0.92, 0.98)
 """Pixels that are not square, as anamorphic sensors and resized streams have them."""
 FINER = 3
-"""How much finer pictures are rendered in which ink spreads, paper wrinkles, or a sensor gathers light."""
+"""How much finer images are rendered in which ink spreads, paper wrinkles, or a sensor gathers light."""
 Change = Callable[[Scene, np.random.Generator], Scene]
 
 
 def shadow(scene: Scene, rng: np.random.Generator) -> Scene:
-    """Put the darker part of a picture behind a hard edge: a third of the light, the edge a pixel wide."""
+    """Put the darker part of an image behind a hard edge: a third of the light, the edge a pixel wide."""
     height, width = scene.image.shape
     y, x = np.mgrid[:height, :width]
     angle = rng.uniform(0.3, 1.2)
@@ -46,7 +46,7 @@ def glare(scene: Scene, rng: np.random.Generator) -> Scene:
 
 
 def interlaced(scene: Scene, _: np.random.Generator) -> Scene:
-    """Take the two fields of a picture half a frame apart, the box 2 px further right in the second; truth midway."""
+    """Take the two fields of an image half a frame apart, the box 2 px further right in the second; truth midway."""
     fields = [cv2.warpAffine(scene.image, np.array([[1.0, 0, side], [0, 1, 0]]), None) for side in (-1.0, 1.0)]
     image = fields[0].copy()
     image[1::2] = fields[1][1::2]
@@ -62,9 +62,9 @@ def finer(
     psf_px: float = 0.6,
     noise: float = 2.0,
 ) -> list[Scene]:
-    """Return views made on finer pictures.
+    """Return views made on finer images.
 
-    ``light`` changes the finer picture and its truth, ``sensor`` the light (H, W), 0..1, that pixels have gathered.
+    ``light`` changes the finer image and its truth, ``sensor`` the light (H, W), 0..1, that pixels have gathered.
     """
     fine = scenes(views, seed=seed, scale=FINER, sensor=SensorModel(psf_px=psf_px * FINER))
     rng, made = np.random.default_rng(seed), []
@@ -93,7 +93,7 @@ def defocused(scene: Scene, _: np.random.Generator) -> Scene:
 
 
 def wrinkled(scene: Scene, rng: np.random.Generator) -> Scene:
-    """Displace the picture as paper does that stands off its face by 0.4 mm (rms), in waves as long as a tag.
+    """Displace the image as paper does that stands off its face by 0.4 mm (rms), in waves as long as a tag.
 
     Seen 30 degrees off its normal such paper moves by half its height; corners are where they are printed.
     """
@@ -125,7 +125,7 @@ def contrasty(light: Array, _: np.random.Generator) -> Array:
 
 
 def dark(light: Array, rng: np.random.Generator) -> Array:
-    """Take the picture with 300 electrons at white, 4 electrons of read noise: gain makes it bright again."""
+    """Take the image with 300 electrons at white, 4 electrons of read noise: gain makes it bright again."""
     electrons = rng.poisson(300 * np.clip(light, 0, 1)) + 4 * rng.normal(size=light.shape)
     return np.asarray(electrons / 300)
 
@@ -139,7 +139,7 @@ def mosaic(light: Array, _: np.random.Generator) -> Array:
 
 
 def rolling(scene: Scene, _: np.random.Generator) -> Scene:
-    """Shear a picture by 3 px from its top to its bottom row, as a shutter that rolls does; corners move along."""
+    """Shear an image by 3 px from its top to its bottom row, as a shutter that rolls does; corners move along."""
     height, width = scene.image.shape
     by_row = 3.0 / height * FINER
     matrix = np.array([[1.0, by_row, -by_row * height / 2], [0, 1, 0]])

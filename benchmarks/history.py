@@ -5,7 +5,7 @@
 Fleets of robots are calibrated every week of a year and looked at every month, as the nightly run would, with all
 that is known by then. Unchanged fleets count false flags. In changed ones both radii of one robot wear by 0.2 % over
 the year, another's camera is knocked by 0.3 deg about an axis at random, and a third gets tyres that are 0.2 % smaller;
-it is printed after how many sessions each was found. Of the wear that is counted from where a test could have told it
+it is printed after how many sessions each was found. Of the wear that is counted from where a test could have found it
 that knew its size, its onset and all scatters beforehand, at the same false-alarm rate (Wald's likelihood ratio).
 """
 
@@ -27,7 +27,7 @@ WORN, KNOCKED, TYRES = 3, 7, 9
 
 
 def looks(sessions: Sequence[Session], count: int) -> Iterable[FleetHistory]:
-    """Yield what is said at so many times, evenly over the sessions."""
+    """Yield what is said at a number of times, evenly over the sessions."""
     begin, end = sessions[0].t_ns, sessions[-1].t_ns + 1
     for look in range(1, count + 1):
         until = begin + (end - begin) * look / count
@@ -35,7 +35,7 @@ def looks(sessions: Sequence[Session], count: int) -> Iterable[FleetHistory]:
 
 
 def flags(history: FleetHistory) -> dict[tuple[str, str], int]:
-    """Return the session that told each robot's first change, by robot and part."""
+    """Return the session that revealed each robot's first change, by robot and part."""
     out: dict[tuple[str, str], int] = {}
     for robot in history.robots:
         for change in robot.watched.changes:

@@ -29,7 +29,7 @@ from boxcal.target.box import make_target
 _OPTIONS = ("--lens", "radial", "--floor", "rigid", "--scale-prior-percent", "0", "--face-prior-mm", "0", "--no-report")
 _TIMES = re.compile(rb"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\+00:00")
 _OF_THE_RUN = {"run.json", "correspondences.npz"}
-"""Files that tell of the run itself, or that hold times in a compressed archive."""
+"""Files about the run itself, or that hold times in a compressed archive."""
 
 
 def logs(folder: Path, robots: int, seed: int) -> list[Path]:
@@ -57,7 +57,7 @@ def contents(out: Path, name: str) -> dict[str, bytes]:
 
 
 def killed(words: list[str], out: Path, finished: int, delay: float) -> tuple[int, bool]:
-    """Run a command and kill it after so many robots and a moment; return how many are finished, and if it ran."""
+    """Run a command and kill it after a number of robots and a moment; return how many are finished, and if it ran."""
     with subprocess.Popen(words, stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL) as process:
         while process.poll() is None and len(list(out.glob("*/calibration.json"))) < finished:
             time.sleep(0.005)

@@ -1,9 +1,9 @@
 """Are the sigmas right around boxes as people make them? Robots around boxes drawn from the estimator's own priors.
 
-A drive with a perfect box cannot tell how high its sheets are glued, so tz is as sure as hand-made boxes are alike, and
-errors of robots around a perfect box lie far inside the sigmas. Here prints, sheets, faces and bows are drawn from the
-priors (:data:`boxcal.calib.likelihood.target_deformation.HAND_MADE`), as are the tilt of the floor and the size of the
-box as a whole, which no picture tells; corners err by white noise; what else is not exact stands in
+A drive with a perfect box cannot show how high its sheets are glued, so tz is as certain as hand-made boxes are alike,
+and errors of robots around a perfect box lie far inside the sigmas. Here prints, sheets, faces and bows are drawn from
+the priors (:data:`boxcal.calib.likelihood.target_deformation.HAND_MADE`), as are the tilt of the floor and the size of
+the box as a whole, which no image shows; corners err by white noise; what else is not exact stands in
 :mod:`boxcal.calib.simulate.imperfections`. Printed: root mean square of errors over sigmas (1 in the ideal), and how
 often a 95 % interval holds the truth; beside it the same around perfect boxes.
 
@@ -78,7 +78,7 @@ def one(kind: str, seed: int, run: int) -> dict[str, object]:
 def errors_in_sigmas(found: Estimate, robot: Robot, size: float) -> Array:
     """Return errors over sigmas, (14,) in the reported order; lengths' with what the size of the box adds to them.
 
-    A world larger by a factor gives the same pictures and wheel angles: ``size`` is that of box and robot together.
+    A world larger by a factor gives the same images and wheel angles: ``size`` is that of box and robot together.
     """
     camera = [getattr(found.camera, n) - getattr(robot.camera, n) for n in ORDER[:5]]
     wheels = [getattr(found, n) - size * getattr(robot, n) for n in ORDER[5:8]]

@@ -1,6 +1,6 @@
 """Frames on the move: errors against the Cramer-Rao bound, clock offsets, and what wrong assumptions do.
 
-Simulated robots with 20 stops and up to 55 frames between them, corners with .1 px of noise, no pictures. Each drive is
+Simulated robots with 20 stops and up to 55 frames between them, corners with .1 px of noise, no images. Each drive is
 solved from its stops alone and with its frames. Printed:
 
 1. at slip .3 and 2 mm/sqrt(m), clock offsets of -80 to 80 ms: errors of tx, ty, rR and b over the bound (root mean

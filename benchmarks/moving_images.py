@@ -1,6 +1,6 @@
-"""Frames on the move by pictures: the whole line from the log, a check of what `moving.py` does without any.
+"""Frames on the move in rendered images: the whole line from the log, a check of what `moving.py` does without any.
 
-Simulated robots with 20 stops and 8 pictures between any two, noise and JPEG; clock offsets of -80 to 80 ms. Each log
+Simulated robots with 20 stops and 8 images between any two, noise and JPEG; clock offsets of -80 to 80 ms. Each log
 is calibrated as by default. Printed, for each robot and as root mean squares: errors of tx, ty, rR and b over their
 sigmas with frames and from stops alone, those sigmas over each other, and the error of the clock's offset over its own.
 

@@ -3,7 +3,7 @@
     python benchmarks/moving_memory.py                 12 and 180 frames between two stops
     python benchmarks/moving_memory.py --a-leg 4 40
 
-A simulated robot drives around the box with 6 stops. Its pictures are rendered small and enlarged to 3840 x 2160: what
+A simulated robot drives around the box with 6 stops. Its images are rendered small and enlarged to 3840 x 2160: what
 is measured is what is kept, not how well. Each log is calibrated in a process of its own. Printed: frames in the log,
 its size, frames decoded, most of them kept at once, and the peak of resident memory over that before the log is opened.
 """
@@ -36,7 +36,7 @@ TURN = np.radians(12)
 
 
 def write(path: Path, a_leg: int) -> None:
-    """Write a log with so many frames between two stops, and as many a second at stops."""
+    """Write a log with a number of frames between two stops, and as many a second at stops."""
     poses = np.array(
         [
             (d * np.cos(side), d * np.sin(side), side + np.pi + turn)

@@ -41,7 +41,7 @@ class Ending:
     run, length
         Its name; path length, m.
     nominal, calibrated : m
-        Distance from the true end, predicted with nominal and with calibrated figures.
+        Distance from the true end, predicted with nominal and with calibrated values.
     sigma : m
         Predicted standard deviation of the distance (root of the variances' sum): calibration and slip.
     by_calibration : m

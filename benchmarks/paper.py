@@ -4,7 +4,7 @@
 
 Section 4: wheels, mounting, image size, encoder step (0.1302 deg) and T = 0.02 s are the paper's; what it leaves open
 is chosen as docs/paper.md lists. Section 5: a simulated Khepera III with the paper's results as its truth, and the log
-../shared/data/fleet/khepera.mcap where it is present. A whole run writes tables and pictures to docs/; --quick (few
+../shared/data/fleet/khepera.mcap where it is present. A whole run writes tables and figures to docs/; --quick (few
 runs, half the figures' stops) writes only where --out says.
 """
 

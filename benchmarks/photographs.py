@@ -57,7 +57,7 @@ def matched(corners: Array, wanted: Array) -> Array:
 
 
 def redrawn(grey: NDArray[np.uint8], patterns: Patterns, corners: Array) -> tuple[NDArray[np.uint8], Array]:
-    """Return the picture with what the model sees of the tags drawn over them, and their corners there."""
+    """Return the image with what the model sees of the tags drawn over them, and their corners there."""
     levels, _ = to_grey(grey)
     frame = Frame(grey=levels, response=response_table("linear"), lens=no_distortion((grey.shape[1], grey.shape[0])))
     tags = align(frame, patterns, np.zeros(len(corners), dtype=np.int64), corners, stop_px=1e-3, iterations=30)

@@ -1,4 +1,4 @@
-"""Is it worth planning where to drive? Planned drives and next stops against rings and random stops, in simulation.
+"""Does it pay to plan where to drive? Planned drives and next stops against rings and random stops, in simulation.
 
 Three tables:
 
@@ -68,7 +68,7 @@ def robot(number: int) -> Robot:
 
 
 def drive(of: Robot, stops: Array | int, rng: np.random.Generator) -> Drive:
-    """Return a simulated drive to given stops, or to so many of a ring."""
+    """Return a simulated drive to given stops, or to a number of them on a ring."""
     count, poses = (stops, None) if isinstance(stops, int) else (len(stops), stops)
     faults = Imperfections(wheels=WheelFaults(slip=GIVEN.slip), lean=GIVEN.lean)
     options = DriveOptions(stops=count, encoder_step=GIVEN.encoder_step)
@@ -82,7 +82,7 @@ def truth(of: Robot, driven: Drive) -> Truth:
 
 
 def bound(of: Robot, stops: Array | int, seed: int) -> Array:
-    """Return the six figures that the Cramer-Rao bound gives for a drive."""
+    """Return the six quantities that the Cramer-Rao bound gives for a drive."""
     rng = np.random.default_rng(seed)
     driven = drive(of, stops, rng)
     seen = exact_correspondences(of, TARGET, driven, GIVEN.corner_px, rng)
@@ -92,7 +92,7 @@ def bound(of: Robot, stops: Array | int, seed: int) -> Array:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Planned:
-    """One robot: figures of the ring (6,), of plans for the user's goals and for the ring's figures, and times."""
+    """One robot: quantities of the ring (6,), of plans for the user's goals and for the ring's, and times."""
 
     ring: Array
     few: Array
@@ -127,7 +127,7 @@ def planned(number: int) -> Planned:
 def hand_made(of: Robot, stops: Array, seed: tuple[int, ...]) -> tuple[Drive, Correspondences]:
     """Return a drive around a box made by hand, drawn as the planner assumes boxes, and what the robot sees.
 
-    With the same seed a drive of more stops begins with the same box, legs and pictures: it is the drive gone on with.
+    With the same seed a drive of more stops begins with the same box, legs and images: it is the drive gone on with.
     """
     driven = drive(of, stops, np.random.default_rng([*seed, 0]))
     of_box, of_pictures = np.random.default_rng([*seed, 1]), np.random.default_rng([*seed, 2])

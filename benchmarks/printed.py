@@ -1,4 +1,4 @@
-"""Are the sigmas right where the box was printed in another size? Robots around such boxes, by pictures.
+"""Are the sigmas right where the box was printed in another size? Robots around such boxes, with rendered images.
 
 Sheets of a fit-to-page print are smaller by some per cent, those of a poor printer in one direction, and one that was
 printed again on another printer differs from its neighbours; all are glued by their middles. Each log is rendered,

@@ -51,7 +51,7 @@ def timed(make: Callable[[], bytes]) -> tuple[bytes, float]:
 
 
 def shown(html: bytes) -> str:
-    """Seconds from Chromium's start to a picture of the page, less those for an empty page."""
+    """Seconds from Chromium's start to an image of the page, less those for an empty page."""
     chromium = shutil.which("chromium") or shutil.which("google-chrome")
     if chromium is None:
         return "no chromium"

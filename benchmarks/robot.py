@@ -152,7 +152,7 @@ def floors(log: Path) -> dict[str, float]:
 
 
 def fleet(log: Path, robots: int, folder: Path) -> tuple[float, float, float]:
-    """Return processor time, time by the clock, s, and the largest memory of a process, MB, of so many robots."""
+    """Return processor time, time by the clock, s, and the largest memory of a process, MB, of a number of robots."""
     logs = [folder / f"r{k:03d}{log.suffix}" for k in range(robots)]
     for path in logs:
         shutil.copyfile(log, path)

@@ -32,7 +32,7 @@ class Sources:
         Between wheel samples.
     slip : m/sqrt(m)
     scale
-        The box is larger than its table by this share.
+        The box is larger than its table by this fraction.
     width : m
         It is wider along x: faces 0 and 2 stand further out by half of it each.
     lift : m

@@ -38,7 +38,7 @@ class Score:
 
     @property
     def recall(self) -> float:
-        """Share of the wanted tags that were found."""
+        """Fraction of the wanted tags that were found."""
         return self.found / max(self.wanted, 1)
 
     @property

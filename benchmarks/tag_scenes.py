@@ -1,4 +1,4 @@
-"""Pictures of the default box with their truth, and pictures without one of its tags, for the detectors' benchmarks.
+"""Images of the default box with their truth, and images without one of its tags, for the detectors' benchmarks.
 
 To be imported before numpy: holds this process to one thread.
 """
@@ -29,7 +29,7 @@ TARGET = make_target()
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scene:
-    """One picture with its truth: ids that ought to be found, and where every tag's corners are."""
+    """One image with its truth: ids that ought to be found, and where every tag's corners are."""
 
     image: Grey
     wanted: NDArray[np.int64]
@@ -57,7 +57,7 @@ def pose(rng: np.random.Generator, near: float, far: float) -> tuple[Array, Arra
 
 
 def width_px(corners: Array) -> Array:
-    """Return the narrower way across tags (N, 4, 2), (N,) px."""
+    """Return the shorter distance across tags (N, 4, 2), (N,) px."""
     a, b = corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1]
     side = np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2).max(axis=1)
     return np.asarray(0.5 * np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]) / np.maximum(side, 1e-9))
@@ -80,7 +80,7 @@ def scenes(
 ) -> list[Scene]:
     """Return rendered views of the default box; wanted are tags on faces seen within 60 deg, of those widths.
 
-    ``size`` is the picture's (4 : 3 at ``scale`` if None), ``aspect`` is fv over fu; wanted tags lie on so many
+    ``size`` is the image's (4 : 3 at ``scale`` if None), ``aspect`` is fv over fu; wanted tags lie on a number of
     ``faces`` at least.
     """
     size = size or (round(640 * scale), round(480 * scale))
@@ -111,7 +111,7 @@ def scenes(
 
 
 def encoded(quality: int) -> Callable[[Scene, np.random.Generator], Scene]:
-    """Return what encodes pictures as JPEG and decodes them again."""
+    """Return what encodes images as JPEG and decodes them again."""
 
     def jpeg_of(scene: Scene, _: np.random.Generator) -> Scene:
         data = np.frombuffer(encode_jpeg(scene.image, quality), np.uint8)
@@ -138,7 +138,7 @@ def cover_half(scene: Scene, rng: np.random.Generator) -> Scene:
 
 
 def tagless(count: int, seed: int = 7) -> list[Grey]:
-    """Return pictures without a tag of the target: clutter, text, grids, and tags of other families or ids."""
+    """Return images without a tag of the target: clutter, text, grids, and tags of other families or ids."""
     rng = np.random.default_rng(seed)
     families = ["DICT_4X4_1000", "DICT_5X5_1000", "DICT_6X6_1000", "DICT_APRILTAG_16h5", "DICT_APRILTAG_25h9"]
     families += ["DICT_APRILTAG_36h10", "DICT_APRILTAG_36h11", "DICT_ARUCO_ORIGINAL"]

@@ -1,8 +1,8 @@
 """Faults of real robots that the catalogue of explanations does not hold: no result ought to be good and wrong.
 
-A camera that is loose, pictures that are stabilised, focus or mounting that drift with warmth, floors with a step or a
+A camera that is loose, images that are stabilised, focus or mounting that drift with warmth, floors with a step or a
 ramp, a box pushed twice, tyres that wear or warm up, wheels that spin at each start or lose ticks at speed. Each is put
-on simulated drives around a box made by hand, without pictures. Printed for each: verdicts, errors over sigmas (root
+on simulated drives around a box made by hand, without images. Printed for each: verdicts, errors over sigmas (root
 mean square and largest) of results called good, how many of these are off by more than 5 sigma, and what was named.
 Of what changes during a drive any value that it had is right.
 
@@ -53,7 +53,7 @@ def sagging_camera(drive: Drive, size: float, _: np.random.Generator) -> Drive:
 
 
 def stabilised(drive: Drive, size: float, rng: np.random.Generator) -> Drive:
-    """Shift the picture at each stop, by ``size`` px both ways."""
+    """Shift the image at each stop, by ``size`` px both ways."""
     shift = size * rng.standard_normal((len(drive.stop_poses), 2))
     cameras = [replace(c, cu=c.cu + u, cv=c.cv + v) for c, (u, v) in zip(drive.scene.cameras, shift, strict=True)]
     return replace(drive, scene=replace(drive.scene, cameras=tuple(cameras)))
@@ -117,7 +117,7 @@ def lost_ticks(drive: Drive, size: float, _: np.random.Generator) -> Drive:
 
 
 def _starts(drive: Drive) -> Array:
-    """Return where each leg's wheels begin to turn, (P - 1,) samples, and which way, (P - 1, 2)."""
+    """Return where each leg's wheels begin to turn, (P - 1,) samples, and in which direction, (P - 1, 2)."""
     begin = np.searchsorted(drive.t_ns, drive.stop_t_ns[:-1, 1]) + 10
     end = np.searchsorted(drive.t_ns, drive.stop_t_ns[1:, 0])
     phi = np.stack([drive.phi_R, drive.phi_L], axis=1)
