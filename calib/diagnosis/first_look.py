@@ -20,7 +20,7 @@ from boxcal.calib.diagnosis.sheets_by_wheels import gluing_by_wheels
 from boxcal.calib.diagnosis.silent_wheels import refuse_silent_wheels
 from boxcal.calib.diagnosis.standing import Standing, how_it_stands, side_finding
 from boxcal.calib.diagnosis.turned_pictures import turned_stops, without_turned
-from boxcal.calib.diagnosis.wheel_signs import LEAST_STOPS, Explained, agree, explain_signs
+from boxcal.calib.diagnosis.wheel_signs import LEAST_STOPS, Explained, agree, explain_signs, places
 from boxcal.calib.diagnosis.without_stops import said_without_stops, with_frames_for_stops
 from boxcal.calib.errors import CalibError
 from boxcal.calib.four_steps.camera_mode import CameraMode
@@ -230,7 +230,7 @@ def _too_few(drive: Correspondences) -> CalibError:
 def _from_consecutive_stops(drive: Correspondences, camera: CameraStep, error: CalibError) -> FourSteps:
     """Return the four steps from consecutive stops alone, where they fail over all pairs of stops."""
     signs = "swapped" in error.found or "reversed" in error.found
-    if len(camera.kept) < LEAST_STOPS:  # some wheels fit whatever is wrong
+    if places(camera) < LEAST_STOPS:  # some wheels fit whatever is wrong
         raise _no_wheels(camera, "") if signs else error
     try:
         return robust_steps(drive, camera, _NO_WHEELS if signs else error.found)
@@ -269,10 +269,11 @@ def _cause(drive: Correspondences, camera: CameraStep, target: Target, mode: Cam
 
 def _no_wheels(camera: CameraStep, tried: str) -> CalibError:
     """Return that no wheels fit, where nothing explains that."""
-    text = _NO_WHEELS
-    if len(camera.kept) < LEAST_STOPS:
+    text, apart = _NO_WHEELS, places(camera)
+    if apart < LEAST_STOPS:
+        stops = len(camera.kept)
         return CalibError(
-            f"{text}, and {len(camera.kept)} stops are too few to tell why "
+            f"{text}, and {f'{stops} stops' if apart == stops else f'{apart} places'} are too few to tell why "
             f"({'; '.join(camera.notes) or 'exchanged or reversed wheels, slip, a box moved'}){tried}",
             needed=f"at least {LEAST_STOPS} are needed",
             remedy="add stops, and check which joint is left and which right",

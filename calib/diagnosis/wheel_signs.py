@@ -19,7 +19,9 @@ from boxcal.target.arrays import Array
 from boxcal.target.box import Target
 
 LEAST_STOPS = 5
-"""With fewer stops than this some wheels fit whatever the signs are, and nothing is said."""
+"""With stops at fewer places than this some wheels fit whatever the signs are, and nothing is said."""
+SAME_PLACE_M, SAME_PLACE_DEG = 0.05, 5.0
+"""Stops nearer than this, and whose headings differ by less, are at one place: a robot that drives to and fro slips."""
 MAX_HEADING_DEG = 3.0
 """Turns seen and rolled agree to this (root mean square) where an explanation fits."""
 MAX_RMS = 0.1
@@ -69,7 +71,7 @@ def explain_signs(camera: CameraStep, legs: Legs, target: Target) -> Explained |
     A box upside down comes first where the images show it so: wheels that are exchanged *and* a camera that is
     mounted upside down would look the same, but are two faults.
     """
-    if len(camera.kept) < LEAST_STOPS:
+    if places(camera) < LEAST_STOPS:
         return None
     standing = how_it_stands(camera.T_cam_box)
     turned = replace(camera, T_cam_box=camera.T_cam_box @ inverse(upside_down(target)))
@@ -102,6 +104,19 @@ def explain_signs(camera: CameraStep, legs: Legs, target: Target) -> Explained |
     if best is not None and over is not None and best.key == "wheels-swapped":
         return replace(best, text=f"{best.text}, or the box stands upside down")
     return best
+
+
+def places(camera: CameraStep) -> int:
+    """Return at how many places the stops are: moves to and fro between two places are one move."""
+    T = inverse(camera.T_cam_box)
+    apart = np.linalg.norm(T[:, None, :3, 3] - T[:, :3, 3], axis=2)
+    turned = np.einsum("aij,bij->ab", T[:, :3, :3], T[:, :3, :3]) < 1 + 2 * np.cos(np.radians(SAME_PLACE_DEG))
+    other = (apart > SAME_PLACE_M) | turned
+    kept: list[int] = []
+    for j in range(len(T)):
+        if other[j, kept].all():
+            kept.append(j)
+    return len(kept)
 
 
 def _heights(T_cam_box: Array) -> Array:

@@ -111,8 +111,9 @@ def negative_wheels(stops: int, leg_known: Mask) -> CalibError:
     """Return the error that says that wheels of negative size fit some stops best; legs (N,) known or not."""
     few = "" if np.all(leg_known) else f", and the wheels' travel between them is known {np.sum(leg_known)} times"
     return CalibError(
-        f"{stops} stops fit wheels of negative size best: the moves do not tell forward from backward{few}",
-        remedy="add stops",
+        f"{stops} stops fit wheels of negative size best: the moves do not tell forward from backward{few}, or wheels "
+        "and pictures do not fit together",
+        remedy="add stops, and check that the wheels' readings count alike all along and that the box stood still",
     )
 
 
