@@ -12,6 +12,7 @@ from boxcal.detect.alignment.box_search import (
     BoxDetection,
 )
 from boxcal.detect.alignment.covariance import CovarianceCorrection, asked, covariance_correction, rigid_share
+from boxcal.detect.alignment.cut_tags import carried_to_lens, cut_by_border
 from boxcal.detect.alignment.detection import DetectorOutput, DetectorSettings, KnownCamera, nothing
 from boxcal.detect.alignment.dot_gain import without_dot_gain
 from boxcal.detect.alignment.expected_tags import ExpectedTags, at_most, find_expected
@@ -140,7 +141,8 @@ def detect_in_grey(  # noqa: PLR0917
             left_out = _left_out(frame, patterns, tags, uneven)
     tags = without_dot_gain(patterns, tags, uneven)
     if len(tags) >= FEW_TAGS:
-        fit = fit_box(target, tags.rows, tags.corners_px, image_size=size, sigma_px=LEAST_SIGMA_PX, start=fit)
+        told = _telling_lens(patterns, tags, size)
+        fit = fit_box(target, told.rows, told.corners_px, image_size=size, sigma_px=LEAST_SIGMA_PX, start=fit)
     if sagitta_difference_px(frame.lens, fit.lens, tags.corners_px) > BENT_PX:
         frame = replace(frame, lens=fit.lens)
         tags = _aligned_again(frame, target, patterns, tags, fit)
@@ -153,7 +155,8 @@ def detect_in_grey(  # noqa: PLR0917
         contradicting_faces=found.contradicting_faces,
         rejected_ids=np.sort(patterns.tag_ids[found.off_the_box(target, fit, tags.rows, size)]),
     )
-    located = _with_lens_and_box(located, target, frame, fit, uneven, flat=left_out.deformation_px2 == 0)
+    located = _under_lens(located, patterns, frame, fit)
+    located = _with_faces(located, target, fit, uneven, flat=left_out.deformation_px2 == 0)
     if len(tags) < FEW_TAGS:
         return located
     imaging = replace(taken.imaging, kurtosis=median(tags.theta[:, KURTOSIS]))
@@ -178,24 +181,39 @@ def _searched(  # noqa: PLR0917
     return found if found is None or expected is None else at_most(found, expected.most)
 
 
-def _with_lens_and_box(
-    located: DetectorOutput, target: Target, frame: Frame, fit: BoxFit, uneven: Index, *, flat: bool
-) -> DetectorOutput:
-    """Return the tags with corners under the box's lens, and covariances as large as their faces show them to be.
+def _telling_lens(patterns: Patterns, tags: TagAlignments, size: tuple[int, int]) -> TagAlignments:
+    """Return the tags that tell the lens: those that the border does not cut, where they are enough."""
+    whole = ~cut_by_border(patterns, tags.corners_px, size)
+    return tags.take(whole) if np.sum(whole) >= max(FEW_TAGS, 0.5 * len(tags)) else tags
+
+
+def _under_lens(located: DetectorOutput, patterns: Patterns, frame: Frame, fit: BoxFit) -> DetectorOutput:
+    """Return tags with corners under the box's lens."""
+    size = (frame.grey.shape[1], frame.grey.shape[0])
+    corners, cov = under_lens(frame.lens, fit.lens, located.corners_px), located.cov_px2
+    cut = cut_by_border(patterns, located.corners_px, size)
+    if cut.any():
+        cov = cov.copy()
+        corners[cut], added = carried_to_lens(frame.lens, fit, located.corners_px[cut], size)
+        cov[cut] += added
+    return replace(located, corners_px=corners, cov_px2=cov)
+
+
+def _with_faces(located: DetectorOutput, target: Target, fit: BoxFit, uneven: Index, *, flat: bool) -> DetectorOutput:
+    """Return the tags with covariances as large as their faces show them to be.
 
     No larger where the paper is not flat, as then tags really differ in shape; and no larger than the whole box shows
     them to be where too few tags of any face are seen.
     """
-    corners = under_lens(frame.lens, fit.lens, located.corners_px)
     rows = np.array([target.row_of(int(tag)) for tag in located.ids], dtype=np.int64)
     uv = fit.places(target.tag_corners[rows].reshape(-1, 3))
-    apart = corners - uv.reshape(-1, 4, 2)
+    apart = located.corners_px - uv.reshape(-1, 4, 2)
     factor, freedom = scatter(target, rows, apart, located.cov_px2, among(rows, uneven))
     if freedom < ENOUGH:
         factor = np.full(len(rows), rigid_share(apart, located.cov_px2, len(fit.information)))
     elif not flat:
         factor = np.minimum(factor, 1.0)
-    return replace(located, corners_px=corners, cov_px2=factor[:, None, None, None] * located.cov_px2)
+    return replace(located, cov_px2=factor[:, None, None, None] * located.cov_px2)
 
 
 def _believed(  # noqa: PLR0917

@@ -30,10 +30,11 @@ _CORNERS = np.array([0, 2, 8, 6])
 """Which of the nine places are the corners."""
 
 
-def under_lens(lens: Array, better: Array, corners_px: Array) -> Array:
+def under_lens(lens: Array, better: Array, corners_px: Array, followed: Array | None = None) -> Array:
     """Return corners (N, 4, 2), px, aligned under a lens, as they would have been aligned under a better one.
 
-    The better lens counts with its tangential terms, which alignment does not know.
+    The better lens counts with its tangential terms, which alignment does not know. Tags are taken as seen all round,
+    or as ``followed`` (N, 8, 18) says, which :func:`followed_in_part` returns.
     """
     if len(corners_px) == 0:
         return corners_px
@@ -45,8 +46,11 @@ def under_lens(lens: Array, better: Array, corners_px: Array) -> Array:
     along = 0.5 * (corners_px[:, 1] + corners_px[:, 2] - corners_px[:, 0] - corners_px[:, 3])
     down = 0.5 * (corners_px[:, 2] + corners_px[:, 3] - corners_px[:, 1] - corners_px[:, 0])
     on_tag = _split(field, along, down)
-    followed = (on_tag.reshape(len(middle), -1) @ _followed().T).reshape(-1, 4, 2)
-    moved = followed[..., :1] * along[:, None] + followed[..., 1:] * down[:, None] - field[:, _CORNERS]
+    if followed is None:
+        at_corners = (on_tag.reshape(len(middle), -1) @ _followed().T).reshape(-1, 4, 2)
+    else:
+        at_corners = (followed @ on_tag.reshape(len(middle), -1, 1)).reshape(-1, 4, 2)
+    moved = at_corners[..., :1] * along[:, None] + at_corners[..., 1:] * down[:, None] - field[:, _CORNERS]
     return np.asarray(corners_px + np.where(np.isfinite(moved), moved, 0.0))
 
 
@@ -83,9 +87,9 @@ def _straightened(lens: Array, charts: Array, seen: Array) -> Array:
     return np.asarray(backend().undistort_locally(lens, charts, seen + added[:, :-1] - added[:, -1:]))
 
 
-def _on_tag(H: Array) -> Array:
-    """Return where homographies (N, 8) of the unit square have the nine places, (N, 9, 2)."""
-    x, y = _PLACES.T
+def _on_tag(H: Array, places: Array = _PLACES) -> Array:
+    """Return where homographies (N, 8) of the unit square have places (P, 2), or the nine, (N, P, 2)."""
+    x, y = places.T
     h = H.T[..., None]
     w = h[6] * x + h[7] * y + 1
     out = np.empty((len(H), len(x), 2))
@@ -93,17 +97,53 @@ def _on_tag(H: Array) -> Array:
     return out
 
 
+def followed_in_part(corners_px: Array, image_size: tuple[int, int]) -> Array:
+    """Return what ``_followed`` is of whole tags for tags of which only what lies in the picture is seen.
+
+    Parameters
+    ----------
+    corners_px : (N, 4, 2), px
+    image_size
+        Width and height, px.
+
+    Returns
+    -------
+    (N, 8, 18)
+    """
+    places, across, weight = _edges()
+    uv = _on_tag(from_square(1.0, corners_px), places)
+    inside = np.all((uv > -0.5) & (uv < np.array(image_size) - 0.5), axis=2)
+    fields = np.einsum("ei,eik->ek", across, small_homographies(places))
+    out = np.empty((len(corners_px), 8, 18))
+    for k, there in enumerate(inside):
+        w = weight * there
+        solved = np.linalg.pinv(fields.T @ (w[:, None] * fields), rcond=1e-9, hermitian=True) @ (fields.T * w)
+        out[k] = _at_corners(solved, places, across)
+    return out
+
+
 @cache
 def _followed() -> Array:
     """Return the matrix (8, 18) from a field at the nine places to the best small homography's at the corners."""
+    places, across, weight = _edges()
+    fields = np.einsum("ei,eik->ek", across, small_homographies(places))
+    solved = np.linalg.solve(fields.T @ (weight[:, None] * fields), fields.T * weight)
+    return _at_corners(solved, places, across)
+
+
+@cache
+def _edges() -> tuple[Array, Array, Array]:
+    """Return places (E, 2) of edges between modules, the directions (E, 2) across them, and weights (E,)."""
     lines, middles = np.arange(MODULES + 1) / MODULES, (np.arange(MODULES) + 0.5) / MODULES
     first, second = (a.ravel() for a in np.meshgrid(lines, middles, indexing="ij"))
-    edges = np.concatenate([np.column_stack([first, second]), np.column_stack([second, first])])
+    places = np.concatenate([np.column_stack([first, second]), np.column_stack([second, first])])
     across = np.repeat(np.eye(2), len(first), axis=0)
-    weight = np.tile(np.where((first == 0) | (first == 1), 1.0, INNER_EDGES), 2)[:, None]
-    fields = np.einsum("ei,eik->ek", across, small_homographies(edges))
-    solved = np.linalg.solve(fields.T @ (weight * fields), (weight * fields).T)
-    shape = _quadratic(edges[:, 1])[:, :, None] * _quadratic(edges[:, 0])[:, None, :]
+    return places, across, np.tile(np.where((first == 0) | (first == 1), 1.0, INNER_EDGES), 2)
+
+
+def _at_corners(solved: Array, places: Array, across: Array) -> Array:
+    """Return the matrix (8, 18) that has small homographies (8, E) of displaced edges follow a field at nine places."""
+    shape = _quadratic(places[:, 1])[:, :, None] * _quadratic(places[:, 0])[:, None, :]
     seen = (shape.reshape(-1, 9)[:, :, None] * across[:, None, :]).reshape(-1, 18)
     return np.asarray(small_homographies(_PLACES[_CORNERS]).reshape(8, 8) @ solved @ seen)
 
