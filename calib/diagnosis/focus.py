@@ -13,6 +13,12 @@ from boxcal.calib.likelihood.state import State
 _PARTS = ("scale", "right", "down")
 _LEAST = 2.0
 """Sigmas from which on a change is reported."""
+SMALL, USABLE = 0.012, 0.03
+"""Changes of the focal length that are allowed for, and that leave a result usable. The effect is in proportion to the
+change; of the rest, its square, the sigmas know nothing, and at 2 % it is several of them."""
+SMALL_VARIATION, USABLE_VARIATION = 0.007, 0.02
+"""The same of its standard deviation from stop to stop."""
+_BEYOND = "; that is so much that errors may be larger than their standard deviations"
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,9 +74,10 @@ class FocusChanged(OfPictures):
         return Finding(
             cause=self.family,
             text=f"before stop {stop + 1} focus or crop of the camera changed: "
-            f"{' and '.join(words) or 'a little'}; the result is that after the change",
+            f"{' and '.join(words) or 'a little'}; the result is that after the change{_BEYOND * (abs(scale) > SMALL)}",
             advice="Switch autofocus, zoom and digital stabilisation off.",
-            adopted=True,
+            adopted=abs(scale) <= SMALL,
+            blocks=abs(scale) > USABLE,
             stops=tuple(int(s) for s in problem.stop[: self.stop]),
             size=100 * scale,
             sigma=100 * s_scale,
@@ -116,9 +123,11 @@ class FocusVaries(OfPictures):
         sigma = spread / float(np.sqrt(2 * (n - 1)))
         return Finding(
             cause=self.family,
-            text=f"the focal length varies by {percent(spread, sigma)} from stop to stop (autofocus)",
+            text=f"the focal length varies by {percent(spread, sigma)} from stop to stop (autofocus)"
+            f"{_BEYOND * (spread > SMALL_VARIATION)}",
             advice="Switch autofocus off and calibrate again; the result is a mean.",
-            adopted=True,
+            adopted=spread <= SMALL_VARIATION,
+            blocks=spread > USABLE_VARIATION,
             size=100 * spread,
             sigma=100 * sigma,
             unit="%",

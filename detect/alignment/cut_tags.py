@@ -9,7 +9,8 @@ leaves them; and they do not tell it.
 import numpy as np
 from numpy.typing import NDArray
 
-from boxcal.detect.alignment.box_pose import FITTED, BoxFit
+from boxcal.detect.alignment.box_pose import BoxFit
+from boxcal.detect.alignment.box_refinement import FITTED
 from boxcal.detect.alignment.tag_curvature import followed_in_part, under_lens
 from boxcal.detect.alignment.tag_patterns import Patterns
 from boxcal.target.arrays import Array

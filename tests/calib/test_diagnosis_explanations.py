@@ -308,6 +308,18 @@ def test_a_changed_focus_is_found_as_it_is_after_the_change() -> None:
     assert abs(found.camera.fu - 1.005 * turtlebot().camera.fu) < 4 * found.sigma["fu"]
 
 
+@pytest.mark.parametrize(("grown", "blocks"), [(1.02, False), (1.1, True)])
+def test_a_focus_that_changed_by_more_than_its_effect_is_linear_in_is_not_allowed_for(
+    grown: float, blocks: bool
+) -> None:
+    found, _ = estimate_explained(
+        [drive(Imperfections(camera=CameraFaults(focus=(6, grown, 0.0, 0.0))))], None, OPTIONS
+    )
+    of_focus = [f for f in found.findings if f.cause in {"focus-changed", "focus-varies"}]
+    assert any(not f.adopted and "errors may be larger" in f.text for f in of_focus)
+    assert any(f.blocks for f in of_focus) == blocks
+
+
 def test_autofocus_is_named_by_its_spread() -> None:
     _, finding = diagnosed(Imperfections(camera=CameraFaults(autofocus=0.003)))
     assert finding.cause == "focus-varies"
