@@ -11,10 +11,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import chdtrc
 
+from boxcal.calib.diagnosis.camera_knocked import CameraKnocked
 from boxcal.calib.diagnosis.catalogue import candidates
 from boxcal.calib.diagnosis.cause import Cause, Solved, can_be
 from boxcal.calib.diagnosis.doubts import Doubt, doubts
 from boxcal.calib.diagnosis.evidence import log_evidence
+from boxcal.calib.diagnosis.focus import FocusChanged
 from boxcal.calib.diagnosis.ranking import Ranked, rank
 from boxcal.calib.likelihood.finding import Finding
 from boxcal.calib.likelihood.fit import Fit
@@ -30,6 +32,8 @@ At most ``families * exp(-NEEDED)`` of faultless drives have one that good (Mark
 """
 MOST = 4
 """Explanations of one drive at most."""
+AT_A_STOP = (CameraKnocked, FocusChanged)
+"""What may come about again before another stop."""
 _PROMISING = 0.0
 """An explanation is solved for where its score test gives a Bayes factor whose logarithm is larger than this.
 
@@ -63,8 +67,13 @@ class Explained:
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """Adopted explanations, then the likely ones of the others, in words."""
+        """Adopted explanations, then the likely ones of the others, in words.
+
+        What came about several times may have come about more often: it is solved for, but not allowed for.
+        """
         adopted = [cause.finding(_solved(self.fit, cause, gain), self.fit.problem) for cause, gain in self.adopted]
+        families = [finding.cause for finding in adopted]
+        adopted = [replace(f, adopted=f.adopted and families.count(f.cause) == 1) for f in adopted]
         perhaps = [doubt.finding(self.fit.problem) for doubt in self.doubts]
         return (*adopted, *(finding for finding in perhaps if finding is not None))
 
@@ -117,8 +126,7 @@ def _next(found: Explained, vanished: Sequence[str], needed: float) -> _Search:
     Families that vanished are not solved for again, but may be doubts: what is left of them the sigmas must allow for.
     """
     fit = found.fit
-    have = {cause.family for cause, _ in found.adopted}
-    every = [cause for cause in candidates(fit) if cause.family not in have]
+    every = [cause for cause in candidates(fit) if not any(_same(cause, had) for had, _ in found.adopted)]
     here = rank(fit, every)
     tried: list[tuple[Ranked, Fit]] = [(best, fit) for best in here]
     if np.any(fit.problem.leg_known & (fit.weights.legs == 0)):
@@ -145,6 +153,14 @@ def _next(found: Explained, vanished: Sequence[str], needed: float) -> _Search:
     if best.cause is not None:
         return best
     return _Search(doubts=doubts([(ranked, known[id(ranked)]) for ranked in here]))
+
+
+def _same(cause: Cause, had: Cause) -> bool:
+    """Tell whether a cause is of the family of another and may not be at work beside it: not at another stop."""
+    if cause.family != had.family:
+        return False
+    at, before = (cause.stop, had.stop) if isinstance(cause, AT_A_STOP) and isinstance(had, AT_A_STOP) else (0, 0)
+    return at == before
 
 
 def _refit(fit: Fit, causes: Sequence[Cause]) -> Fit | None:

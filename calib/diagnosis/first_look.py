@@ -19,7 +19,7 @@ from boxcal.calib.diagnosis.sheets import Gluing, find_gluing
 from boxcal.calib.diagnosis.sheets_by_wheels import gluing_by_wheels
 from boxcal.calib.diagnosis.silent_wheels import refuse_silent_wheels
 from boxcal.calib.diagnosis.standing import Standing, how_it_stands, side_finding
-from boxcal.calib.diagnosis.turned_pictures import turned_stops, without_turned
+from boxcal.calib.diagnosis.turned_pictures import refuse_turned, said_with_turned, turned_stops, without_turned
 from boxcal.calib.diagnosis.wheel_signs import LEAST_STOPS, Explained, agree, explain_signs, places
 from boxcal.calib.diagnosis.without_stops import said_without_stops, with_frames_for_stops
 from boxcal.calib.errors import CalibError
@@ -91,11 +91,15 @@ def first_look(drives: Sequence[Correspondences], target: Target, mode: CameraMo
     except CalibError as error:
         other = _without_odd(drives, target, mode, findings) or _without_turned(drives, target, mode, findings)
         if other is None:
-            raise said_with_odd_corners(said_without_stops(error, drives), findings) from error
+            said = said_with_odd_corners(said_without_stops(error, drives), findings)
+            raise said_with_turned(said, drives, mode) from error
         return other
-    if any(turned_stops(steps.camera)[0] for steps in look.steps):
-        return _without_turned(look.drives, look.target, mode, look.findings) or look
-    return look
+    if not any(turned_stops(steps.camera)[0] for steps in look.steps):
+        return look
+    other = _without_turned(look.drives, look.target, mode, look.findings)
+    if other is None:
+        refuse_turned(look.drives, mode)
+    return other or look
 
 
 def _without_odd(

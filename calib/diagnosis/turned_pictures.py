@@ -15,6 +15,8 @@ from boxcal.detect.stops import MIN_STOPS
 
 TURNED_DEG = 45.0
 """A box whose upright is seen so far from where most stops see it is no box that leans: the image was turned."""
+_ADVICE = "Fasten the camera, leave the picture's orientation alone during a drive, and drive again."
+_REMEDY = _ADVICE[:1].lower() + _ADVICE[1:].rstrip(".")
 
 
 def turned_stops(camera: CameraStep) -> tuple[tuple[int, ...], float]:
@@ -38,25 +40,57 @@ def without_turned(drives: Sequence[Correspondences], mode: CameraMode) -> tuple
     sound, findings = [], []
     for drive in drives:
         sound.append(drive)
-        try:
-            camera = calibrate_camera(drive.stops, drive.image_size, mode)
-        except CalibError:
-            continue
-        odd, angle = turned_stops(camera)
-        if odd and len(camera.kept) - len(odd) >= max(MIN_STOPS, len(odd) + 1):
+        odd, angle, left = _turned(drive, mode)
+        if odd and left >= max(MIN_STOPS, len(odd) + 1):
             stops = tuple(without_corners(stop) if j in odd else stop for j, stop in enumerate(drive.stops))
             sound[-1] = replace(drive, stops=stops)
-            findings.append(_finding(odd, angle, len(drive.stops)))
+            text = f"{_text(odd, angle, len(drive.stops))}: these were left out"
+            findings.append(Finding(cause="pictures-turned", text=text, advice=_ADVICE, stops=odd))
     return sound, findings
 
 
-def _finding(odd: tuple[int, ...], angle: float, count: int) -> Finding:
+def said_with_turned(error: CalibError, drives: Sequence[Correspondences], mode: CameraMode) -> CalibError:
+    """Return why drives cannot be calibrated, after which pictures were turned where these are as many as others."""
+    text = _as_many(drives, mode)
+    return CalibError(f"{text}; as recorded: {error.found}", source=error.source, remedy=_REMEDY) if text else error
+
+
+def refuse_turned(drives: Sequence[Correspondences], mode: CameraMode) -> None:
+    """Refuse drives in which as many pictures were turned as others were not.
+
+    Raises
+    ------
+    CalibError
+        If one is such: which of the two are right cannot be told.
+    """
+    text = _as_many(drives, mode)
+    if text:
+        raise CalibError(f"{text}; there are as many of these as of others", remedy=_REMEDY)
+
+
+def _as_many(drives: Sequence[Correspondences], mode: CameraMode) -> str:
+    """Return what is said of a drive in which as many pictures were turned as others were not; empty if none is."""
+    for drive in drives:
+        odd, angle, left = _turned(drive, mode)
+        if len(odd) >= MIN_STOPS and left <= len(odd):
+            return _text(odd, angle, len(drive.stops))
+    return ""
+
+
+def _turned(drive: Correspondences, mode: CameraMode) -> tuple[tuple[int, ...], float, int]:
+    """Return the stops of turned pictures, the largest angle, deg, and how many others there are."""
+    try:
+        camera = calibrate_camera(drive.stops, drive.image_size, mode)
+    except CalibError:
+        return (), 0.0, len(drive.stops)
+    odd, angle = turned_stops(camera)
+    return odd, angle, len(camera.kept) - len(odd)
+
+
+def _text(odd: tuple[int, ...], angle: float, count: int) -> str:
     numbers = ", ".join(str(j + 1) for j in odd)
-    return Finding(
-        cause="pictures-turned",
-        text=f"the box stands in the pictures of stop{'s' if len(odd) > 1 else ''} {numbers} (of {count}) by up to "
+    return (
+        f"the box stands in the pictures of stop{'s' if len(odd) > 1 else ''} {numbers} (of {count}) by up to "
         f"{angle:.0f} deg otherwise than in the others, as if pictures or camera had been turned, or the box been laid "
-        "on its side: these were left out",
-        advice="Fasten the camera, leave the picture's orientation alone during a drive, and drive again.",
-        stops=odd,
+        "on its side"
     )

@@ -107,6 +107,13 @@ def test_pictures_that_were_turned_are_left_out_and_the_result_is_usable_at_most
     assert np.linalg.norm(found.T_body_cam[:3, 3] - turtlebot().T_body_cam[:3, 3]) < 2e-3
 
 
+def test_as_many_turned_pictures_as_others_are_said_where_nothing_fits() -> None:
+    with pytest.raises(
+        CalibError, match=r"in the pictures of stops .* \(of 12\) by up to 1\d\d deg otherwise .* turned"
+    ):
+        calibrate(_with(_drive(), _turned, range(6, 12)))
+
+
 @pytest.mark.parametrize("kind", list(CameraKind))
 @pytest.mark.parametrize("sigma_px", [0.05, 1.0])
 def test_no_lens_sheet_or_error_of_corners_makes_tags_of_another_order(kind: CameraKind, sigma_px: float) -> None:
