@@ -61,7 +61,8 @@ def redrawn(grey: NDArray[np.uint8], patterns: Patterns, corners: Array) -> tupl
     levels, _ = to_grey(grey)
     frame = Frame(grey=levels, response=response_table("linear"), lens=no_distortion((grey.shape[1], grey.shape[0])))
     tags = align(frame, patterns, np.zeros(len(corners), dtype=np.int64), corners, stop_px=1e-3, iterations=30)
-    boxes, margin, *_ = footprints(frame, patterns, tags.corners_px, tags.theta[:, LOG_PSF], side_px=np.inf, edges=True)
+    blur = tags.theta[:, LOG_PSF]
+    boxes, margin, _, near, _ = footprints(frame, patterns, tags.corners_px, blur, side_px=np.inf, edges=True)
     batch = Batch(
         frame=frame,
         cells=patterns.cells,
@@ -71,6 +72,7 @@ def redrawn(grey: NDArray[np.uint8], patterns: Patterns, corners: Array) -> tupl
         bounding_boxes=boxes,
         margin=margin,
         stride=np.ones((len(tags), 3), dtype=np.int64),
+        near=near,
     )
     picture = grey.copy()
     for k in range(len(tags)):

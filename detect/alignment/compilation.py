@@ -196,6 +196,7 @@ def _batch() -> Batch:
         bounding_boxes=np.array([[0, 2, 0, 2]]),
         margin=np.ones(1),
         stride=np.ones((1, 3), dtype=np.int64),
+        near=np.ones(1),
     )
 
 

@@ -54,7 +54,7 @@ def view(T_cam_box, sensor=PLAIN, target=TARGET, camera=CAMERA, seed=1):
     return render(target, camera, T_cam_box, SIZE, sensor, np.random.default_rng(seed))
 
 
-def some_tags(azimuth_deg, response="linear", side=1, lens=LENS, roll_deg=5.0):
+def some_tags(azimuth_deg, response="linear", side=1, lens=LENS, *, roll_deg=5.0, near=2.5):
     """Return three tags of a view, all parameters off their best by some per cent."""
     T = pose(azimuth_deg, roll_deg=roll_deg)
     uv, seen = truth(T)
@@ -80,4 +80,5 @@ def some_tags(azimuth_deg, response="linear", side=1, lens=LENS, roll_deg=5.0):
         bounding_boxes=boxes,
         margin=np.full(3, 0.8),
         stride=stride,
+        near=np.full(3, near),
     )

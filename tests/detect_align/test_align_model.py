@@ -75,10 +75,11 @@ def _collected(batch, k, thinned):
 
 
 @pytest.mark.parametrize("stride", [(1, 1, 1), (1, 1, 1 << 40), (5, 3, 1 << 40), (5, 3, 1), (8, 5, 2), (13, 8, 3)])
+@pytest.mark.parametrize("near", [1.5, 2.5])
 @pytest.mark.parametrize("lens", [LENS, BENT], ids=["plain", "fisheye"])
 @pytest.mark.parametrize(("roll_deg", "thinned"), [(0.0, False), (40.0, True)])
-def test_compiled_pixels_are_those_of_the_reference(roll_deg, thinned, lens, stride):
-    batch = some_tags(33.0, lens=lens, roll_deg=roll_deg)
+def test_compiled_pixels_are_those_of_the_reference(roll_deg, thinned, lens, stride, near):
+    batch = some_tags(33.0, lens=lens, roll_deg=roll_deg, near=near)
     wide = batch.bounding_boxes + np.array([-9, 9, -9, 9])
     batch = replace(batch, stride=np.tile(stride, (3, 1)), bounding_boxes=np.maximum(wide, 0))
     for k in range(len(batch)):

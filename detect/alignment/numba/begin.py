@@ -15,6 +15,8 @@ from boxcal.detect.alignment.registration.begin import (
     EDGE_SIDE_PX,
     FIBONACCI,
     MARGIN_MODULES,
+    NEAR,
+    NEAR_SIDE_PX,
     START_SIGMA_PX,
     Begun,
 )
@@ -24,6 +26,7 @@ from boxcal.detect.alignment.tag_patterns import Patterns
 from boxcal.target.arrays import Array
 
 _NOTHING = np.empty((0, PARAMETERS))
+_LEAST_NEAR, _MOST_NEAR = NEAR
 _LOG_START = float(np.log(START_SIGMA_PX))
 
 
@@ -37,6 +40,7 @@ def begin(frame: Frame, patterns: Patterns, corners_px: Array, given: Array | No
         bounding_boxes=np.empty((n, 4), np.int64),
         margin=np.empty(n),
         stride=np.empty((n, 3), np.int64),
+        near=np.empty(n),
         module_px=np.empty(n),
     )
     height, width = frame.grey.shape
@@ -67,9 +71,11 @@ def _begin(lens: Any, tag: Any, corners: Any, given: Any, side_px: Any, out: Any
         blur = np.exp(min(max(theta[LOG_PSF], -2.0), 2.0)) * modules / max(shortest, 1e-3)
         margin = min(max(gap - 2.5 * blur, 0.35), MARGIN_MODULES, 0.9 * gap)
         out.margin[k], out.module_px[k] = margin, longest / modules
+        near = min(max(NEAR_SIDE_PX / max(mean, 1e-3), _LEAST_NEAR), _MOST_NEAR)
+        out.near[k] = near
         _box(known, 1 + 2.2 * margin / modules, width, height, out.bounding_boxes[k])
         edges = len(given) > 0
-        _stride(mean, mean * mean if edges else _area(known), side_px, edges, out.stride[k])
+        _stride(mean, mean * mean * (_MOST_NEAR / near) if edges else _area(known), side_px, edges, out.stride[k])
 
 
 @loops()

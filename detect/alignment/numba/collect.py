@@ -17,7 +17,6 @@ from boxcal.detect.alignment.numba.place import COEFFICIENTS, IN_PLACE, fill_coe
 from boxcal.detect.alignment.numba.radial_camera import depth, local_undistortion, square
 from boxcal.detect.alignment.radial_camera import CENTRE_X, CENTRE_Y, PER_RADIUS
 from boxcal.detect.alignment.registration.gauss_newton import LEAST_THINNED, THINNED
-from boxcal.detect.alignment.registration.image_model import NEAR_SIGMAS
 from boxcal.detect.alignment.registration.tag_batch import LEVEL
 
 _PER_LEVEL = np.float32(LEVEL)
@@ -94,16 +93,17 @@ def collect(batch: Any, k: Any, thinned: Any, room: Any) -> Any:
     on_lattice, met = _meet(box, stride, room.spans, room.met)
     wide_u, wide_v = widths(theta, normalisation)
     limits = (
-        np.float32(-margin), np.float32(side - 2 + margin), np.float32(NEAR_SIGMAS * wide_u),
-        np.float32(NEAR_SIGMAS * wide_v),
+        np.float32(-margin), np.float32(side - 2 + margin), np.float32(batch.near[k] * wide_u),
+        np.float32(batch.near[k] * wide_v),
     )  # fmt: skip
     n, block, left, top = 0, room.pixels[0], np.float32(box[0]), np.float32(box[2])
+    beside = _NEVER if on_lattice > 0 else _ALWAYS  # where all are met at once, those on the lattice count among them
     every, along, offset = np.float32(stride[0]), np.float32(stride[1]), np.float32(box[2] * stride[1] % stride[0])
     for first in range(0, met, BLOCK):
         numbers = room.met[first : first + BLOCK]
         _unpack(numbers, box, block)
         place(room.coefficients, block)
-        lattice = (left, top, every, along, offset, np.int32(on_lattice - first))
+        lattice = (left, top, every, along, offset, np.int32(on_lattice - first), beside)
         _look(block, side, limits, lattice, room.at, room.wanted)
         for p in range(min(BLOCK, met - first)):
             room.kept[np.uint64(n)] = numbers[p]
@@ -168,9 +168,12 @@ def _fill_edges(cells: Any, edges: Any) -> None:
 
 @loops()
 def _meet(box: Any, stride: Any, spans: Any, met: Any) -> Any:
-    """Write down the spans' pixels on the lattice, then those on diagonals; return how many on it, and in all."""
+    """Write down the spans' pixels on the lattice, then those on diagonals; return how many on it, and in all.
+
+    Where diagonals take all pixels, the lattice is left out.
+    """
     every, every_near, n = stride[0], stride[2], 0
-    for row in range(box[3] - box[2]):
+    for row in range(box[3] - box[2] if every == 1 or every_near > 1 else 0):
         first, last = spans[row, 0] - box[0], spans[row, 1] - box[0]
         first += _modulo((box[2] + row) * stride[1] - first, every)
         n = _write_run(row, first, last, every, met, n)
@@ -218,10 +221,10 @@ def _unpack(numbers: Any, box: Any, block: Any) -> None:
 def _look(block: Any, side: Any, limits: Any, lattice: Any, at: Any, wanted: Any) -> None:  # noqa: PLR0917
     """Fill the modules of a block's pixels, and at which of their edges must be one for them to count.
 
-    The first few of the block are on the lattice and count on the tag; others on the lattice never do.
+    The first few of the block are on the lattice and count on the tag; of others on the lattice is said what must be.
     """
     low, high, near_u, near_v = limits
-    left, top, every, along, offset, on_lattice = lattice
+    left, top, every, along, offset, on_lattice, beside = lattice
     width, last, by_every = np.int32(side), np.int32(side * side - 1), _F1 / every
     for p in range(BLOCK):
         u, v = block[U + p], block[V + p]
@@ -232,7 +235,7 @@ def _look(block: Any, side: Any, limits: Any, lattice: Any, at: Any, wanted: Any
         by_u = by_u if min(rest_u, _F1 - rest_u) < near_u else _NEVER
         by_v = by_v if min(rest_v, _F1 - rest_v) < near_v else _NEVER
         step = (block[COLUMN + p] - left) - along * (block[ROW + p] - top) - offset
-        near = np.uint32(by_u | by_v) if step != every * np.floor((step + _F05) * by_every) else _NEVER
+        near = np.uint32(by_u | by_v) if step != every * np.floor((step + _F05) * by_every) else beside
         told = _ALWAYS if np.int32(p) < on_lattice else near
         inside = (u > low) & (u < high) & (v > low) & (v < high)
         wanted[p] = told if inside else _NEVER

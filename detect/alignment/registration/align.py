@@ -146,4 +146,5 @@ def _batch(frame: Frame, patterns: Patterns, rows: Index, begun: Begun) -> Batch
         bounding_boxes=begun.bounding_boxes,
         margin=begun.margin,
         stride=begun.stride,
+        near=begun.near,
     )

@@ -14,8 +14,13 @@ from boxcal.target.arrays import Array
 
 START_SIGMA_PX = 0.8
 MARGIN_MODULES = 0.9
-EDGE_SIDE_PX = 30.0
-"""Of tags larger than this not even the pixels at edges are all used."""
+NEAR = (1.5, 2.5)
+"""Pixels this near to an edge count, in standard deviations of the blur: of large tags and of small ones. The middle
+of a blurred edge tells most of where it is."""
+NEAR_SIDE_PX = 90.0
+"""Of tags of another size pixels count within so many deviations as this is larger than their sides."""
+EDGE_SIDE_PX = 45.0
+"""Of tags twice as large only every second pixel at an edge is used, and so on."""
 _NEXT = np.array([1, 2, 3, 0])
 FIBONACCI = np.array([1, 1, 2, 3, 5, 8, 13, 21, 34, 55, 89, 144, 233, 377, 610, 987], dtype=np.int64)
 
@@ -31,7 +36,7 @@ class Begun(NamedTuple):
         Centres (x, y) px and 1 / scale px.
     normalised : (N, 4, 2)
         The corners on the charts, from the centre in units of the scale.
-    bounding_boxes, margin, stride
+    bounding_boxes, margin, stride, near
         Pixels to use, see :class:`boxcal.detect.alignment.registration.tag_batch.Batch`.
     module_px : (N,), px
         Width of a module along the longest side.
@@ -43,6 +48,7 @@ class Begun(NamedTuple):
     bounding_boxes: NDArray[np.int64]
     margin: Array
     stride: NDArray[np.int64]
+    near: Array
     module_px: Array
 
 
@@ -69,15 +75,16 @@ def begin(frame: Frame, patterns: Patterns, corners_px: Array, given: Array | No
 
 def footprints(
     frame: Frame, patterns: Patterns, corners_px: Array, log_sigma: Array, *, side_px: float, edges: bool
-) -> tuple[NDArray[np.int64], Array, NDArray[np.int64], Array]:
-    """Return which pixels of tags to use: boxes (N, 4), margins (N,), strides (N, 3), and modules' widths (N,) px.
+) -> tuple[NDArray[np.int64], Array, NDArray[np.int64], Array, Array]:
+    """Return which pixels of tags to use: boxes (N, 4), margins, strides (N, 3), nearness, and modules' widths, px.
 
-    For the first three see :class:`boxcal.detect.alignment.registration.tag_batch.Batch`. Of the white ring so much
+    For the first four see :class:`boxcal.detect.alignment.registration.tag_batch.Batch`. Of the white ring so much
     may be used as its neighbours' blur does not reach. Of large tags no more pixels are used than one with sides of
     ``side_px`` has, on a Fibonacci lattice: of m pixels one, in each row shifted by q. Unlike every second row and
     column it meets a module's edges at all phases, also where they run along the pixels. With ``edges``, of the pixels
-    that an edge blurs all count, or of very large tags every n-th, and the mean side says how large a tag is; without,
-    its area does, since there are no other pixels to tell the narrow way across a tag seen at a slant.
+    near to an edge all count, or of very large tags every n-th, of the lattice the fewer the nearer those are, and the
+    mean side says how large a tag is; without, its area does, since there are no other pixels to tell the narrow way
+    across a tag seen at a slant.
     """
     m = patterns.modules
     corners = np.where(np.isfinite(corners_px), corners_px, 0.0)
@@ -92,12 +99,14 @@ def footprints(
     bounding_boxes[:, :, 1] = _within(np.ceil(centre + reach * (corners.max(axis=1) - centre)) + 1, 0, limit)
     mean, across = side.mean(axis=1), corners[:, 2:] - corners[:, :2]
     area = 0.5 * np.abs(across[:, 0, 0] * across[:, 1, 1] - across[:, 0, 1] * across[:, 1, 0])
-    at = np.searchsorted(FIBONACCI, (mean**2 if edges else area) / side_px**2, side="right") - 1
+    near = _within(NEAR_SIDE_PX / np.maximum(mean, 1e-3), *NEAR)
+    of = mean**2 * (NEAR[1] / near) if edges else area
+    at = np.searchsorted(FIBONACCI, of / side_px**2, side="right") - 1
     at = np.minimum(np.maximum(at, 1), len(FIBONACCI) - 1)
     stride = np.empty((len(at), 3), dtype=np.int64)
     stride[:, 0], stride[:, 1] = FIBONACCI[at], FIBONACCI[at - 1]
     stride[:, 2] = _within(mean / EDGE_SIDE_PX, 1, 1000) if edges else 1 << 40
-    return bounding_boxes.reshape(-1, 4), margin, stride, side.max(axis=1) / m
+    return bounding_boxes.reshape(-1, 4), margin, stride, near, side.max(axis=1) / m
 
 
 def _within(values: Array, low: float, high: float | tuple[int, ...]) -> Array:

@@ -18,8 +18,6 @@ from boxcal.detect.alignment.registration.psf import pattern_value
 from boxcal.detect.alignment.registration.tag_batch import Batch
 from boxcal.target.arrays import Array
 
-NEAR_SIGMAS = 2.5
-"""Pixels this close to an edge, in sigma, tell where it is."""
 MIDDLE = 0.3
 """Half the width of the middle of a module, modules: there blur hardly mixes black and white."""
 LEAST_CONTRAST = 1e-3
@@ -202,18 +200,18 @@ def _seen(batch: Batch, k: int) -> tuple[NDArray[np.int64], NDArray[np.int64], A
     xy = undistort_locally(batch.frame.lens, normalisation[None], np.stack([columns, lines], -1).astype(float)[None])[0]
     uv = apply_h(theta[None, :8], xy[None])[0]
     sampled = (columns - x0 - lines * stride[1] % stride[0]) % stride[0] == 0
-    sampled |= ((columns + lines) % stride[2] == 0) & _crossed(cells, theta, normalisation[2], uv)
+    sampled |= ((columns + lines) % stride[2] == 0) & _crossed(cells, theta, normalisation[2], batch.near[k], uv)
     sampled &= (columns + 2 * lines) % batch.every == 0
     used = sampled & np.all((uv > -margin) & (uv < cells.shape[0] - 2 + margin), axis=1)
     return (columns[used], lines[used], xy[used], uv[used]) if used.any() else None
 
 
-def _crossed(cells: Array, theta: Array, scale: float, uv: Array) -> NDArray[np.bool_]:
-    """Return which places (P, 2) an edge between black and white blurs, by the blur at the tag's centre."""
+def _crossed(cells: Array, theta: Array, scale: float, sigmas: float, uv: Array) -> NDArray[np.bool_]:
+    """Return which places (P, 2) are some sigmas near an edge of black and white, by the blur at the tag's centre."""
     h, last = theta[:8], cells.shape[0] - 1
     sigma = np.exp(theta[LOG_PSF]) * scale
     near = (
-        NEAR_SIGMAS
+        sigmas
         * sigma
         * np.array([np.hypot(h[0] - h[2] * h[6], h[1] - h[2] * h[7]), np.hypot(h[3] - h[5] * h[6], h[4] - h[5] * h[7])])
     )

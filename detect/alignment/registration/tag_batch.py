@@ -68,6 +68,7 @@ class BatchArrays(NamedTuple):
     bounding_boxes: NDArray[np.int64]
     margin: Array
     stride: NDArray[np.int64]
+    near: Array
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -93,7 +94,9 @@ class Batch:
         How many modules of the white ring count.
     stride : (N, 3)
         ``m, q, n``: of each row use the pixels whose column, counted from ``q row`` modulo m within the box, m
-        divides; and those whose row and column together n divides, if an edge between black and white crosses them.
+        divides; and those whose row and column together n divides, if an edge between black and white is near.
+    near : (N,)
+        How near, in standard deviations of the blur at the tag's centre.
     every
         Of all these only those whose column and twice the row together it divides.
     """
@@ -106,6 +109,7 @@ class Batch:
     bounding_boxes: NDArray[np.int64]
     margin: Array
     stride: NDArray[np.int64]
+    near: Array
     every: int = 1
 
     def __len__(self) -> int:
@@ -113,7 +117,7 @@ class Batch:
 
     def take(self, at: Index) -> "Batch":
         """Return some of the tags, copied."""
-        names = ("rows", "theta", "normalisation", "bounding_boxes", "margin", "stride")
+        names = ("rows", "theta", "normalisation", "bounding_boxes", "margin", "stride", "near")
         return replace(self, **{name: getattr(self, name)[at] for name in names})
 
     def arrays(self) -> BatchArrays:
@@ -135,4 +139,5 @@ class Batch:
             bounding_boxes=self.bounding_boxes,
             margin=self.margin,
             stride=self.stride,
+            near=self.near,
         )
