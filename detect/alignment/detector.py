@@ -43,7 +43,7 @@ from boxcal.target.box import Target
 
 MODEL_ERROR_PX = 0.001
 """Deviation per axis of what the model leaves out (lens, print, pixel response); no residual shows it."""
-STOP_PX = 0.06
+STOP_PX = 0.05
 """Tags that a step moves less are left: the error shrinks with its square, to a tenth of a corner's sigma."""
 BENT_PX = 0.05
 """If the lens that the aligned tags tell moves the middle of an edge by more than this against the corners, tags are
@@ -51,8 +51,8 @@ aligned again under it; else their corners are carried over (:mod:`boxcal.detect
 MOVED, MOVED_MORE = 1.0, 1.5
 """Variance inflation beyond which the tags are asked whether the picture moved: as a figure, and as a multiple of the
 largest at which pictures of the same camera at rest were found not to."""
-FINE_SIDE_PX = 22.0
-"""Tags twice as large are aligned on every second pixel both ways, and so on."""
+FINE_SIDE_PX = 24.5
+"""Tags twice as large are aligned on every second pixel both ways, and so on, beside those that are near to edges."""
 
 
 def detect_tags(
