@@ -220,9 +220,9 @@ def _has_report() -> bool:
 def _interrupted(jobs: "list[Job]", outcomes: "list[Outcome]", before: "Mapping[str, FileState]") -> int:
     from boxcal.calib.fleet.store import results_now
 
-    told = [o.job.robot for o in outcomes if o.calibration is not None]
+    calibrated = [o.job.robot for o in outcomes if o.calibration is not None]
     written = [robot for robot, state in results_now(jobs).items() if before.get(robot) != state]
-    done = list(dict.fromkeys([*written, *told]))
+    done = list(dict.fromkeys([*written, *calibrated]))
     names = f" ({', '.join(done)})" if done else ""
     say(
         f"fleet-calibrate: interrupted; {len(done)} of {len(jobs)} robots were finished and are kept{names}; "

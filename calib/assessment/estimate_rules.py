@@ -214,9 +214,9 @@ def _fit(_: Calibration, detail: Detail) -> list[Reason]:
 
 
 def _corners(c: Calibration, detail: Detail) -> list[Reason]:
-    share = len(detail.flagged_corners) / max(c.quality.landmarks, 1)
+    fraction = len(detail.flagged_corners) / max(c.quality.landmarks, 1)
     text = f"{len(detail.flagged_corners)} of {c.quality.landmarks} corners were left out as wrong."
-    return graded("corners", share, text, "Look for glare, dirt and damaged tags on the box; light it evenly.")
+    return graded("corners", fraction, text, "Look for glare, dirt and damaged tags on the box; light it evenly.")
 
 
 def _misfit(_: Calibration, detail: Detail) -> list[Reason]:

@@ -68,9 +68,9 @@ def angle(degrees: float) -> str:
     return f"{degrees:.3f}°" if degrees < 0.0995 else f"{degrees:.2f}°"
 
 
-def percent(share: float) -> str:
+def percent(fraction: float) -> str:
     """Return a fraction in percent, signed, to one tenth."""
-    return f"{share:+.1%}".replace("-", "\N{MINUS SIGN}") if abs(share) >= 0.0005 else "0.0%"
+    return f"{fraction:+.1%}".replace("-", "\N{MINUS SIGN}") if abs(fraction) >= 0.0005 else "0.0%"
 
 
 def sentence(text: str) -> str:

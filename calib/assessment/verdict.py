@@ -53,8 +53,8 @@ def judge(calibration: Calibration, drives: Drives, target: Target, *, compute_s
     all_drives = (drives,) if isinstance(drives, Correspondences) else tuple(drives)
     seen = stops_seen(calibration, all_drives, target)
     scale = find_print_scale(calibration, seen, target)
-    told = scale is not None or target.measured is not None
-    unchecked = () if told else (_print_unchecked(seen),)
+    known = scale is not None or target.measured is not None
+    unchecked = () if known else (_print_unchecked(seen),)
     if not any(drive.source.nominal_T_base_cam for drive in all_drives):
         unchecked = (*unchecked, *direction_unchecked(calibration))
     found = verdict(calibration, scale, unchecked=unchecked)
@@ -139,14 +139,14 @@ def _print(detail: Detail | None, found: PrintScale | None) -> list[Reason]:
         estimated = False
     else:
         return []
-    sure = [abs(v) for v, s in ((x, sigma_x), (y, sigma_y)) if abs(v) > 5 * s]
-    worst = max(sure, default=0.0)
+    significant = [abs(v) for v, s in ((x, sigma_x), (y, sigma_y)) if abs(v) > 5 * s]
+    worst = max(significant, default=0.0)
     if worst <= LIMITS["print"].good:
         return graded("print", worst, "The print has the size that it was designed with.", "")
     text = f"The print is not of the size designed: {percent(x)} across and {percent(y)} up the sheet."
     if estimated:
-        told = f"{text} The calibration takes it into account."
-        return [Reason(rule="print", level=Level.GOOD, text=told, kind=Kind.NOTE), *_box_or_print(x, y)]
+        text = f"{text} The calibration takes it into account."
+        return [Reason(rule="print", level=Level.GOOD, text=text, kind=Kind.NOTE), *_box_or_print(x, y)]
     return graded(
         "print",
         worst,

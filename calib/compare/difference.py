@@ -164,8 +164,8 @@ def projection_shift(a: Calibration, b: Calibration, distance: float) -> Array:
 
 def _driven(wheels: Wheels, phi_R: float, phi_L: float) -> tuple[float, float, float]:
     """Return where wheels take the robot at constant speeds: x, y (m) and heading (rad)."""
-    way, turn = (wheels.rR * phi_R + wheels.rL * phi_L) / 2, (wheels.rR * phi_R - wheels.rL * phi_L) / wheels.b
-    chord = way * np.sinc(turn / 2 / np.pi)
+    travel, turn = (wheels.rR * phi_R + wheels.rL * phi_L) / 2, (wheels.rR * phi_R - wheels.rL * phi_L) / wheels.b
+    chord = travel * np.sinc(turn / 2 / np.pi)
     return float(chord * np.cos(turn / 2)), float(chord * np.sin(turn / 2)), float(turn)
 
 

@@ -14,11 +14,11 @@ _TOLD = ("leaving out single stops", "camera model chosen")
 _LABEL = {"why": "why: ", "hence": "  so: ", "do": "do: ", "note": "note: ", "not checked": "not checked: "}
 
 
-def judgement(robot: str, verdict: Verdict, *, width: int = WIDTH, told: Collection[str] = ()) -> str:
+def judgement(robot: str, verdict: Verdict, *, width: int = WIDTH, given: Collection[str] = ()) -> str:
     """Return a verdict with its reasons, causes first, and what to do, wrapped to a width, without repeated notes."""
     lines = wrapped(f"{robot}: ", f"{_MARK[verdict.level]} - {verdict.headline} ({verdict.count})", width)
     for label, text in verdict.lines():
-        if label == "note" and text in told:
+        if label == "note" and text in given:
             continue
         if label != "do" or verdict.level is not Level.GOOD:
             lines += wrapped(f"  {_LABEL[label]}", text, width)
@@ -34,10 +34,10 @@ def verdict_notes(calibration: Calibration) -> Iterator[str]:
 def own_notes(calibration: Calibration) -> Iterator[str]:
     """Yield the notes of a result that its verdict does not say already."""
     legs = calibration.detail.flagged_legs if calibration.detail else ()
-    told = {leg.text for leg in legs} | {finding.text for finding in calibration.findings}
-    told = told if calibration.verdict else set()
+    given = {leg.text for leg in legs} | {finding.text for finding in calibration.findings}
+    given = given if calibration.verdict else set()
     for note in calibration.notes:
-        if note not in told and not note.startswith(_TOLD):
+        if note not in given and not note.startswith(_TOLD):
             yield note
 
 

@@ -62,7 +62,7 @@ def _said(results: Sequence[Calibration]) -> str:
     told = {note for notes in shared.values() for note in notes}
     for c in results:
         if c.verdict is not None:
-            lines.append(judgement(c.robot, c.verdict, told=told))
+            lines.append(judgement(c.robot, c.verdict, given=told))
         lines += [line for note in own_notes(c) if note not in told for line in wrapped("  ", note)]
         lines += of_further_cameras(c)
     for robots, notes in shared.items():

@@ -57,7 +57,7 @@ def _reversals(dphi: Array, drive: Ids) -> Array:
     out = np.zeros(len(dphi))
     for d in np.unique(drive):
         moving = np.flatnonzero((dphi != 0) & (drive == d))
-        way = np.sign(dphi[moving])
-        back = np.flatnonzero(way[1:] != way[:-1]) + 1
-        out[moving[back]] = way[back]
+        direction = np.sign(dphi[moving])
+        back = np.flatnonzero(direction[1:] != direction[:-1]) + 1
+        out[moving[back]] = direction[back]
     return out

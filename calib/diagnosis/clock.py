@@ -118,10 +118,10 @@ def clock_finding(offset: ClockOffset | None, moving: tuple[int, ...], stops: in
         "Stamp camera and wheels with one clock (synchronise the computers, or stamp on arrival), and record again."
     )
     if offset is not None:
-        way = "late" if offset.late_s > 0 else "early"
+        side = "late" if offset.late_s > 0 else "early"
         return Finding(
             cause="clock",
-            text=f"the camera's stamps are {abs(offset.late_s):.2f} s {way} against the wheels' (with that, rotations "
+            text=f"the camera's stamps are {abs(offset.late_s):.2f} s {side} against the wheels' (with that, rotations "
             f"by images and wheels agree to {offset.rms_deg:.1f} deg, as stamped to {offset.as_stamped_deg:.0f} deg)",
             advice=advice,
             blocks=True,

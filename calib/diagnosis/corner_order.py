@@ -141,9 +141,9 @@ def _leads(p: Array, uv: Array, a: Ids, b: Ids, order: Sequence[int]) -> float:
     """Return the fraction of tags that lead to their neighbours, if their corners come in an order."""
     E, J = _axes(p), _axes(uv[:, _places(order)])
     middles, seen = p.mean(axis=1), uv.mean(axis=1)
-    way = np.einsum("nij,ni->nj", E[a], middles[b] - middles[a]) / np.sum(E[a] ** 2, axis=1)
+    step = np.einsum("nij,ni->nj", E[a], middles[b] - middles[a]) / np.sum(E[a] ** 2, axis=1)
     there = seen[b] - seen[a]
-    missed = np.linalg.norm(np.einsum("nij,nj->ni", J[a], way) - there, axis=1)
+    missed = np.linalg.norm(np.einsum("nij,nj->ni", J[a], step) - there, axis=1)
     return float(np.mean(missed < ALIKE * np.linalg.norm(there, axis=1)))
 
 

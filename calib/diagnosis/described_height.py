@@ -35,13 +35,13 @@ def unlike_described(height: float, radius: float, source: Source) -> Finding | 
     off = height - lowest if height < lowest else max(height - highest, 0.0)
     if abs(off) <= CLOSE_M:
         return None
-    told = f"{1e3 * lowest:.0f} mm" if on_floor else f"{1e3 * lowest:.0f} to {1e3 * highest:.0f} mm"
+    described = f"{1e3 * lowest:.0f} mm" if on_floor else f"{1e3 * lowest:.0f} to {1e3 * highest:.0f} mm"
     frame = f"{source.base_frame} is on the floor" if on_floor else f"{source.base_frame} is not above the wheels"
     why = "the box stands on something" if off < 0 else "the robot stands higher than the box, or it is another box"
     return Finding(
         cause="box-raised" if off < 0 else "camera-height",
         text=f"the camera is {1e3 * height:.0f} mm above the floor that the box stands on, where the robot's "
-        f"description in the log has it at {told} ({frame}): {why}, or the description is not of this robot",
+        f"description in the log has it at {described} ({frame}): {why}, or the description is not of this robot",
         advice="Stand the box on the floor that the robot drives on; where it does, correct the description. Only the "
         "camera's height depends on it.",
         size=1e3 * abs(off),

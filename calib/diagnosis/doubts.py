@@ -62,17 +62,17 @@ class Doubt:
         solved = Solved(values=self.values, cov=self.cov, p_value=float(np.exp(-self.log_bayes)))
         if self.probability < NAMED or not can_be(self.cause, solved):
             return None
-        told = self.cause.finding(solved, problem)
+        found = self.cause.finding(solved, problem)
         return Finding(
-            cause=told.cause,
-            text=f"perhaps {told.text} (probability {self.probability:.0%} among the causes that were tried: the "
+            cause=found.cause,
+            text=f"perhaps {found.text} (probability {self.probability:.0%} among the causes that were tried: the "
             "standard deviations allow for it)",
-            advice=f"More stops would show whether it is that. {told.advice}",
-            stops=told.stops,
-            size=told.size,
-            sigma=told.sigma,
-            unit=told.unit,
-            p_value=told.p_value,
+            advice=f"More stops would show whether it is that. {found.advice}",
+            stops=found.stops,
+            size=found.size,
+            sigma=found.sigma,
+            unit=found.unit,
+            p_value=found.p_value,
             probability=self.probability,
         )
 

@@ -296,8 +296,8 @@ def _sheets_elsewhere(
     elsewhere = gluing_by_wheels(drive, target, mode, _placed, described)
     if elsewhere is None:
         return None
-    gluing, figures = elsewhere
-    return _Relaid(gluing=gluing, finding=gluing.finding(f"{figures}, as described they fit no usual wheels"))
+    gluing, fit = elsewhere
+    return _Relaid(gluing=gluing, finding=gluing.finding(f"{fit}, as described they fit no usual wheels"))
 
 
 def _turned_over(why: Explained) -> Finding:

@@ -15,7 +15,7 @@ LEAST_SHARE = 0.02
 """Tags are this much too large or too small for their spacing before they are taken for another box's."""
 LEAST_GAIN = 3.0
 """Factor by which that must shrink what a plane's view leaves of the corners."""
-_SHARES = np.linspace(0.6, 1.6, 101)
+_SCALES = np.linspace(0.6, 1.6, 101)
 _TAGS = 6
 
 
@@ -28,20 +28,20 @@ def other_layout(stops: Sequence[StopObservation], target: Target) -> Finding | 
     sheets = [view for stop in stops for view in _sheets(stop, target)]
     if not sheets:
         return None
-    cost = np.array([np.mean([_misfit(view, share) for view in sheets]) for share in _SHARES])
+    cost = np.array([np.mean([_misfit(view, scale) for view in sheets]) for scale in _SCALES])
     best = int(np.argmin(cost))
-    share, described = float(_SHARES[best]), float(cost[int(np.argmin(np.abs(_SHARES - 1)))])
-    if abs(share - 1) < LEAST_SHARE or described < LEAST_GAIN**2 * cost[best]:
+    scale, described = float(_SCALES[best]), float(cost[int(np.argmin(np.abs(_SCALES - 1)))])
+    if abs(scale - 1) < LEAST_SHARE or described < LEAST_GAIN**2 * cost[best]:
         return None
-    size = "large" if share > 1 else "small"
+    size = "large" if scale > 1 else "small"
     return Finding(
         cause="other-box",
-        text=f"the tags are {abs(share - 1):.0%} too {size} for their spacing: this is another box with equal ids "
+        text=f"the tags are {abs(scale - 1):.0%} too {size} for their spacing: this is another box with equal ids "
         f"(corners of one sheet miss a plane's view by {np.sqrt(described):.1f} px as described, by "
         f"{np.sqrt(cost[best]):.1f} px so)",
         advice="Give the target.json that this box was printed from with --target.",
         blocks=True,
-        size=share,
+        size=scale,
         unit="of the tags' size as described",
     )
 
@@ -62,10 +62,10 @@ def _sheets(stop: StopObservation, target: Target) -> list[tuple[Array, Array, A
     return out
 
 
-def _misfit(view: tuple[Array, Array, Array], share: float) -> float:
+def _misfit(view: tuple[Array, Array, Array], scale: float) -> float:
     """Return the mean square, px^2, by which a sheet misses a homography if its tags are larger by a factor."""
     centre, corner, uv_px = view
-    p = centre + share * corner
+    p = centre + scale * corner
     H, _ = cv2.findHomography(p, uv_px)
     q = np.column_stack([p, np.ones(len(p))]) @ H.T
     return float(np.mean(np.sum((q[:, :2] / q[:, 2:] - uv_px) ** 2, axis=1)))

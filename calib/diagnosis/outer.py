@@ -23,8 +23,8 @@ class Outer(OfWheels):
     def columns(self, problem: Problem, state: State) -> Columns:  # noqa: ARG002 (held at the reference)
         """Return half the travel of outer wheels and less half that of inner ones."""
         u = self.at.travel(problem)
-        way = np.sign(np.abs(u[:, :1]) - np.abs(u[:, 1:])) * (0.5, -0.5)
-        return Columns(travel=one_column(u * way))
+        sides = np.sign(np.abs(u[:, :1]) - np.abs(u[:, 1:])) * (0.5, -0.5)
+        return Columns(travel=one_column(u * sides))
 
     def finding(self, solved: Solved, problem: Problem) -> Finding:  # noqa: ARG002
         """Return by how much the radii differ."""

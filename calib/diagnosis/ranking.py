@@ -74,16 +74,16 @@ def _of_pictures(fit: Fit, causes: Sequence[Cause]) -> list[tuple[float, ScoreTe
     """Return the logarithms of the Bayes factors, lean averaged over less of it, slip as it is; and the tests."""
     if not causes:
         return []
-    shares = _LESS_LEAN if fit.components.lean > 0 else (1.0,)
+    fractions = _LESS_LEAN if fit.components.lean > 0 else (1.0,)
     gains: list[Array] = []
     tests: list[tuple[ScoreTest, ...]] = []
     first = 0.0
     columns = new_columns(fit, causes)
-    for share in shares:
-        components = replace(fit.components, lean=share * fit.components.lean)
+    for fraction in fractions:
+        components = replace(fit.components, lean=fraction * fit.components.lean)
         profile = fixed_profile(fit.problem, fit.at, components, fit.weights)
-        first = profile.log_evidence if share == 1.0 else first
+        first = profile.log_evidence if fraction == 1.0 else first
         tests.append(score_tests(replace(fit, components=components, profile=profile), causes, columns))
         gains.append(np.array([test.log_evidence for test in tests[-1]]) + profile.log_evidence - first)
-    averaged = log_sum(np.array(gains), axis=0) - np.log(len(shares))
+    averaged = log_sum(np.array(gains), axis=0) - np.log(len(fractions))
     return [(float(gain), test) for gain, test in zip(averaged, tests[0], strict=True)]

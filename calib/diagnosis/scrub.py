@@ -66,9 +66,9 @@ class Scrub(OfWheels):
         u, b = self.at.travel(problem), self.at.b
         dth = (u[:, 0] - u[:, 1]) / b
         spot = np.abs(u.mean(axis=1)) < _ON_SPOT * np.abs(u[:, 0] - u[:, 1])
-        shares = [0.5 * np.sign(dth), spot.astype(np.float64), np.zeros_like(dth)]
-        travel = np.stack([_lost(share * dth, b) for share in shares], axis=2)
-        legs = np.zeros((len(problem.leg_stop), 3, len(shares)))
+        fractions = [0.5 * np.sign(dth), spot.astype(np.float64), np.zeros_like(dth)]
+        travel = np.stack([_lost(fraction * dth, b) for fraction in fractions], axis=2)
+        legs = np.zeros((len(problem.leg_stop), 3, len(fractions)))
         none = np.zeros((len(problem.leg_stop), 2))
         aside = leg_model(problem.path, np.array([*self.at.radii, b]), none, none).by_sideways
         if aside.shape[1]:
@@ -90,8 +90,8 @@ class Scrub(OfWheels):
                 "in bends"
             )
         if abs(drift) > 2 * s_drift:
-            way = "left" if drift > 0 else "right"
-            words.append(f"the robot slides {1e3 * abs(drift):.2f} +- {1e3 * s_drift:.2f} mm to the {way} a radian")
+            to = "left" if drift > 0 else "right"
+            words.append(f"the robot slides {1e3 * abs(drift):.2f} +- {1e3 * s_drift:.2f} mm to the {to} a radian")
         text = "; ".join(words) or "turns lose unlike shares"
         size, sigma = max((side, s_side), (spot, s_spot), key=lambda loss: abs(loss[0]) / loss[1])
         return Finding(

@@ -24,10 +24,10 @@ def refuse_silent_wheels(legs: Legs) -> None:
             needed="both wheels' readings between the stops are needed",
             remedy="look for the topic and the joints of the wheels' driver, and turn both wheels",
         )
-    told, count = int(np.sum(legs.known)), len(legs.known)
-    if told < LEAST_LEGS:
+    measured, count = int(np.sum(legs.known)), len(legs.known)
+    if measured < LEAST_LEGS:
         raise CalibError(
-            f"the wheels' travel is known on {told} of {count} ways between stops",
+            f"the wheels' travel is known on {measured} of {count} ways between stops",
             needed=f"at least {LEAST_LEGS} are needed, better all",
             remedy="look for gaps in the wheels' readings and restarts of their driver, and drive again",
         )

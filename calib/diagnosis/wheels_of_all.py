@@ -112,7 +112,7 @@ def _widened(together: Cameras, fit: RobotFit, adopted: Sequence[tuple[Cause, fl
             at = np.unique([part.columns[ORDER.index(name)] for part in fit.robot.parts])
             unseen[np.ix_(at, at)] += probability * sigma**2  # of all cameras alike
     said = [cause.finding(_size(fit, cause, gain), fit.problem) for cause, gain in adopted]
-    said += [told for doubt in of if (told := doubt.finding(fit.problem)) is not None]
+    said += [finding for doubt in of if (finding := doubt.finding(fit.problem)) is not None]
     mounted = np.concatenate([part.columns[MOUNTING] for part in fit.robot.parts])
     return replace(
         together,

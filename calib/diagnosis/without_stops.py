@@ -119,10 +119,10 @@ def _clock_offset(drive: Correspondences) -> tuple[float, Ids]:
     best = float(coarse[int(np.argmin(cost))])
     if not np.degrees(cost.min()) < FITS_DEG or abs(best) > LONGEST_S - _COARSE_S:
         least = float(np.degrees(cost.min()))
-        told = f" (to {least:.1f} deg at best)" if np.isfinite(least) else ""
+        at_best = f" (to {least:.1f} deg at best)" if np.isfinite(least) else ""
         raise CalibError(
             f"{TOO_FEW_PLACES}, and turns seen in {len(stops)} frames on the move fit the wheels' at "
-            f"no clock offset within {LONGEST_S:g} s{told}",
+            f"no clock offset within {LONGEST_S:g} s{at_best}",
             needed=f"{MIN_STOPS} stops, or turns that agree to {FITS_DEG:g} deg, are needed",
             remedy=_REMEDY,
         )
@@ -146,7 +146,7 @@ def _mistaken(left: Array | None, i: Ids, j: Ids) -> Ids:
     if left is None:
         return i[:0]
     far = np.abs(left) > np.radians(FITS_DEG)
-    told = np.isfinite(left)
+    known = np.isfinite(left)
     count = int(j.max()) + 1
     bad = np.bincount(i, far, count) + np.bincount(j, far, count)
-    return np.flatnonzero(bad > 0.5 * (np.bincount(i, told, count) + np.bincount(j, told, count)))
+    return np.flatnonzero(bad > 0.5 * (np.bincount(i, known, count) + np.bincount(j, known, count)))

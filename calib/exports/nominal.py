@@ -85,13 +85,13 @@ def _yaml_wheels(content: bytes, name: str) -> DriverWheels:
             f"not YAML ({line})", source=name, remedy="give wheel_radius and wheel_separation, in metres"
         ) from error
     nodes = [driver_wheels({n: _metres(v, name) for n, v in _named(mapping)}) for mapping in _mappings(document)]
-    told = {wheels for wheels in nodes if wheels is not None}
-    if len(told) != 1:
-        found = "no wheel_radius with a wheel_separation" if not told else f"{len(told)} different pairs of them"
+    given = {wheels for wheels in nodes if wheels is not None}
+    if len(given) != 1:
+        found = "no wheel_radius with a wheel_separation" if not given else f"{len(given)} different pairs of them"
         raise CalibError(
             f"{found}, one of each side by side is needed", source=name, remedy="give a file with just these two"
         )
-    return told.pop()
+    return given.pop()
 
 
 def _named(mapping: dict[object, object]) -> Iterator[tuple[str, object]]:

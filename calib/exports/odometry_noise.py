@@ -31,11 +31,11 @@ class OdometryNoise:
     slip: float
     b: float
 
-    def straight(self, way: float) -> tuple[float, float, float]:
+    def straight(self, distance: float) -> tuple[float, float, float]:
         """Return the variances of x, y (m^2) and heading (rad^2) after a distance straight ahead, m."""
-        x = (self.along * way) ** 2 + self.slip**2 * way / 2
-        heading = (self.heading_per_m * way) ** 2 + 2 * self.slip**2 * way / self.b**2
-        return x, heading * way**2 / 3, heading
+        x = (self.along * distance) ** 2 + self.slip**2 * distance / 2
+        heading = (self.heading_per_m * distance) ** 2 + 2 * self.slip**2 * distance / self.b**2
+        return x, heading * distance**2 / 3, heading
 
     def turn(self, angle: float) -> tuple[float, float]:
         """Return the variances of the distance (m^2) and of the heading (rad^2) after a turn on the spot, rad."""

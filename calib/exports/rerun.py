@@ -60,9 +60,9 @@ def _still(rr: Any, stream: Any, scene: Scene) -> None:
     stream.log(
         "box/tags", rr.LineStrips3D(np.concatenate([corners, corners[:, :1]], axis=1), radii=0.0005), static=True
     )
-    ways = [np.column_stack([p.poses[:, :2], np.zeros(len(p.poses))]) for p in scene.path]
+    paths = [np.column_stack([p.poses[:, :2], np.zeros(len(p.poses))]) for p in scene.path]
     shades = [_GREY if p.used else _RED for p in scene.path]
-    stream.log("box/path", rr.LineStrips3D(ways, colors=shades, radii=0.002), static=True)
+    stream.log("box/path", rr.LineStrips3D(paths, colors=shades, radii=0.002), static=True)
     bodies = np.array([_body(stop, c.T_body_cam) for stop in scene.stops]).reshape(-1, 4, 4)
     names = [f"stop {stop.label}" for stop in scene.stops]
     stream.log(
@@ -84,8 +84,8 @@ def _poses(rr: Any, stream: Any, scene: Scene) -> None:
         for stop in scene.stops
         for t in sorted({stop.view.t_start_ns, stop.view.t_end_ns})
     ]
-    for way in scene.path:
-        items += [(t, planar(*at)) for t, at in zip(way.t_ns[1:-1].tolist(), way.poses[1:-1], strict=True)]
+    for path in scene.path:
+        items += [(t, planar(*at)) for t, at in zip(path.t_ns[1:-1].tolist(), path.poses[1:-1], strict=True)]
     for t, T in sorted(items, key=lambda item: item[0]):
         _at(stream, t)
         stream.log(_BODY, _transform(rr, T))

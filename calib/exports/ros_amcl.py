@@ -20,12 +20,12 @@ def amcl_alphas(calibration: Calibration) -> dict[str, float]:
     if noise is None:
         return {}
     x, _, heading_straight = noise.straight(UPDATE_WAY)
-    way, heading_turn = noise.turn(UPDATE_TURN)
+    travel, heading_turn = noise.turn(UPDATE_TURN)
     return {
         "alpha1": heading_turn / UPDATE_TURN**2,
         "alpha2": heading_straight / 2 / UPDATE_WAY**2,  # half of it in each of the two turns
         "alpha3": x / UPDATE_WAY**2,
-        "alpha4": way / UPDATE_TURN**2,
+        "alpha4": travel / UPDATE_TURN**2,
     }
 
 

@@ -85,8 +85,8 @@ def covariance_diagonals(calibration: Calibration) -> dict[str, tuple[float, ...
     if noise is None:
         return {}
 
-    def diagonal(way: float) -> tuple[float, ...]:
-        x, y, yaw = (max(v, _STILL) for v in noise.straight(way))
+    def diagonal(distance: float) -> tuple[float, ...]:
+        x, y, yaw = (max(v, _STILL) for v in noise.straight(distance))
         return (x, y, _STILL, _STILL, _STILL, yaw)
 
     return {"pose_covariance_diagonal": diagonal(1.0), "twist_covariance_diagonal": diagonal(_SPEED)}

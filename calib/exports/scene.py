@@ -74,8 +74,8 @@ def make_scene(calibration: Calibration, drives: Sequence[Correspondences], targ
 
 def residual_colours(error_px: Array, used: NDArray[np.bool_]) -> Array:
     """Return colours (N, 3), red, green and blue from 0 to 1: green at 0 px, red from 1 px on; magenta if not used."""
-    share = np.clip(np.linalg.norm(error_px, axis=1) / FULL_SCALE_PX, 0, 1)
-    colours = np.stack([np.minimum(1, 2 * share), np.minimum(1, 2 - 2 * share), np.zeros(len(share))], axis=1)
+    fraction = np.clip(np.linalg.norm(error_px, axis=1) / FULL_SCALE_PX, 0, 1)
+    colours = np.stack([np.minimum(1, 2 * fraction), np.minimum(1, 2 - 2 * fraction), np.zeros(len(fraction))], axis=1)
     return np.where(used[:, None], colours, (1.0, 0.0, 1.0))
 
 

@@ -131,14 +131,14 @@ def _against_others(block: Block, found: Posterior, usual: Array, *, counted: bo
     shift, cov = _others_say(others, found)
     unit = np.outer(usual, usual)
     values, vectors = np.linalg.eigh(own.information * unit)
-    told = values > _TELLS
-    if not np.any(told):
+    known = values > _TELLS
+    if not np.any(known):
         return 0.0, 0
-    U = vectors[:, told] / np.sqrt(values[told])
+    U = vectors[:, known] / np.sqrt(values[known])
     residual = U.T @ ((own.score - own.information @ shift) * usual)
     across = own.information * usual[:, None]
-    variance = np.eye(int(told.sum())) + U.T @ across @ cov @ across.T @ U
-    return float(residual @ np.linalg.solve(variance, residual)), int(told.sum())
+    variance = np.eye(int(known.sum())) + U.T @ across @ cov @ across.T @ U
+    return float(residual @ np.linalg.solve(variance, residual)), int(known.sum())
 
 
 def _others_say(others: Total, found: Posterior) -> tuple[Array, Array]:

@@ -23,8 +23,8 @@ def difference(block: Block, others: Posterior, prior: ShapePrior) -> str:
     weight, _ = prior.equations(others.shape, others.components)
     cov = inverse(own.information + weight)
     d = cov @ own.score
-    told = np.square(d) / np.maximum(np.diag(inverse(weight)), np.finfo(float).tiny)
-    k = int(np.argmax(told))
+    gain = np.square(d) / np.maximum(np.diag(inverse(weight)), np.finfo(float).tiny)
+    k = int(np.argmax(gain))
     return _said(prior.names[k], float(d[k]))
 
 

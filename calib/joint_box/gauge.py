@@ -33,5 +33,5 @@ def gauge_free(prior: ShapePrior, shape: Array) -> Array:
     made = np.linalg.pinv(by_unit, rcond=1e-9) @ moves
     missed = np.linalg.norm(moves - by_unit @ made, axis=0) / np.linalg.norm(moves, axis=0)
     moves, made = moves[:, missed < _REACHED], made[:, missed < _REACHED]
-    told = np.linalg.lstsq(moves, by_unit, rcond=None)[0]
-    return np.asarray(np.eye(len(shape)) - (usual[:, None] * made) @ (told / usual))
+    coefficients = np.linalg.lstsq(moves, by_unit, rcond=None)[0]
+    return np.asarray(np.eye(len(shape)) - (usual[:, None] * made) @ (coefficients / usual))

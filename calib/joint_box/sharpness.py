@@ -78,9 +78,9 @@ def similarities(target: Target) -> Array:
     """Return how a target's landmarks move with the whole box, (3 L, 7): translations, rotations, growth."""
     p = target.tag_corners.reshape(-1, 3)
     p = p - p.mean(axis=0)
-    ways = [np.tile(axis, len(p)) for axis in np.eye(3)]
+    shifts = [np.tile(axis, len(p)) for axis in np.eye(3)]
     turns = [np.cross(axis, p).ravel() for axis in np.eye(3)]
-    return np.stack([*ways, *turns, p.ravel()], axis=1)
+    return np.stack([*shifts, *turns, p.ravel()], axis=1)
 
 
 def landmark_jacobian(target: Target, names: Sequence[str]) -> Array:

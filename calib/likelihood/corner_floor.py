@@ -33,10 +33,10 @@ _ALIKE = 0.1
 def corner_floor(problem: Problem, at: Linearization) -> float:
     """Return the floor of all corners' errors, px; 0 where the residuals do not show one."""
     some = slice(None, None, 1 + len(problem.uv_px) // _CORNERS)
-    told = problem.told_px2[some]
+    stated = problem.told_px2[some]
     x, y = products(inverses(problem.whiten[some]), at.residual_px[some]).T
     errors = x * x, 2 * x * y, y * y
-    a, b, d = told[:, 0, 0], told[:, 0, 1], told[:, 1, 1]
+    a, b, d = stated[:, 0, 0], stated[:, 0, 1], stated[:, 1, 1]
     least = float(np.sqrt(np.min(np.minimum(a, d))))
     floors = np.concatenate([[0.0], np.geomspace(_SMALLEST_SHARE * least, max(_LARGEST_PX, least), _LEVELS)])
     loss = np.full(len(floors), np.inf)

@@ -72,13 +72,13 @@ def new_columns(fit: Tested, explanations: Sequence[Explanation]) -> NewColumns:
     moved = None if at.columns.corners is None else at.columns.corners @ fit.state.explained
     own = explained_motions(columns.corners, moved)[c.group_stop]  # (G, m, k)
     H, g = group_blocks(c, fit.weights.corners)
-    told = H[:, :, :m] @ own
-    told_t = np.swapaxes(told, 1, 2)
+    weighted = H[:, :, :m] @ own
+    weighted_t = np.swapaxes(weighted, 1, 2)
     return NewColumns(
-        corners=(own.reshape(-1, k), told[:, :m].reshape(-1, k)),
-        with_shared=(c.J_shared.reshape(-1, n).T @ told.reshape(-1, k)).T,
-        with_pose=by_stop(told_t @ c.J_pose, c.group_stop, P),
-        with_local=by_stop(told_t @ c.J_local, c.group_stop, P),
+        corners=(own.reshape(-1, k), weighted[:, :m].reshape(-1, k)),
+        with_shared=(c.J_shared.reshape(-1, n).T @ weighted.reshape(-1, k)).T,
+        with_pose=by_stop(weighted_t @ c.J_pose, c.group_stop, P),
+        with_local=by_stop(weighted_t @ c.J_local, c.group_stop, P),
         right=own.reshape(-1, k).T @ g[:, :m].ravel(),
         legs=legs,
     )
@@ -134,11 +134,11 @@ def explanation_equations(
     with_stop = np.zeros((P, M, PER_STOP))
     with_stop[:, :, :3] = w * new.with_pose
     with_stop = with_stop - with_local @ e.by_chain
-    told = information @ new.legs  # (K, N, 3, M)
+    weighted = information @ new.legs  # (K, N, 3, M)
     right_new = w * new.right - np.einsum("pmq,pq->m", with_local, e.c)
-    right_new = right_new + np.einsum("knim,ni->km", told, at.legs.residual)
+    right_new = right_new + np.einsum("knim,ni->km", weighted, at.legs.residual)
     with_shared = w * new.with_shared - np.tensordot(with_local, e.by_shared, axes=([0, 2], [0, 1]))
-    with_shared, with_stop = _with_legs(problem, at.legs, told, with_shared, with_stop)
+    with_shared, with_stop = _with_legs(problem, at.legs, weighted, with_shared, with_stop)
     right, back = _swept(normal, with_stop)
     known = back[..., [*range(n), -1]]
     reduced, reduced_new = (np.swapaxes(right[..., part], 1, 2) @ known for part in (slice(n), slice(n, -1)))
@@ -149,7 +149,9 @@ def explanation_equations(
         with_shared=with_shared - reduced_new[..., :n],
         right_new=right_new - reduced_new[..., n],
         parts=(
-            (corners, (new.legs.reshape(-1, M), told.reshape(len(slip), -1, M))) if np.any(new.legs) else (corners,),
+            (corners, (new.legs.reshape(-1, M), weighted.reshape(len(slip), -1, M)))
+            if np.any(new.legs)
+            else (corners,),
             (
                 (np.swapaxes(with_local, 1, 2).reshape(-1, M), local.reshape(-1, M)),
                 (right[..., n:-1], back[..., n:-1]),
@@ -159,17 +161,17 @@ def explanation_equations(
 
 
 def _with_legs(
-    problem: Problem, legs: LegResiduals, told: Array, with_shared: Array, with_stop: Array
+    problem: Problem, legs: LegResiduals, weighted: Array, with_shared: Array, with_stop: Array
 ) -> tuple[Array, Array]:
     """Return the information with shared unknowns (K, M, n) and stops (K, P, M, 5), that of the legs added."""
-    J, told_t = legs.jacobian, np.swapaxes(told, 2, 3)  # (K, N, M, 3)
-    shared = np.broadcast_to(with_shared, (len(told), *with_shared.shape)).copy()
-    shared[..., WHEELS] += (told_t @ J[:, :, :3]).sum(axis=1)
+    J, weighted_t = legs.jacobian, np.swapaxes(weighted, 2, 3)  # (K, N, M, 3)
+    shared = np.broadcast_to(with_shared, (len(weighted), *with_shared.shape)).copy()
+    shared[..., WHEELS] += (weighted_t @ J[:, :, :3]).sum(axis=1)
     if legs.J_explained.shape[2]:
-        shared[..., problem.explained] += (told_t @ legs.J_explained).sum(axis=1)
-    stops = np.broadcast_to(with_stop, (len(told), *with_stop.shape)).copy()
-    stops[:, problem.leg_stop] += told_t @ J[:, :, FIRST_STOP]
-    stops[:, problem.leg_stop + 1] += told_t @ J[:, :, SECOND_STOP]
+        shared[..., problem.explained] += (weighted_t @ legs.J_explained).sum(axis=1)
+    stops = np.broadcast_to(with_stop, (len(weighted), *with_stop.shape)).copy()
+    stops[:, problem.leg_stop] += weighted_t @ J[:, :, FIRST_STOP]
+    stops[:, problem.leg_stop + 1] += weighted_t @ J[:, :, SECOND_STOP]
     return shared, stops
 
 

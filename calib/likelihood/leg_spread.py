@@ -112,8 +112,8 @@ def _contaminated(square: Array) -> Array:
     """Return the logarithm of each leg's density (N, spreads, scales), a fault of any size included."""
     low, high = _FAULTS
     x = np.maximum(square, 1e-9)
-    share = special.gammainc(1.5, x / (2 * low)) - special.gammainc(1.5, x / (2 * high))
-    log_fault = special.gammaln(1.5) - 1.5 * np.log(np.pi * x) + np.log(np.maximum(share, 1e-300))
+    probability = special.gammainc(1.5, x / (2 * low)) - special.gammainc(1.5, x / (2 * high))
+    log_fault = special.gammaln(1.5) - 1.5 * np.log(np.pi * x) + np.log(np.maximum(probability, 1e-300))
     log_fault += np.log(_FAULTY / np.log(high / low))
     own = log_sum(_log_densities(square), axis=3)
     return np.asarray(np.logaddexp(np.log1p(-_FAULTY) + own, log_fault[:, None, None]))

@@ -87,8 +87,8 @@ def open_directions(problem: Problem, state: State, information: Array) -> tuple
 def _direction(names: tuple[str, ...], vector: Array, sigma: float) -> Direction:
     order = np.argsort(-np.abs(vector))
     sign = np.sign(vector[order[0]])
-    share = np.abs(vector) / np.abs(vector).max()
-    taking_part = [int(k) for k in order if share[k] > _SHARE]
+    relative = np.abs(vector) / np.abs(vector).max()
+    taking_part = [int(k) for k in order if relative[k] > _SHARE]
     parts = tuple((names[k], float(round(sign * vector[k], 3))) for k in taking_part)
     shown = [_BODY_NAMES.get(names[k], names[k]) for k in taking_part]
     advice = next((text for group, text in _GROUPS if names[taking_part[0]] in group), _OTHER)

@@ -230,8 +230,8 @@ def flag_corners(problem: Problem, residual: Array, noise_scale: float, signific
     limit = special.chdtri(2, significance / count)  # of each drive
     bad = np.sum(residual**2, axis=1) > noise_scale**2 * limit[drive]
     P = len(problem.drive)
-    share = np.bincount(stop, weights=bad, minlength=P) / np.maximum(np.bincount(stop, minlength=P), 1)
-    unreliable = np.flatnonzero(share > 0.5)
+    fraction = np.bincount(stop, weights=bad, minlength=P) / np.maximum(np.bincount(stop, minlength=P), 1)
+    unreliable = np.flatnonzero(fraction > 0.5)
     bad &= ~np.isin(stop, unreliable)
     return np.where(bad, 0.0, 1.0), unreliable
 

@@ -96,11 +96,11 @@ def _tests(
     square = prior[:, :, None] * prior[:, None]
     scaled, z = information * square[:, None], g * prior[:, None]  # in units of the prior
     values, vectors = np.linalg.eigh((scaled + np.swapaxes(scaled, -1, -2)) / 2)
-    told = values > _TOLD
-    known = np.where(told, values, 0.0)
-    along2 = np.where(told, np.einsum("ekij,eki->ekj", vectors, z) ** 2, 0.0)
-    statistic = np.sum(along2 / np.where(told, values, 1.0), axis=-1)
-    freedom = told.sum(axis=-1)
+    determined = values > _TOLD
+    known = np.where(determined, values, 0.0)
+    along2 = np.where(determined, np.einsum("ekij,eki->ekj", vectors, z) ** 2, 0.0)
+    statistic = np.sum(along2 / np.where(determined, values, 1.0), axis=-1)
+    freedom = determined.sum(axis=-1)
     weight, best = fit.profile.weight, fit.profile.best
     p_value = np.where(freedom > 0, special.chdtrc(np.maximum(freedom, 1), statistic), 1.0) @ weight
     log_bayes = 0.5 * np.sum(along2 / (1 + known) - np.log1p(known), axis=-1)

@@ -270,8 +270,8 @@ def _measured(options: EstimateOptions, names: tuple[str, ...]) -> Array:
     out = np.zeros((len(names), len(names)))
     refined = _refined(options)
     if refined is not None:
-        told = _told_by(refined)
-        rows, columns = [SHAPE.index(name) for name in told], [names.index(name) for name in told]
+        refining = _told_by(refined)
+        rows, columns = [SHAPE.index(name) for name in refining], [names.index(name) for name in refining]
         out[np.ix_(columns, columns)] = _inverse(refined.cov[np.ix_(rows, rows)])
         return out
     at = {name: k for k, name in enumerate(names)}

@@ -103,17 +103,17 @@ def target_components(
         prior = np.square(sigma * unit[rows])
         freedom = max(float(np.sum(1 - variance[rows] / prior)), 0.0)
         own[name] = float(np.sum(value[rows] ** 2 / prior)), freedom
-    told = sum(freedom for _, freedom in own.values()) + _PRIOR_WEIGHT
+    weight = sum(freedom for _, freedom in own.values()) + _PRIOR_WEIGHT
     care = max(
         _BEST_TARGET,
-        np.exp(sum(freedom * np.log(before[name] / HAND_MADE[name]) for name, (_, freedom) in own.items()) / told),
+        np.exp(sum(freedom * np.log(before[name] / HAND_MADE[name]) for name, (_, freedom) in own.items()) / weight),
     )
     found = {}
     for name, (square, freedom) in own.items():
         estimate = _fixed_point(before[name], square, freedom, float(care) * HAND_MADE[name], _SHARED_WEIGHT)
         # Size and height of the box as a whole leave no residuals: few values determine them, none well.
-        share = _AS_CAREFUL * min(float(care), 1.0) if name in {"print", "place"} else 0.0
-        found[name] = max(estimate, max(_BEST_TARGET, share) * HAND_MADE[name])
+        least = _AS_CAREFUL * min(float(care), 1.0) if name in {"print", "place"} else 0.0
+        found[name] = max(estimate, max(_BEST_TARGET, least) * HAND_MADE[name])
     return found
 
 

@@ -76,8 +76,8 @@ def solved_and_judged(job: Job, given: ReadCameras) -> list[SolvedCamera]:
         raise error.of(listed(job.logs)) from error
     others = [_judged(camera, f"{job.robot}/{camera.read.name}") for camera in solved[1:]]
     first, robot = solved[0], _judged(solved[0], job.robot)
-    told = {cause.text for cause in _causes(robot)}
-    unusable = tuple(finding for other in others if (finding := _unusable(other, told)) is not None)
+    known = {cause.text for cause in _causes(robot)}
+    unusable = tuple(finding for other in others if (finding := _unusable(other, known)) is not None)
     if unusable:
         findings = (*first.calibration.findings, *unusable)
         robot = _judged(replace(first, calibration=replace(first.calibration, findings=findings)), job.robot)
@@ -109,12 +109,12 @@ def _judged(camera: SolvedCamera, robot: str) -> SolvedCamera:
     return replace(camera, calibration=result)
 
 
-def _unusable(camera: SolvedCamera, told: Collection[str]) -> Finding | None:
+def _unusable(camera: SolvedCamera, known: Collection[str]) -> Finding | None:
     """Return that another camera of the robot must not be used: the robot's own result is not good then.
 
     What the robot's own verdict says already, of its wheels say, is no fault of the other camera: None then.
     """
-    own = [cause.text for cause in _causes(camera) if cause.level is Level.REDO and cause.text not in told]
+    own = [cause.text for cause in _causes(camera) if cause.level is Level.REDO and cause.text not in known]
     if not own:
         return None
     return Finding(

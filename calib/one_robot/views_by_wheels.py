@@ -80,18 +80,18 @@ class _Path:
 def _path(drive: Correspondences, steps: FourSteps) -> _Path:
     """Return the path between the stops that the closed form used."""
     stops, wheels = [drive.stops[k] for k in steps.camera.kept], drive.wheels
-    way = slice(stops[0].last_sample, stops[-1].first_sample + 1)
-    dphi_R, dphi_L = np.diff(wheels.phi_R[way]), np.diff(wheels.phi_L[way])
+    between = slice(stops[0].last_sample, stops[-1].first_sample + 1)
+    dphi_R, dphi_L = np.diff(wheels.phi_R[between]), np.diff(wheels.phi_L[between])
     xy, heading = dead_reckoned(dphi_R, dphi_L, steps.heading.aR, steps.heading.aL)
     pose = np.column_stack([steps.mounting.rL * xy, heading])
     leaves, arrives = (
-        np.array(samples) - way.start
+        np.array(samples) - between.start
         for samples in ([stop.last_sample for stop in stops[:-1]], [stop.first_sample for stop in stops[1:]])
     )
     T_body_box = steps.T_body_cam @ steps.camera.T_cam_box
     return _Path(
-        t_ns=int(wheels.t_ns[way.start]),
-        since_s=1e-9 * (wheels.t_ns[way] - wheels.t_ns[way.start]),
+        t_ns=int(wheels.t_ns[between.start]),
+        since_s=1e-9 * (wheels.t_ns[between] - wheels.t_ns[between.start]),
         pose=pose.T.copy(),
         rolled=np.concatenate([[0.0], np.cumsum(np.abs(dphi_R) + np.abs(dphi_L))]),
         leaves=leaves,

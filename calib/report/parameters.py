@@ -77,15 +77,15 @@ def parameter_groups(c: Calibration) -> tuple[Group, ...]:
 def _wheels(c: Calibration) -> tuple[Row, ...]:
     w = c.wheels
 
-    def way(radius: float) -> Callable[[float], str]:
+    def of_path(radius: float) -> Callable[[float], str]:
         return lambda s: f"{length(10 * s / radius)} of its way in 10 m"
 
     def turn(s: float) -> str:
         return f"{360 * s / w.b:.2f}° in a whole turn"
 
     return (
-        _row(c, "rL", "Left wheel, radius", w.rL, way(w.rL), unit="mm"),
-        _row(c, "rR", "Right wheel, radius", w.rR, way(w.rR), unit="mm"),
+        _row(c, "rL", "Left wheel, radius", w.rL, of_path(w.rL), unit="mm"),
+        _row(c, "rR", "Right wheel, radius", w.rR, of_path(w.rR), unit="mm"),
         _row(c, "b", "Wheel separation", w.b, turn, unit="mm"),
     )
 

@@ -85,7 +85,7 @@ def _still(scene: Scene) -> Iterator[Item]:
     cube = {"pose": fox.pose(middle), "size": size, "color": fox.colour(_WHITE, 0.5)}
     corners = scene.target.tag_corners
     outlines = np.stack([corners, np.roll(corners, -1, axis=1)], axis=2).reshape(-1, 3)
-    ways = [
+    paths = [
         fox.lines(np.column_stack([p.poses[:, :2], np.zeros(len(p.poses))]), _GREY if p.used else _RED, fox.STRIP)
         for p in scene.path
     ]
@@ -104,7 +104,7 @@ def _still(scene: Scene) -> Iterator[Item]:
     names = [fox.text(T[:3, 3] + (0.0, 0.0, 0.02), f"stop {label}") for label, T in bodies]
     entities = [
         fox.entity(t, BOX, "box", cubes=[cube], lines=[fox.lines(outlines, (0, 0, 0), fox.LIST, 1.0)]),
-        fox.entity(t, BOX, "path", lines=ways),
+        fox.entity(t, BOX, "path", lines=paths),
         fox.entity(t, BOX, "stops", arrows=arrows, texts=names),
     ]
     yield t, "/scene", {"deletions": [], "entities": entities}
@@ -116,8 +116,8 @@ def _poses(scene: Scene) -> Iterator[Item]:
         T = stop.result.T_box_cam @ inverse(scene.calibration.T_body_cam)
         for t in sorted({stop.view.t_start_ns, stop.view.t_end_ns}):
             yield t, "/tf", fox.frame_transform(t, BOX, BODY, T)
-    for way in scene.path:
-        for t, at in zip(way.t_ns[1:-1].tolist(), way.poses[1:-1], strict=True):
+    for path in scene.path:
+        for t, at in zip(path.t_ns[1:-1].tolist(), path.poses[1:-1], strict=True):
             yield t, "/tf", fox.frame_transform(t, BOX, BODY, planar(*at))
 
 

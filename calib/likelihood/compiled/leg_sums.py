@@ -62,7 +62,7 @@ def add_travelled(by_travel: Any, travel: Any, starts: Any, out: Any) -> None:
         for s in range(starts[n], starts[n + 1]):
             for w in range(2):
                 for k in range(travel.shape[2]):
-                    way = travel[s, w, k]
-                    if way != 0.0:
+                    rolled = travel[s, w, k]
+                    if rolled != 0.0:
                         for i in range(3):
-                            out[n, i, k] += by_travel[w, i, s] * way
+                            out[n, i, k] += by_travel[w, i, s] * rolled

@@ -37,14 +37,14 @@ def wheel_course(wheels: WheelSamples, t_ns: Ids, after: Ids) -> Array:
     between = (wheels.t_ns[after] - wheels.t_ns[after - 1]) / 1e9
     out = np.zeros((len(t_ns), ORDERS, 2))
     out[:, 0] = (phi[after] - phi[after - 1]) / between[:, None]
-    told = np.all(wheels.covered[rows[:, 1:]], axis=1) & (t[:, -1] - t[:, 0] < _LONGEST_S) & (2 * half > ORDERS)
-    if not told.any():
+    known = np.all(wheels.covered[rows[:, 1:]], axis=1) & (t[:, -1] - t[:, 0] < _LONGEST_S) & (2 * half > ORDERS)
+    if not known.any():
         return out
-    scale = np.abs(t[told]).max(axis=1)[:, None]
-    powers = (t[told] / scale)[:, :, None] ** np.arange(ORDERS + 1)
-    found = np.linalg.pinv(powers) @ (phi[rows[told]] - phi[rows[told, :1]])
+    scale = np.abs(t[known]).max(axis=1)[:, None]
+    powers = (t[known] / scale)[:, :, None] ** np.arange(ORDERS + 1)
+    found = np.linalg.pinv(powers) @ (phi[rows[known]] - phi[rows[known, :1]])
     by = np.array([1.0, 2.0, 6.0]) / scale ** np.arange(1, ORDERS + 1)
-    out[told] = found[:, 1:] * by[:, :, None]
+    out[known] = found[:, 1:] * by[:, :, None]
     return out
 
 

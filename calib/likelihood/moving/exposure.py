@@ -44,12 +44,12 @@ def exposure(found: Settled, drives: Sequence[Correspondences]) -> Exposure | No
     frames = [frame for drive in drives for frame in drive.moving]
     motion = motions_px_s(found.joint.problem, found.joint.at.corners, found.joint.state, woven.course)
     times = [_of_frame(frames[woven.frame[k]].blur_px2, motion[k]) for k in woven.moving.tolist()]
-    told = np.array([t for t in times if t > 0])
-    if len(told) < FEWEST:
+    positive = np.array([t for t in times if t > 0])
+    if len(positive) < FEWEST:
         return None
-    middle = float(np.median(told))
-    spread = _OF_SPREAD * float(np.median(np.abs(told - middle)))
-    return Exposure(time_s=middle, sigma_s=_OF_MEDIAN * spread / float(np.sqrt(len(told))))
+    middle = float(np.median(positive))
+    spread = _OF_SPREAD * float(np.median(np.abs(positive - middle)))
+    return Exposure(time_s=middle, sigma_s=_OF_MEDIAN * spread / float(np.sqrt(len(positive))))
 
 
 def _of_frame(blur_px2: Array, motion: Array) -> float:
@@ -58,8 +58,8 @@ def _of_frame(blur_px2: Array, motion: Array) -> float:
     if not (total > 0 and speed > 0):
         return 0.0
     longer = np.array([blur_px2[0, 0] - blur_px2[1, 1], 2 * blur_px2[0, 1]])
-    way = np.array([motion[0] ** 2 - motion[1] ** 2, 2 * motion[0] * motion[1]]) / speed
-    along = float(longer @ way)
+    direction = np.array([motion[0] ** 2 - motion[1] ** 2, 2 * motion[0] * motion[1]]) / speed
+    along = float(longer @ direction)
     length = float(np.linalg.norm(longer))
     if length < _LEAST_SHAPE * total or along < _ALONG * length:
         return 0.0

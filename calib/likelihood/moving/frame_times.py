@@ -140,11 +140,11 @@ def gains(times: FrameTimes, kept: Array, causes: Array) -> tuple[Array, Array]:
     left = y - b @ X.T  # (J, F)
     from_x = np.einsum("jpq,jfq,fm->jpm", inverse, WX, Z)
     power = np.einsum("jf,fm->jm", w, Z**2)
-    told = power - np.einsum("jfp,fm,jpm->jm", WX, Z, from_x)
+    information = power - np.einsum("jfp,fm,jpm->jm", WX, Z, from_x)
     with np.errstate(divide="ignore", invalid="ignore"):
-        size = np.where(told > _TOLD * power, np.einsum("jf,fm->jm", w * left, Z) / told, 0.0)
+        size = np.where(information > _TOLD * power, np.einsum("jf,fm->jm", w * left, Z) / information, 0.0)
     base = np.sum(np.log(w), axis=1) - np.sum(w * left**2, axis=1)
-    more = base[:, None] + size**2 * told
+    more = base[:, None] + size**2 * information
     best = np.argmax(more, axis=0)
     at = np.arange(Z.shape[1])
     freedom = max(len(y) - X.shape[1] - 1, 0) / len(y)

@@ -155,15 +155,15 @@ def mean_and_sigma(slip: Array, log_likelihood: Array) -> tuple[float, float]:
     if len(levels) == 1:
         return float(levels[0]), 0.0
     by_slip = np.array([logsumexp(log_likelihood[of == k]) for k in range(len(levels))])
-    told = np.flatnonzero(by_slip > by_slip.max() - _FAR)
-    if len(told) < _FEWEST:
-        told = np.arange(max(told[0] - 1, 0), min(told[-1] + 2, len(levels)))
-        told = told[np.isfinite(by_slip[told])]
-    if len(told) == 1:
-        return float(levels[told[0]]), 0.0
-    at = np.linspace(told[0], told[-1], _BETWEEN * int(told[-1] - told[0]) + 1)
-    log_density = _between(told, by_slip[told], at)
-    value = np.exp(np.interp(at, told, np.log(levels[told])))
+    near = np.flatnonzero(by_slip > by_slip.max() - _FAR)
+    if len(near) < _FEWEST:
+        near = np.arange(max(near[0] - 1, 0), min(near[-1] + 2, len(levels)))
+        near = near[np.isfinite(by_slip[near])]
+    if len(near) == 1:
+        return float(levels[near[0]]), 0.0
+    at = np.linspace(near[0], near[-1], _BETWEEN * int(near[-1] - near[0]) + 1)
+    log_density = _between(near, by_slip[near], at)
+    value = np.exp(np.interp(at, near, np.log(levels[near])))
     w = np.exp(log_density - log_density.max())
     w[[0, -1]] /= 2
     w /= w.sum()
@@ -176,7 +176,7 @@ def _between(places: Ids, values: Array, at: Array) -> Array:
     if len(places) < _FEWEST:
         return np.asarray(np.interp(at, places, values))
     first = np.clip(np.searchsorted(places, at, side="right") - 1, 0, len(places) - 2)
-    share = (at - places[first]) / (places[first + 1] - places[first])
+    weight = (at - places[first]) / (places[first + 1] - places[first])
 
     def parabola(start: Ids) -> Array:
         x, y = (of[np.clip(start, 0, len(places) - 3)[:, None] + np.arange(3)].T for of in (places, values))
@@ -184,4 +184,4 @@ def _between(places: Ids, values: Array, at: Array) -> Array:
         bend = (slope[1] - slope[0]) / (x[2] - x[0])
         return np.asarray(y[0] + (at - x[0]) * (slope[0] + (at - x[1]) * bend))
 
-    return (1 - share) * parabola(first - 1) + share * parabola(first)
+    return (1 - weight) * parabola(first - 1) + weight * parabola(first)

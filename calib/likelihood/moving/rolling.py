@@ -63,11 +63,11 @@ def with_rolling(problem: Problem, state: State, corners: Corners, course: Array
     twist = _twists(state, rolling, rates_after(course, since))
     corners.jacobian[rows, :, -1] = (by_motion @ twist[:, :, None])[:, :, 0] * row[:, None]
     corners.J_shared[:, -1, -1] = 1.0
-    way = _twists(state, rolling, turned(course, since))
+    motion = _twists(state, rolling, turned(course, since))
     if abs(readout) > _SHORT_S:
-        moved[rows] = (problem.whiten[rows] @ _moved(problem, state, rows, way)[:, :, None])[:, :, 0]
+        moved[rows] = (problem.whiten[rows] @ _moved(problem, state, rows, motion)[:, :, None])[:, :, 0]
     else:
-        moved[rows] = (by_motion @ way[:, :, None])[:, :, 0]
+        moved[rows] = (by_motion @ motion[:, :, None])[:, :, 0]
     return replace(corners, residual=corners.residual - moved)
 
 
@@ -104,8 +104,8 @@ def _rolling(corners: Corners, state: State, rows: Ids) -> Array:
 def _twists(state: State, rolling: Array, wheels: Array) -> Array:
     """Return the camera's motions, (R, 6), for turns of the wheels (R, 2), rad, by those of :func:`_rolling`."""
     rR, rL, b = state.wheels
-    way = np.stack([(wheels @ np.array([rR, rL])) / 2, (wheels @ np.array([rR, -rL])) / b], axis=1)
-    return np.asarray((rolling @ way[:, :, None])[:, :, 0])
+    body = np.stack([(wheels @ np.array([rR, rL])) / 2, (wheels @ np.array([rR, -rL])) / b], axis=1)
+    return np.asarray((rolling @ body[:, :, None])[:, :, 0])
 
 
 def _moved(problem: Problem, state: State, rows: Ids, motion: Array) -> Array:
@@ -114,8 +114,8 @@ def _moved(problem: Problem, state: State, rows: Ids, motion: Array) -> Array:
     R = motions.R_box_cam[stop]
     p_box = problem.target.landmarks(state.shape)[0][rows]
     p = (np.swapaxes(R, 1, 2) @ (p_box - motions.p_box_cam[stop])[:, :, None])[:, :, 0]
-    turn, way = motion[:, :3], motion[:, 3:]
-    way = way + np.cross(turn, way) / 2
-    after = (np.swapaxes(exp_so3(turn), 1, 2) @ (p - way)[:, :, None])[:, :, 0]
+    turn, shift = motion[:, :3], motion[:, 3:]
+    shift = shift + np.cross(turn, shift) / 2
+    after = (np.swapaxes(exp_so3(turn), 1, 2) @ (p - shift)[:, :, None])[:, :, 0]
     ends = [project_with_jacobians(problem.lens, state.lens, x)[0] for x in (p, after)]
     return np.asarray(ends[1] - ends[0])

@@ -64,9 +64,9 @@ def slip_modes(problem: Problem, state: State, corners: Corners, frames: tuple[A
     half = np.full(len(stop), readout / 2)
     rolled, most = (np.abs(turned(course[stop], t)) * radius for t in (since, np.copysign(half, since)))
     rolled, most = (d + DRAGGED * d[:, ::-1] for d in (rolled, most))
-    share = np.divide(rolled, most, out=np.zeros_like(rolled), where=most > 0)
+    fraction = np.divide(rolled, most, out=np.zeros_like(rolled), where=most > 0)
     k = np.pi * (np.arange(_MODES) + 0.5)
-    walk = within * np.sqrt(2 * most)[:, :, None] * np.sin(k * share[:, :, None]) / k  # (L, 2 wheels, modes), m
+    walk = within * np.sqrt(2 * most)[:, :, None] * np.sin(k * fraction[:, :, None]) / k  # (L, 2 wheels, modes), m
     by_motion = corners.jacobian[:, :, n : n + 6]
     out = np.zeros((len(stop), 2, 2, 2, _MODES))
     for wheel in (0, 1):

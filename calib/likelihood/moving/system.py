@@ -182,11 +182,11 @@ def solutions(scan: Scan, kept: Mask) -> Levels:
     """
     s, chain = scan.system, scan.chain.some(kept)
     solution = solve_shared(chain, s.eliminated)
-    told = _rounding(scan.a[kept], scan.c[kept], s.eliminated, solution) < _MOST_ROUNDING
+    accurate = _rounding(scan.a[kept], scan.c[kept], s.eliminated, solution) < _MOST_ROUNDING
     return Levels(
         slip=scan.slip[kept],
         jitter_s=scan.jitter_s[kept],
-        log_likelihood=np.where(told, scan.log_likelihood[kept], -np.inf),
+        log_likelihood=np.where(accurate, scan.log_likelihood[kept], -np.inf),
         solution=solution,
         local_sigma=s.local_sigma,
     )

@@ -107,8 +107,8 @@ def _said(settled: Settled, doubts: Doubts, values: Array, sigma: Array) -> str:
         f"{_lateness(settled.joint.woven, values[late], sigma[late])} against the wheels', which was allowed for"
     )
     text += "".join(f"; {jump}" for jump in doubts.without.jumps_said(drives))
-    told = np.abs(values[rate]) > SAID_SIGMAS * sigma[rate]
-    if told.any():
+    clear = np.abs(values[rate]) > SAID_SIGMAS * sigma[rate]
+    if clear.any():
         k = int(np.argmax(np.abs(values[rate]) / sigma[rate]))
         text += _of_rate(values[rate][k], sigma[rate][k]) + (f" (drive {k + 1})" if drives > 1 else "")
     if settled.noise.jitter_s > SAID_JITTER_S:

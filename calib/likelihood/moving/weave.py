@@ -127,10 +127,10 @@ def weave(drive: Correspondences, kept: Ids, frames: Ids, late_s: Array | float)
     usable &= np.diff(at, prepend=-np.inf) > APART_S
     rows = np.flatnonzero(usable)
     at, after, course = at[rows], after[rows], course[rows]
-    share = ((at - t[after - 1]) / (t[after] - t[after - 1]))[:, None]
-    between = phi[after - 1] + share * (phi[after] - phi[after - 1])
+    fraction = ((at - t[after - 1]) / (t[after] - t[after - 1]))[:, None]
+    between = phi[after - 1] + fraction * (phi[after] - phi[after - 1])
     around = phi[np.minimum(after + 1, len(t) - 1)] - phi[after] - phi[after - 1] + phi[np.maximum(after - 2, 0)]
-    bend = np.abs(around) / 2 * share * (1 - share) / 2
+    bend = np.abs(around) / 2 * fraction * (1 - fraction) / 2
     stamps = np.maximum(np.round(at * 1e9).astype(np.int64) + t0, wheels.t_ns[after - 1] + 1)
     stamps = np.minimum(stamps, wheels.t_ns[after] - 1)
     more = replace(
