@@ -33,15 +33,15 @@ from boxcal.calib.planning.assumptions import Assumptions, assumed_model
 from boxcal.calib.planning.candidates import Distances, free_poses
 from boxcal.calib.planning.chain import append, first_stop, of_shared
 from boxcal.calib.planning.floor import Floor, free_space
-from boxcal.calib.planning.goal import LABELS, Goal, bars_of_estimate, figures, worst
+from boxcal.calib.planning.goal import LABELS, Goal, bars_of_estimate, quantities, worst
 from boxcal.calib.planning.leg_information import leg_information_of
 from boxcal.calib.planning.next_stops import what_next
+from boxcal.calib.planning.paths import Router
 from boxcal.calib.planning.plan import DrivePlan, PlanOptions, plan_drive
 from boxcal.calib.planning.promise import Promise
 from boxcal.calib.planning.search import prior_information
 from boxcal.calib.planning.stop_information import expected_problem, picture_information
 from boxcal.calib.planning.views import tags_seen
-from boxcal.calib.planning.ways import Router
 from boxcal.calib.simulate.drive import Drive, DriveOptions, exact_correspondences, simulate_drive
 from boxcal.calib.simulate.imperfections import Imperfections, WheelFaults
 from boxcal.calib.simulate.robot import Robot, random_robot
@@ -87,7 +87,7 @@ def bound(of: Robot, stops: Array | int, seed: int) -> Array:
     driven = drive(of, stops, rng)
     seen = exact_correspondences(of, TARGET, driven, GIVEN.corner_px, rng)
     cov = cramer_rao([seen], truth(of, driven), EstimateOptions(lens=of.camera.kind, target=TARGET))
-    return np.array([bar.value for bar in figures(ORDER, of, of.image_size, Goal()).bars(cov)])
+    return np.array([bar.value for bar in quantities(ORDER, of, of.image_size, Goal()).bars(cov)])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -165,9 +165,9 @@ def promised_sigma(plan: DrivePlan) -> Array:
     turned = np.array([stop.turn.sum() for stop in plan.stops])
     for k in range(1, len(plan.poses)):
         here, there = plan.poses[k - 1 : k], plan.poses[k : k + 1]
-        ways = router.ways(here, there)
-        whole = np.rint((turned[k : k + 1] - ways.turn.sum(axis=1)) / (2 * np.pi)).astype(np.int64)
-        legs = leg_information_of(model, (problem, state), ways.with_whole_turns(whole), start=here, end=there)
+        paths = router.paths(here, there)
+        whole = np.rint((turned[k : k + 1] - paths.turn.sum(axis=1)) / (2 * np.pi)).astype(np.int64)
+        legs = leg_information_of(model, (problem, state), paths.with_whole_turns(whole), start=here, end=there)
         chain = append(chain, legs, pictures[k : k + 1])
     cov = np.linalg.inv(of_shared(chain)[0])[:14, :14]
     turn = np.eye(14)
@@ -212,7 +212,7 @@ def next_stop(number: int) -> Next | None:
         space = free_space(Floor(), TARGET.box, of.reach)
         free, _ = free_poses(of, TARGET, space, Distances(), min_side_px=GIVEN.min_side_px, count=1, rng=rng)
         here = begun[-1]
-        turn = Router(space).ways(here[None], free).turn.sum()
+        turn = Router(space).paths(here[None], free).turn.sum()
         goals = [[stop.x, stop.y, here[2] + stop.turn], [free[0, 0], free[0, 1], here[2] + turn]]
         after = [_after(of, np.array([*begun, goal]), number) for goal in goals]
     except BoxcalError as error:

@@ -187,7 +187,7 @@ def plan_schema() -> Schema:
                 "description": plan["bars"],
             },
             "seconds": {**NUMBER, "description": "Time that the drive takes, s."},
-            "length": {**NUMBER, "description": "Way of the body, m."},
+            "length": {**NUMBER, "description": "Length of the path of the body, m."},
             "reached": {"type": "boolean", "description": plan["reached"]},
         },
     )

@@ -125,8 +125,8 @@ def _robots(args: argparse.Namespace) -> "tuple[Robot, tuple[Robot, ...]]":
 
     from boxcal.calib.plan_drive.robots import (
         ROUGH,
+        Dimensions,
         Doubt,
-        Figures,
         calibrated_robot,
         fleet_robot,
         might_be,
@@ -149,7 +149,7 @@ def _robots(args: argparse.Namespace) -> "tuple[Robot, tuple[Robot, ...]]":
         return None if value is None else value * unit
 
     at = args.camera_at_mm
-    figures = Figures(
+    dimensions = Dimensions(
         wheel_radius=of(args.wheel_radius_mm, 1e-3),
         wheel_separation=of(args.wheel_separation_mm, 1e-3),
         image_size=args.image_size,
@@ -158,7 +158,7 @@ def _robots(args: argparse.Namespace) -> "tuple[Robot, tuple[Robot, ...]]":
         yaw=of(args.camera_yaw_deg, radians(1)),
         pitch=of(args.camera_pitch_deg, radians(1)),
     )
-    robot = figures.applied(robot)
+    robot = dimensions.applied(robot)
     return robot, (*others, *might_be(robot, doubt))
 
 

@@ -41,21 +41,21 @@ def floor_plan_bytes(plan: DrivePlan) -> bytes:
         author="plan-drive",
         invariant=1,
     )
-    room: Any = document.width
-    drawing = plan_drawing(plan, room, 0.95 * room)
-    figures = "; ".join(f"{bar.label.lower()} {said(bar)}" for bar in plan.bars)
+    space: Any = document.width
+    drawing = plan_drawing(plan, space, 0.95 * space)
+    promised = "; ".join(f"{bar.label.lower()} {said(bar)}" for bar in plan.bars)
     story: list[Flowable] = [
         Paragraph(f"Drive plan for {escape(plan.robot.name)}", styles["Title"]),
         Paragraph(
             f"{len(plan.stops)} stops, {plan.length:.1f} m, about {plan.seconds / 60:.1f} minutes. With "
-            f"{plan.assumptions.said} it promises, one standard deviation: {figures}.",
+            f"{plan.assumptions.said} it promises, one standard deviation: {promised}.",
             styles["BodyText"],
         ),
         drawing,
         Spacer(1, 2 * mm),
         Paragraph(_HOW, styles["BodyText"]),
         Spacer(1, 3 * mm),
-        _table(plan, room),
+        _table(plan, space),
     ]
     document.build(story)
     return buffer.getvalue()
@@ -73,8 +73,8 @@ def _table(plan: DrivePlan, width: float) -> "Table":
         off = dict(stop.from_corners)
         cells = [f"{off[name]:.2f} m" if name in off else "" for name in CORNERS]
         rows.append([str(stop.number), *cells, f"{stop.heading_deg:.0f}\N{DEGREE SIGN}", Paragraph(stop.drive, body)])
-    share = (0.07, 0.1, 0.1, 0.1, 0.1, 0.09, 0.44)
-    table = Table(rows, colWidths=[width * s for s in share], repeatRows=1)
+    fractions = (0.07, 0.1, 0.1, 0.1, 0.1, 0.09, 0.44)
+    table = Table(rows, colWidths=[width * s for s in fractions], repeatRows=1)
     table.setStyle(
         [
             ("FONTNAME", (0, 0), (-1, 0), "Helvetica-Bold"),

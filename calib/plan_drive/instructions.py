@@ -69,8 +69,8 @@ def way_in_words(stop: PlannedStop) -> str:
             if abs(turn) > _SMALL_TURN:
                 parts.append(f"turn {side} {_turn(abs(float(turn)))}")
             continue
-        way = f"{'back' if distance < 0 else 'forward'} {abs(distance):.2f} m"
-        parts.append(way if turn == 0 else f"{way} in a curve to the {side}, {degrees(abs(turn)):.0f}\N{DEGREE SIGN}")
+        move = f"{'back' if distance < 0 else 'forward'} {abs(distance):.2f} m"
+        parts.append(move if turn == 0 else f"{move} in a curve to the {side}, {degrees(abs(turn)):.0f}\N{DEGREE SIGN}")
     text = ", ".join(parts)
     return f"{text[:1].upper()}{text[1:]}." if text else "Stay."
 

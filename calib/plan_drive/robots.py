@@ -51,7 +51,7 @@ ROUGH = Doubt(focal=0.08, direction=radians(3.0), place=0.015)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Figures:
+class Dimensions:
     """Dimensions of a robot that a user gives; what is None is left as it is.
 
     Attributes

@@ -10,7 +10,7 @@ from boxcal.calib.planning.assumptions import assumed_model
 from boxcal.calib.planning.candidates import candidates_at
 from boxcal.calib.planning.plan import DrivePlan
 from boxcal.calib.planning.search import Search, make_search, prior_information
-from boxcal.calib.planning.tour import Tour, worth
+from boxcal.calib.planning.tour import Tour, evaluated
 from boxcal.calib.planning.views import tags_seen
 from boxcal.calib.simulate.robot import Robot
 from boxcal.calib.simulate.viewpoints import choose_stops
@@ -77,7 +77,7 @@ def drive_of(search: Search, name: str, poses: Array) -> Baseline | None:
         return None
     search = replace(search, choice=candidates_at(model, poses, seen))
     tour = Tour(rows=tuple(range(len(poses))), spins=(0,) * len(poses))
-    found = worth(search, prior_information(model, search.choice.problem), tour)
+    found = evaluated(search, prior_information(model, search.choice.problem), tour)
     return Baseline(name=name, poses=poses, values=found.values) if found.possible else None
 
 

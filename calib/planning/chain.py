@@ -9,7 +9,7 @@ import numpy as np
 
 from boxcal.calib.geometry.parameters import WHEELS
 from boxcal.calib.likelihood.problem import PER_STOP
-from boxcal.calib.planning.goal import Figures
+from boxcal.calib.planning.goal import Quantities
 from boxcal.target.arrays import Array
 
 _FIRST, _SECOND = slice(3, 3 + PER_STOP), slice(3 + PER_STOP, 3 + 2 * PER_STOP)
@@ -92,7 +92,7 @@ def of_shared(chain: Array) -> Array:
     return np.asarray(chain[..., :n, :n] - across @ np.linalg.solve(chain[..., n:, n:], np.swapaxes(across, -1, -2)))
 
 
-def figure_values(found: Figures, information: Array) -> Array:
+def quantity_values(found: Quantities, information: Array) -> Array:
     """Return the quantities' standard deviations, (N, 6), for information (N, n, n) of the shared unknowns."""
     d = 1 / np.sqrt(np.einsum("...ii->...i", information))
     scaled = information * d[..., :, None] * d[..., None, :]

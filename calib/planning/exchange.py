@@ -7,7 +7,7 @@ import numpy as np
 
 from boxcal.calib.planning.candidates import enough_tags
 from boxcal.calib.planning.search import Search, Step
-from boxcal.calib.planning.tour import Tour, Worth, messages, replacements, seconds_of, ways_of, worth
+from boxcal.calib.planning.tour import Evaluation, Tour, evaluated, messages, paths_of, replacements, seconds_of
 from boxcal.target.arrays import Array, Ids
 
 _SWEEPS = 3
@@ -43,12 +43,12 @@ class Problem:
         """The robot as it probably is."""
         return self.searches[0]
 
-    def worst(self, tour: Tour) -> Worth:
+    def worst(self, tour: Tour) -> Evaluation:
         """Return what a drive gives whichever robot it is: the largest of each quantity among them, and of the time.
 
         One robot may be worst in one quantity and another in the next: a goal is reached if all of them reach it.
         """
-        found = [worth(s, p, tour) for s, p in zip(self.searches, self.priors, strict=True)]
+        found = [evaluated(s, p, tour) for s, p in zip(self.searches, self.priors, strict=True)]
         return replace(
             found[0],
             values=np.max([w.values for w in found], axis=0),
@@ -110,8 +110,8 @@ def total(problem: Problem, tour: Tour, cost: Cost) -> float:
 def _best_at(problem: Problem, tour: Tour, k: int, cost: Cost) -> Tour | None:
     """Return the drive with the best stop at one place in the order; None if that is the one it has."""
     search, prior = problem.nominal, problem.priors[0]
-    ways = ways_of(search, tour)
-    at = messages(search, prior, tour, ways)
+    paths = paths_of(search, tour)
+    at = messages(search, prior, tour, paths)
     C = len(search.choice)
     others = np.setdiff1d(np.arange(C), tour.rows)
     own = search.router.spins() if k else np.zeros(1, dtype=np.int64)
@@ -120,7 +120,7 @@ def _best_at(problem: Problem, tour: Tour, k: int, cost: Cost) -> Tour | None:
     found = replacements(search, prior, tour, at, (k, rows, spins))
     if not len(found.rows):
         return None
-    elsewhere = worth(search, prior, tour).seconds - _seconds_at(problem, tour, k)
+    elsewhere = evaluated(search, prior, tour).seconds - _seconds_at(problem, tour, k)
     drives = np.tile(np.array(tour.rows), (len(found.rows), 1))
     drives[:, k] = found.rows
     costs = cost(found.values, found.seconds + elsewhere) * (1 + _MISSING * problem.missing(drives))
@@ -131,5 +131,5 @@ def _best_at(problem: Problem, tour: Tour, k: int, cost: Cost) -> Tour | None:
 
 def _seconds_at(problem: Problem, tour: Tour, k: int) -> float:
     """Return the time of the paths to and from one stop of a drive, s."""
-    seconds = seconds_of(problem.nominal, ways_of(problem.nominal, tour))
+    seconds = seconds_of(problem.nominal, paths_of(problem.nominal, tour))
     return float(seconds[max(k - 1, 0) : k + 1].sum())

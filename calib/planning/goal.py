@@ -105,7 +105,7 @@ def worst(bars: Sequence[Bar]) -> Bar:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Figures:
+class Quantities:
     """The quantities of :class:`Goal` as linear functions of the shared unknowns.
 
     Attributes
@@ -153,12 +153,12 @@ class Figures:
 _WORST_AXIS = ("camera", "place")
 
 
-def figures(
+def quantities(
     names: Sequence[str],
     robot: KnownRobot,
     image_size: tuple[int, int],
     goal: Goal,
-) -> Figures:
+) -> Quantities:
     """Return the quantities by the shared unknowns, the extrinsics' translation along the body's axes.
 
     Parameters
@@ -188,7 +188,7 @@ def figures(
     ends = np.cumsum([len(part) for part in parts])
     goals = np.array([getattr(goal, name) for name in LABELS])
     goals[-1] *= image_size[0] / 640
-    return Figures(
+    return Quantities(
         rows=np.concatenate(parts),
         spans=tuple(slice(int(e) - len(part), int(e)) for e, part in zip(ends, parts, strict=True)),
         goals=goals,
@@ -210,7 +210,7 @@ def _projection(at: dict[str, int], n: int, robot: KnownRobot, image_size: tuple
     return rows
 
 
-def along_camera(found: Figures, R_body_cam: Array) -> Figures:
+def along_camera(found: Quantities, R_body_cam: Array) -> Quantities:
     """Return quantities that take the extrinsics' translation along the camera's axes, as the solver has it."""
     rows = found.rows.copy()
     rows[:, TRANSLATION] = rows[:, TRANSLATION] @ R_body_cam
@@ -221,7 +221,7 @@ def bars_of_estimate(
     estimate: Estimate, goal: Goal | None = None, image_size: tuple[int, int] = (640, 480)
 ) -> tuple[Bar, ...]:
     """Return what a user cares about of an estimate, beside the goals."""
-    found = figures(estimate.names, estimate, image_size, goal or Goal())
+    found = quantities(estimate.names, estimate, image_size, goal or Goal())
     cov = estimate.cov_all
     if estimate.odometry_cov is not None:
         cov = cov.copy()

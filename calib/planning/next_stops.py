@@ -9,7 +9,7 @@ import numpy as np
 from boxcal.calib.likelihood.estimate import Estimate
 from boxcal.calib.likelihood.problem import PER_STOP
 from boxcal.calib.planning.assumptions import assumed_model
-from boxcal.calib.planning.chain import figure_values, of_shared
+from boxcal.calib.planning.chain import of_shared, quantity_values
 from boxcal.calib.planning.drive_information import (
     DriveInformation,
     information_of,
@@ -23,7 +23,7 @@ from boxcal.calib.planning.goal import (
     along_camera,
     bars_of_calibration,
     bars_of_estimate,
-    figures,
+    quantities,
     worst,
 )
 from boxcal.calib.planning.objective import Criterion
@@ -161,12 +161,12 @@ def next_stops(
     rows = _columns(known.names, search.choice.problem.names)
     search = replace(
         search,
-        figures=along_camera(figures(known.names, robot, robot.image_size, goal), robot.T_body_cam[:3, :3]),
+        quantities=along_camera(quantities(known.names, robot, robot.image_size, goal), robot.T_body_cam[:3, :3]),
         choice=replace(search.choice, pictures=_in_order(search.choice.pictures, rows, n)),
     )
-    values = figure_values(search.figures, of_shared(known.chain[None]))[0]
+    values = quantity_values(search.quantities, of_shared(known.chain[None]))[0]
     said_now = np.array([bar.value for bar in bars])
-    share = np.divide(said_now, values, out=np.ones_like(values), where=np.isfinite(said_now) & (values > 0))
+    factor = np.divide(said_now, values, out=np.ones_like(values), where=np.isfinite(said_now) & (values > 0))
     chain, here, before = known.chain, known.poses[-1], bars
     out: list[NextStop] = []
     visited: list[int] = []
@@ -175,7 +175,7 @@ def next_stops(
         if step is None:
             break
         promise = promise_of(known.slip_doubt, len(out) + 1)
-        after = search.figures.as_bars(step.values * share * promise.middle)
+        after = search.quantities.as_bars(step.values * factor * promise.middle)
         visited.append(step.row)
         here, chain = search.choice.poses[step.row], step.chain
         out.append(

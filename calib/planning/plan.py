@@ -10,10 +10,10 @@ from boxcal.calib.planning.assumptions import Assumptions, assumed_model
 from boxcal.calib.planning.candidates import Distances, candidates_at
 from boxcal.calib.planning.exchange import Cost, Problem, greedy, improved
 from boxcal.calib.planning.floor import Floor
-from boxcal.calib.planning.goal import Bar, Goal, along_camera, figures
+from boxcal.calib.planning.goal import Bar, Goal, along_camera, quantities
 from boxcal.calib.planning.objective import Criterion, score
 from boxcal.calib.planning.search import Search, make_search, prior_information
-from boxcal.calib.planning.tour import Tour, ways_of
+from boxcal.calib.planning.tour import Tour, paths_of
 from boxcal.calib.planning.views import tags_seen
 from boxcal.calib.simulate.robot import Robot
 from boxcal.target.arrays import Array
@@ -196,15 +196,15 @@ def _as_seen_by(first: Search, robot: Robot, options: PlanOptions) -> Search:
     seen = tags_seen(robot, model.target, poses, model.assumptions.min_side_px, margin=0.0)
     seen[seen.sum(axis=1) < 1, 0] = True  # a stop that shows nothing still needs a row
     choice = candidates_at(model, poses, seen)
-    found = figures(choice.problem.names, robot, robot.image_size, options.goal)
-    return replace(first, model=model, choice=choice, figures=along_camera(found, robot.T_body_cam[:3, :3]))
+    found = quantities(choice.problem.names, robot, robot.image_size, options.goal)
+    return replace(first, model=model, choice=choice, quantities=along_camera(found, robot.T_body_cam[:3, :3]))
 
 
 def _sure(problem: Problem, options: PlanOptions) -> Cost:
     """Return the cost of a drive whose stops are given: its quantities, and a little its time."""
 
     def cost(values: Array, seconds: Array) -> Array:
-        ratio = values / problem.nominal.figures.goals
+        ratio = values / problem.nominal.quantities.goals
         return np.asarray(score(ratio, options.criterion) * (1 + _A_MINUTE * seconds / 60))
 
     return cost
@@ -214,7 +214,7 @@ def _quick(problem: Problem) -> Cost:
     """Return the cost of a drive that has to reach the goals: its time, once it does."""
 
     def cost(values: Array, seconds: Array) -> Array:
-        ratio = (values / problem.nominal.figures.goals).max(axis=-1)
+        ratio = (values / problem.nominal.quantities.goals).max(axis=-1)
         return np.asarray(np.where(ratio <= 1, seconds, 1e4 * ratio))
 
     return cost
@@ -227,7 +227,7 @@ def _best_of(problem: Problem, options: PlanOptions, stops: int) -> Tour:
 
 def _shortest(problem: Problem, options: PlanOptions) -> Tour:
     """Return the drive of fewest stops that reaches the goals, then of least time; the best found if none does."""
-    goals = problem.nominal.figures.goals
+    goals = problem.nominal.quantities.goals
 
     def ratio(tour: Tour) -> float:
         found = problem.worst(tour)
@@ -251,11 +251,11 @@ def _shortest(problem: Problem, options: PlanOptions) -> Tour:
 
 def _plan(problem: Problem, tour: Tour, options: PlanOptions, assumptions: Assumptions) -> DrivePlan:
     search, found = problem.nominal, problem.worst(tour)
-    ways, choice = ways_of(search, tour), search.choice
+    paths, choice = paths_of(search, tour), search.choice
     heading = float(choice.poses[tour.rows[0], 2])
     stops = []
     for k, row in enumerate(tour.rows):
-        arcs = (ways.distance[k - 1], ways.turn[k - 1]) if k else (np.zeros(0), np.zeros(0))
+        arcs = (paths.distance[k - 1], paths.turn[k - 1]) if k else (np.zeros(0), np.zeros(0))
         moved = (arcs[0] != 0) | (arcs[1] != 0)
         heading += float(arcs[1].sum())
         stops.append(
@@ -267,7 +267,7 @@ def _plan(problem: Problem, tour: Tour, options: PlanOptions, assumptions: Assum
                 faces=tuple(int(f) for f in np.flatnonzero(choice.faces[row])),
             )
         )
-    bars = search.figures.as_bars(found.values)
+    bars = search.quantities.as_bars(found.values)
     return DrivePlan(
         robot=search.model.robot,
         target=search.model.target,

@@ -8,12 +8,12 @@ import numpy as np
 from boxcal.calib.likelihood.problem import Problem
 from boxcal.calib.planning.assumptions import Model, vague_sigma
 from boxcal.calib.planning.candidates import Candidates, Distances, candidates_at, free_poses
-from boxcal.calib.planning.chain import append, figure_values, first_stop, of_shared
+from boxcal.calib.planning.chain import append, first_stop, of_shared, quantity_values
 from boxcal.calib.planning.floor import Floor, free_space
-from boxcal.calib.planning.goal import Figures, Goal, along_camera, figures
+from boxcal.calib.planning.goal import Goal, Quantities, along_camera, quantities
 from boxcal.calib.planning.leg_information import leg_information_of
 from boxcal.calib.planning.objective import Criterion, score
-from boxcal.calib.planning.ways import CurveRouter, Router, Ways
+from boxcal.calib.planning.paths import CurveRouter, Paths, Router
 from boxcal.target.arrays import Array, Ids
 
 
@@ -57,7 +57,7 @@ class Search:
         Places to stop at.
     router
         Paths.
-    figures
+    quantities
         What is to become certain, by the shared unknowns in the solver's terms.
     criterion
         What of it is to be small.
@@ -66,25 +66,25 @@ class Search:
     model: Model
     choice: Candidates
     router: Router
-    figures: Figures
+    quantities: Quantities
     criterion: Criterion
 
     def score(self, values: Array) -> Array:
         """Return one number for quantities (..., 6): smaller is better."""
-        return score(values / self.figures.goals, self.criterion)
+        return score(values / self.quantities.goals, self.criterion)
 
-    def appended(self, chain: Array, here: Array, rows: Ids, ways: Ways) -> Array:
+    def appended(self, chain: Array, here: Array, rows: Ids, paths: Paths) -> Array:
         """Return the information after paths from a pose (3,) to candidates (N,), (N, n + 5, n + 5)."""
         there = self.choice.poses[rows]
         start = np.broadcast_to(here, there.shape)
-        legs = leg_information_of(self.model, (self.choice.problem, self.choice.state), ways, start=start, end=there)
+        legs = leg_information_of(self.model, (self.choice.problem, self.choice.state), paths, start=start, end=there)
         return append(chain, legs, self.choice.pictures[rows])
 
     def first(self, prior: Array) -> Step:
         """Return the best first stop."""
         chains = first_stop(prior, self.choice.pictures)
-        values = figure_values(self.figures, of_shared(chains))
-        row = int(np.argmin(score(values / self.figures.goals, Criterion.MEAN)))
+        values = quantity_values(self.quantities, of_shared(chains))
+        row = int(np.argmin(score(values / self.quantities.goals, Criterion.MEAN)))
         return Step(row=row, whole_turns=0, turn=0.0, length=0.0, chain=chains[row], values=values[row])
 
     def next(self, chain: Array, here: Array, visited: Sequence[int] = ()) -> Step | None:
@@ -94,20 +94,20 @@ class Search:
         """
         C, kinds = len(self.choice), self.router.spins()
         rows, spins = np.tile(np.arange(C), len(kinds)), np.repeat(kinds, C)
-        direct = self.router.ways(np.broadcast_to(here, (C, 3)), self.choice.poses)
-        ways = direct.take(rows).with_whole_turns(spins)
-        fine = np.flatnonzero(ways.possible & ~np.isin(rows, visited))
+        direct = self.router.paths(np.broadcast_to(here, (C, 3)), self.choice.poses)
+        paths = direct.take(rows).with_whole_turns(spins)
+        fine = np.flatnonzero(paths.possible & ~np.isin(rows, visited))
         if not len(fine):
             return None
-        rows, spins, ways = rows[fine], spins[fine], ways.take(fine)
-        chains = self.appended(chain, here, rows, ways)
-        values = figure_values(self.figures, of_shared(chains))
+        rows, spins, paths = rows[fine], spins[fine], paths.take(fine)
+        chains = self.appended(chain, here, rows, paths)
+        values = quantity_values(self.quantities, of_shared(chains))
         best = int(np.argmin(self.score(values)))
         return Step(
             row=int(rows[best]),
             whole_turns=int(spins[best]),
-            turn=float(ways.turn[best].sum()),
-            length=float(ways.length[best]),
+            turn=float(paths.turn[best].sum()),
+            length=float(paths.length[best]),
             chain=chains[best],
             values=values[best],
         )
@@ -143,12 +143,12 @@ def make_search(
         rng=rng,
     )
     choice = candidates_at(model, poses, seen)
-    found = figures(choice.problem.names, robot, robot.image_size, goal)
+    found = quantities(choice.problem.names, robot, robot.image_size, goal)
     return Search(
         model=model,
         choice=choice,
         router=CurveRouter(space, turning_radius) if turning_radius > 0 else Router(space),
-        figures=along_camera(found, robot.T_body_cam[:3, :3]),
+        quantities=along_camera(found, robot.T_body_cam[:3, :3]),
         criterion=criterion,
     )
 

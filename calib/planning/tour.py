@@ -4,10 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from boxcal.calib.planning.chain import append, figure_values, first_stop, of_shared, reverse, stop_alone, through
+from boxcal.calib.planning.chain import append, first_stop, of_shared, quantity_values, reverse, stop_alone, through
 from boxcal.calib.planning.leg_information import leg_information_of
+from boxcal.calib.planning.paths import Paths
 from boxcal.calib.planning.search import Search
-from boxcal.calib.planning.ways import Ways
 from boxcal.target.arrays import Array, Ids
 
 
@@ -31,16 +31,16 @@ class Tour:
         return Tour(rows=tuple(rows), spins=tuple(spins))
 
 
-def ways_of(search: Search, tour: Tour) -> Ways:
+def paths_of(search: Search, tour: Tour) -> Paths:
     """Return the paths of a drive between its stops."""
     poses = search.choice.poses[list(tour.rows)]
-    return search.router.ways(poses[:-1], poses[1:]).with_whole_turns(np.array(tour.spins[1:], dtype=np.int64))
+    return search.router.paths(poses[:-1], poses[1:]).with_whole_turns(np.array(tour.spins[1:], dtype=np.int64))
 
 
-def legs_of(search: Search, starts: Array, goals: Array, ways: Ways) -> Array:
+def legs_of(search: Search, starts: Array, goals: Array, paths: Paths) -> Array:
     """Return the information of paths from poses (N, 3) to poses (N, 3), (N, 13, 13)."""
     of_pictures = (search.choice.problem, search.choice.state)
-    return leg_information_of(search.model, of_pictures, ways, start=starts, end=goals)
+    return leg_information_of(search.model, of_pictures, paths, start=starts, end=goals)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -62,10 +62,10 @@ class Messages:
     legs: Array
 
 
-def messages(search: Search, prior: Array, tour: Tour, ways: Ways) -> Messages:
+def messages(search: Search, prior: Array, tour: Tour, paths: Paths) -> Messages:
     """Return the information of a drive at each of its stops, from before and from after."""
     poses, pictures = search.choice.poses[list(tour.rows)], search.choice.pictures[list(tour.rows)]
-    legs = legs_of(search, poses[:-1], poses[1:], ways)
+    legs = legs_of(search, poses[:-1], poses[1:], paths)
     before = [first_stop(prior, pictures[:1])[0]]
     for k in range(len(legs)):
         before.append(append(before[-1], legs[k : k + 1], pictures[k + 1 : k + 2])[0])
@@ -77,7 +77,7 @@ def messages(search: Search, prior: Array, tour: Tour, ways: Ways) -> Messages:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Worth:
+class Evaluation:
     """Quantities, time and path of a drive.
 
     Attributes
@@ -98,21 +98,21 @@ class Worth:
     possible: bool
 
 
-def seconds_of(search: Search, ways: Ways) -> Array:
+def seconds_of(search: Search, paths: Paths) -> Array:
     """Return how long each path takes with the stop at its end, (N,), s."""
     given = search.model.assumptions
-    return np.asarray(2 * ways.rolled(search.model.robot.b) / given.max_speed + given.stand_s)
+    return np.asarray(2 * paths.rolled(search.model.robot.b) / given.max_speed + given.stand_s)
 
 
-def worth(search: Search, prior: Array, tour: Tour) -> Worth:
+def evaluated(search: Search, prior: Array, tour: Tour) -> Evaluation:
     """Return what a drive gives and costs."""
-    ways = ways_of(search, tour)
-    last = messages(search, prior, tour, ways).before[-1]
-    return Worth(
-        values=figure_values(search.figures, of_shared(last[None]))[0],
-        seconds=float(seconds_of(search, ways).sum()) + search.model.assumptions.stand_s,
-        length=float(ways.length.sum()),
-        possible=bool(np.all(ways.possible)),
+    paths = paths_of(search, tour)
+    last = messages(search, prior, tour, paths).before[-1]
+    return Evaluation(
+        values=quantity_values(search.quantities, of_shared(last[None]))[0],
+        seconds=float(seconds_of(search, paths).sum()) + search.model.assumptions.stand_s,
+        length=float(paths.length.sum()),
+        possible=bool(np.all(paths.possible)),
     )
 
 
@@ -154,19 +154,19 @@ def replacements(search: Search, prior: Array, tour: Tour, at: Messages, place: 
         chain = first_stop(prior, search.choice.pictures[rows])
     else:
         start = np.broadcast_to(poses[tour.rows[k - 1]], there.shape)
-        ways = search.router.ways(start, there).with_whole_turns(spins)
-        chain = append(at.before[k - 1], legs_of(search, start, there, ways), search.choice.pictures[rows])
-        seconds, possible = seconds_of(search, ways), ways.possible
+        paths = search.router.paths(start, there).with_whole_turns(spins)
+        chain = append(at.before[k - 1], legs_of(search, start, there, paths), search.choice.pictures[rows])
+        seconds, possible = seconds_of(search, paths), paths.possible
     if k < last:
         end = np.broadcast_to(poses[tour.rows[k + 1]], there.shape)
-        ways = search.router.ways(there, end).with_whole_turns(np.full(len(rows), tour.spins[k + 1]))
+        paths = search.router.paths(there, end).with_whole_turns(np.full(len(rows), tour.spins[k + 1]))
         following = np.repeat(search.choice.pictures[tour.rows[k + 1] : tour.rows[k + 1] + 1], len(rows), axis=0)
-        chain = append(chain, legs_of(search, there, end, ways), following) + at.after[k + 1]
-        seconds, possible = seconds + seconds_of(search, ways), possible & ways.possible
+        chain = append(chain, legs_of(search, there, end, paths), following) + at.after[k + 1]
+        seconds, possible = seconds + seconds_of(search, paths), possible & paths.possible
     fine = np.flatnonzero(possible)
     return Replacements(
         rows=rows[fine],
         spins=spins[fine],
-        values=figure_values(search.figures, of_shared(chain[fine])),
+        values=quantity_values(search.quantities, of_shared(chain[fine])),
         seconds=seconds[fine],
     )

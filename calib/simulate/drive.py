@@ -120,8 +120,8 @@ class Drive:
     def pose_at(self, t_ns: Ids) -> Array:
         """Return the true poses (N, 3), x, y, heading, at times (N,), ns, within the drive."""
         k = np.clip(np.searchsorted(self.path_t_ns, t_ns, side="right") - 1, 0, len(self.path_t_ns) - 2)
-        share = (t_ns - self.path_t_ns[k]) / (self.path_t_ns[k + 1] - self.path_t_ns[k])
-        return within_arc(self.path[k], self.path[k + 1], np.clip(share, 0, 1))
+        fraction = (t_ns - self.path_t_ns[k]) / (self.path_t_ns[k + 1] - self.path_t_ns[k])
+        return within_arc(self.path[k], self.path[k + 1], np.clip(fraction, 0, 1))
 
 
 def simulate_drive(

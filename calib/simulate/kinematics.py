@@ -35,8 +35,8 @@ def arc_progress(arc: Arc, b: float, max_speed: float, step_s: float) -> Array:
     """
     rim = abs(arc.distance) + b / 2 * abs(arc.turn)
     steps = max(ceil(max(2 * rim / max_speed, sqrt(2 * pi * rim / MAX_ACCELERATION)) / step_s), 1)
-    share = np.arange(1, steps + 1) / steps
-    progress: Array = share - np.sin(2 * pi * share) / (2 * pi)
+    fraction = np.arange(1, steps + 1) / steps
+    progress: Array = fraction - np.sin(2 * pi * fraction) / (2 * pi)
     progress[-1] = 1.0
     return progress
 
@@ -51,9 +51,9 @@ def wheel_turns(
     none = np.zeros(0)
     dphi_R, dphi_L = [none], [none]
     for arc in arcs:
-        share = np.diff(arc_progress(arc, b, max_speed, step_s), prepend=0.0)
-        dphi_R.append(share * ((arc.distance + b / 2 * arc.turn) / rR))
-        dphi_L.append(share * ((arc.distance - b / 2 * arc.turn) / rL))
+        fraction = np.diff(arc_progress(arc, b, max_speed, step_s), prepend=0.0)
+        dphi_R.append(fraction * ((arc.distance + b / 2 * arc.turn) / rR))
+        dphi_L.append(fraction * ((arc.distance - b / 2 * arc.turn) / rL))
     return np.concatenate(dphi_R), np.concatenate(dphi_L)
 
 
@@ -91,14 +91,14 @@ def arc_path(start: Array, distance: Array, turn: Array) -> Array:
     return np.stack([x, y, heading], axis=1)
 
 
-def within_arc(start: Array, end: Array, share: Array) -> Array:
+def within_arc(start: Array, end: Array, fraction: Array) -> Array:
     """Return the poses (N, 3) at a fraction (N,), 0..1, of the arcs from start to end poses, (N, 3) each."""
     turn = end[:, 2] - start[:, 2]
     middle = start[:, 2] + turn / 2
     along = (end[:, 0] - start[:, 0]) * np.cos(middle) + (end[:, 1] - start[:, 1]) * np.sin(middle)
     distance = along / np.sinc(turn / (2 * pi))
-    part = share * turn
-    chord = share * distance * np.sinc(part / (2 * pi))
+    part = fraction * turn
+    chord = fraction * distance * np.sinc(part / (2 * pi))
     heading = start[:, 2] + part / 2
     return np.stack(
         [start[:, 0] + chord * np.cos(heading), start[:, 1] + chord * np.sin(heading), start[:, 2] + part], axis=1

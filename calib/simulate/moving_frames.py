@@ -112,7 +112,7 @@ def _frame(  # noqa: PLR0917 - a robot, its drive and its camera
     cov = options.sigma_px**2 * np.eye(2) + _ALONG**2 * streak[:, :, None] * streak[:, None, :]
     noise = (np.linalg.cholesky(cov) @ rng.standard_normal((len(ids), 2, 1)))[:, :, 0]
     uv_px = seen.mean(axis=0) + noise
-    way = streak.mean(axis=0)
+    shift = streak.mean(axis=0)
     return MovingFrame(
         t_ns=stamp,
         landmark_ids=ids,
@@ -121,7 +121,7 @@ def _frame(  # noqa: PLR0917 - a robot, its drive and its camera
         uv_px=uv_px,
         cov_px2=cov,
         blur_px2=_LENS_PX**2 * np.eye(2)
-        + np.outer(way, way) / 12 * (1 + _BLUR_ERROR * rng.spawn(1)[0].standard_normal()),
+        + np.outer(shift, shift) / 12 * (1 + _BLUR_ERROR * rng.spawn(1)[0].standard_normal()),
     )
 
 

@@ -121,9 +121,9 @@ def frame_times(drive: Drive, options: RecordOptions, rng: np.random.Generator) 
 
     Those of a stop are spread evenly over it, off its ends; those of a leg are drawn from its middle nine tenths.
     """
-    share = np.arange(1, options.frames + 1) / (options.frames + 1)
+    fraction = np.arange(1, options.frames + 1) / (options.frames + 1)
     begun, ended = drive.stop_t_ns[:, :1], drive.stop_t_ns[:, 1:]
-    still = begun + share * (ended - begun)
+    still = begun + fraction * (ended - begun)
     moving = ended[:-1] + rng.uniform(0.05, 0.95, (len(begun) - 1, options.moving_frames)) * (begun[1:] - ended[:-1])
     return np.asarray(np.sort(np.rint(np.concatenate([still.ravel(), moving.ravel()])).astype(np.int64)))
 

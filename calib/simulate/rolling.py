@@ -28,14 +28,14 @@ def rolled(robot: Robot, w: WheelFaults, first: Array, dphi: Array, before: Arra
     radius = np.array([robot.rR, robot.rL])
     start = first + np.concatenate([np.zeros((1, 2)), np.cumsum(dphi, axis=0)])
     turned = dphi.copy()
-    way = np.sign(dphi)
+    direction = np.sign(dphi)
     last = before.copy()
     for k in (0, 1):
-        moving = np.flatnonzero(way[:, k])
-        ways = np.concatenate([before[k : k + 1], way[moving, k]])
-        for i in np.flatnonzero((ways[1:] != ways[:-1]) & (ways[:-1] != 0)):
+        moving = np.flatnonzero(direction[:, k])
+        directions = np.concatenate([before[k : k + 1], direction[moving, k]])
+        for i in np.flatnonzero((directions[1:] != directions[:-1]) & (directions[:-1] != 0)):
             _take(turned[:, k], moving[i:], w.backlash)
-        last[k] = ways[-1]
+        last[k] = directions[-1]
     cosine, sine = np.array(w.eccentric[0::2]), np.array(w.eccentric[1::2])
     u = radius * (turned + cosine * np.diff(np.sin(start), axis=0) - sine * np.diff(np.cos(start), axis=0))
     u = u * np.where(dphi < 0, 1 + w.backward, 1.0)

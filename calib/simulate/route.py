@@ -125,9 +125,9 @@ def _stations(start: Array, goal: Array, keep_out: KeepOut) -> list[Array]:
         return [goal]
     first, last = atan2(start[1], start[0]), atan2(goal[1], goal[0])
     round_by = remainder(last - first, 2 * pi)
-    share = np.linspace(0, 1, ceil(abs(round_by) / _RING_STEP) + 1)
-    radius = np.maximum(keep_out.ring(), hypot(*start) * (1 - share) + hypot(*goal) * share)
-    angle = first + share * round_by
+    fraction = np.linspace(0, 1, ceil(abs(round_by) / _RING_STEP) + 1)
+    radius = np.maximum(keep_out.ring(), hypot(*start) * (1 - fraction) + hypot(*goal) * fraction)
+    angle = first + fraction * round_by
     places = [start, *np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1), goal]
     kept, at = [], 0
     while at < len(places) - 1:

@@ -49,7 +49,7 @@ class Place:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Way:
+class Route:
     """The path to a place.
 
     Attributes
@@ -122,7 +122,7 @@ def _usual_robot(image_size: tuple[int, int]) -> Robot:
     )
 
 
-def way_to(place: Place, here: Whereabouts, target: Target, reach: float) -> Way:
+def route_to(place: Place, here: Whereabouts, target: Target, reach: float) -> Route:
     """Return how to drive to a place without touching the box.
 
     Parameters
@@ -142,7 +142,7 @@ def way_to(place: Place, here: Whereabouts, target: Target, reach: float) -> Way
     try:
         arcs = route(start, goal, keep_out, None, exact_heading=False)
     except CalibError:
-        return Way(steps=_straight(start, goal), points=((here.x, here.y), (place.x, place.y)))
+        return Route(steps=_straight(start, goal), points=((here.x, here.y), (place.x, place.y)))
     pose, points, steps = start, [(float(start[0]), float(start[1]))], []
     for arc in arcs:
         path = arc_path(pose, np.full(_POINTS, arc.distance / _POINTS), np.full(_POINTS, arc.turn / _POINTS))
@@ -152,7 +152,7 @@ def way_to(place: Place, here: Whereabouts, target: Target, reach: float) -> Way
         steps += _said(arc.distance, arc.turn)
     if place.whole_turns:
         steps.append(f"turn once around to the {'left' if place.whole_turns > 0 else 'right'}")
-    return Way(steps=tuple(steps), points=tuple(points))
+    return Route(steps=tuple(steps), points=tuple(points))
 
 
 def _said(distance: float, turn: float) -> list[str]:

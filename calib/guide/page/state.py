@@ -10,7 +10,7 @@ from boxcal.calib.guide.drive.glance import Glance
 from boxcal.calib.guide.drive.live_drive import HOLD_S
 from boxcal.calib.guide.drive.warnings import Warned, sharpness, warnings_of_estimate, warnings_of_picture
 from boxcal.calib.guide.drive.whereabouts import Whereabouts, whereabouts
-from boxcal.calib.guide.estimate.advice import Place, way_to
+from boxcal.calib.guide.estimate.advice import Place, route_to
 from boxcal.calib.guide.session import Session
 from boxcal.calib.planning.goal import Bar
 from boxcal.detect.stops import MIN_STOPS
@@ -153,9 +153,9 @@ def _place(session: Session, place: Place, here: Whereabouts | None) -> dict[str
         return shown
     estimate = session.progress.running.estimate
     reach = _REACH_M if estimate is None else max(estimate.b / 2, float(np.hypot(*estimate.T_body_cam[:2, 3])))
-    way = way_to(place, here, session.options.target, reach)
-    shown["steps"] = list(way.steps)
-    shown["points"] = [[round(x, 3), round(y, 3)] for x, y in way.points]
+    route = route_to(place, here, session.options.target, reach)
+    shown["steps"] = list(route.steps)
+    shown["points"] = [[round(x, 3), round(y, 3)] for x, y in route.points]
     turned = abs((degrees(place.heading - here.heading) + 180) % 360 - 180)
     near = np.hypot(place.x - here.x, place.y - here.y) < _AT_PLACE_M and turned < _AT_PLACE_DEG
     if near and not session.progress.drive.stands_taken:
@@ -214,14 +214,14 @@ def _plan(session: Session, here: Whereabouts | None, places: list[dict[str, Any
 def _bar(bar: Bar) -> dict[str, Any]:
     """Return a bar; full where its goal is reached, empty where it is thirty times as much."""
     known = isfinite(bar.value) and bar.value > 0
-    share = 1 - log10(max(bar.ratio, 1e-9)) / _DECADES if known else 0.0
+    fraction = 1 - log10(max(bar.ratio, 1e-9)) / _DECADES if known else 0.0
     return {
         "name": bar.name,
         "label": bar.label,
         "value": _figure(bar.value, bar.unit) if known else "unknown",
         "goal": _figure(bar.goal, bar.unit),
         "reached": bar.reached,
-        "share": round(min(max(share, 0.0), 1.0), 3),
+        "share": round(min(max(fraction, 0.0), 1.0), 3),
     }
 
 

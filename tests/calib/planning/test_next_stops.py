@@ -13,10 +13,10 @@ from boxcal.calib.likelihood.estimate import Estimate
 from boxcal.calib.likelihood.estimator import estimate
 from boxcal.calib.likelihood.options import EstimateOptions
 from boxcal.calib.plan_drive.cli import main as plan_drive_command
-from boxcal.calib.planning.chain import figure_values, of_shared
+from boxcal.calib.planning.chain import of_shared, quantity_values
 from boxcal.calib.planning.drive_information import information_of, solved_by_estimate
 from boxcal.calib.planning.floor import Floor
-from boxcal.calib.planning.goal import Goal, along_camera, bars_of_estimate, figures, worst
+from boxcal.calib.planning.goal import Goal, along_camera, bars_of_estimate, quantities, worst
 from boxcal.calib.planning.next_stops import NextStop, first_stops, next_stops, what_next
 from boxcal.calib.planning.promise import Promise, promise_of
 from boxcal.calib.results.verdict import Level
@@ -67,8 +67,8 @@ def test_what_is_not_determined_has_an_infinite_bar(partial: Partial) -> None:
 def test_information_of_a_drive_gives_the_estimates_sigmas_again(partial: Partial) -> None:
     target, _, drive, found = partial
     known = information_of(solved_by_estimate(found), [drive], target)
-    rows = along_camera(figures(known.names, found, drive.image_size, Goal()), found.T_body_cam[:3, :3])
-    values = figure_values(rows, of_shared(known.chain[None]))[0]
+    rows = along_camera(quantities(known.names, found, drive.image_size, Goal()), found.T_body_cam[:3, :3])
+    values = quantity_values(rows, of_shared(known.chain[None]))[0]
     expected = [bar.value for bar in bars_of_estimate(found)]
     # The estimate's covariance also holds that slip is not known exactly, and what leaving stops out says.
     assert np.all(values / expected > 0.7)

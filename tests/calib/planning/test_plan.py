@@ -15,12 +15,12 @@ from boxcal.calib.planning.assumptions import Assumptions, assumed_model
 from boxcal.calib.planning.dubins import dubins_curves, points_along
 from boxcal.calib.planning.exchange import Problem
 from boxcal.calib.planning.floor import Floor, free_space
-from boxcal.calib.planning.goal import Goal, figures
+from boxcal.calib.planning.goal import Goal, quantities
+from boxcal.calib.planning.paths import CurveRouter, Router
 from boxcal.calib.planning.plan import DrivePlan, PlanOptions, plan_drive
 from boxcal.calib.planning.search import make_search, prior_information
-from boxcal.calib.planning.tour import Tour, worth
+from boxcal.calib.planning.tour import Tour, evaluated
 from boxcal.calib.planning.views import tags_seen
-from boxcal.calib.planning.ways import CurveRouter, Router
 from boxcal.calib.simulate.drive import DriveOptions, exact_correspondences, simulate_drive
 from boxcal.calib.simulate.robot import Robot, turtlebot
 from boxcal.calib.simulate.viewpoints import decodable_tags
@@ -46,7 +46,7 @@ def bound(robot: Robot, poses: np.ndarray, stops: int) -> np.ndarray:
     truth = replace(truth, lean=GIVEN.lean, height=GIVEN.height, target=dict(GIVEN.target))
     seen = exact_correspondences(robot, TARGET, drive, GIVEN.corner_px, rng)
     cov = cramer_rao([seen], truth, EstimateOptions(lens=robot.camera.kind, target=TARGET))
-    return np.array([bar.value for bar in figures(ORDER, robot, robot.image_size, Goal()).bars(cov)])
+    return np.array([bar.value for bar in quantities(ORDER, robot, robot.image_size, Goal()).bars(cov)])
 
 
 def test_plan_promises_what_the_cramer_rao_bound_of_its_drive_says(plan: DrivePlan) -> None:
@@ -98,7 +98,7 @@ def test_a_promise_holds_whichever_robot_it_is() -> None:
     )
     priors = tuple(prior_information(s.model, s.choice.problem) for s in searches)
     tour = Tour(rows=(0, 1, 2, 3, 4, 5), spins=(0,) * 6)
-    each = np.array([worth(s, p, tour).values for s, p in zip(searches, priors, strict=True)])
+    each = np.array([evaluated(s, p, tour).values for s, p in zip(searches, priors, strict=True)])
     assert len(set(each.argmax(axis=0))) > 1  # none of them is worst in every figure
     worst = Problem(searches=searches, priors=priors, faces=4).worst(tour)
     assert np.all(worst.values >= each)
@@ -118,9 +118,9 @@ def test_ways_go_round_box_and_obstacles() -> None:
     space = free_space(Floor(obstacles=((0.8, -1.0, 1.0, 1.0),)), TARGET.box, 0.1)
     starts, goals = np.array([[-1.0, 0.0, 0.0]]), np.array([[1.5, 0.1, pi / 2]])
     router = Router(space)
-    ways = router.ways(starts, goals)
-    assert ways.possible[0]
-    assert ways.length[0] > 2.7
+    paths = router.paths(starts, goals)
+    assert paths.possible[0]
+    assert paths.length[0] > 2.7
     stations, _ = router.stations(starts[:, :2], goals[:, :2])
     chain = np.concatenate([starts[:, :2], stations[0]])
     assert np.all(space.clear(chain[:-1], chain[1:]))
@@ -141,10 +141,10 @@ def test_dubins_curves_end_where_they_should_and_none_is_shorter_than_the_chord(
 
 def test_a_turning_radius_is_kept() -> None:
     space = free_space(Floor(), TARGET.box, 0.1)
-    ways = CurveRouter(space, 0.4).ways(np.array([[-1.0, 0.5, 0.0]]), np.array([[1.0, 1.0, radians(200)]]))
-    assert ways.possible[0]
-    turns = ways.turn[0] != 0
-    assert np.abs(ways.distance[0][turns] / ways.turn[0][turns]) == pytest.approx(0.4, rel=1e-9)
+    paths = CurveRouter(space, 0.4).paths(np.array([[-1.0, 0.5, 0.0]]), np.array([[1.0, 1.0, radians(200)]]))
+    assert paths.possible[0]
+    turns = paths.turn[0] != 0
+    assert np.abs(paths.distance[0][turns] / paths.turn[0][turns]) == pytest.approx(0.4, rel=1e-9)
     plan = plan_drive(ROBOT, TARGET, PlanOptions(stops=5, candidates=60, turning_radius=0.3), GIVEN)
     for stop in plan.stops[1:]:
         assert np.all(np.abs(stop.distance) >= 0.3 * np.abs(stop.turn) * (1 - 1e-9))
@@ -153,8 +153,8 @@ def test_a_turning_radius_is_kept() -> None:
 def test_curves_do_not_pass_through_what_is_thin() -> None:
     wall = Floor(obstacles=((1.7, -10.0, 1.72, 10.0),), clearance=0.0)
     router = CurveRouter(free_space(wall, TARGET.box, 0.01), 0.4)
-    assert not router.ways(np.array([[0.5, 1.0, 0.0]]), np.array([[6.5, 1.0, 0.0]])).possible[0]
-    assert router.ways(np.array([[2.5, 1.0, 0.0]]), np.array([[6.5, 1.0, 0.0]])).possible[0]
+    assert not router.paths(np.array([[0.5, 1.0, 0.0]]), np.array([[6.5, 1.0, 0.0]])).possible[0]
+    assert router.paths(np.array([[2.5, 1.0, 0.0]]), np.array([[6.5, 1.0, 0.0]])).possible[0]
 
 
 def test_a_floor_without_room_is_refused_with_what_to_do() -> None:
@@ -168,9 +168,9 @@ def test_a_robot_that_stands_too_close_can_drive_away() -> None:
     space = free_space(Floor(), TARGET.box, 0.1)
     close = np.array([[0.3, 0.3, 0.0]])  # within the clearance, not touching
     goals = np.array([[0.8, 0.6, 0.0]])
-    ways = Router(space).ways(close, goals)
+    paths = Router(space).paths(close, goals)
     assert not space.free(close[:, :2])[0]
-    assert ways.possible[0]
-    across = Router(space).ways(close, np.array([[-0.8, -0.6, 0.0]]))
+    assert paths.possible[0]
+    across = Router(space).paths(close, np.array([[-0.8, -0.6, 0.0]]))
     assert across.possible[0]
     assert across.length[0] > np.hypot(1.1, 0.9) + 0.05  # not through the box

@@ -17,7 +17,7 @@ _MOST_TURN = 2.9 * pi
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Ways:
+class Paths:
     """N paths, each a chain of arcs from standstill to standstill; unused arcs are zero.
 
     Attributes
@@ -41,16 +41,16 @@ class Ways:
         """Return how far the faster wheel's rim rolls along each path, (N,), m."""
         return np.asarray((np.abs(self.distance) + b / 2 * np.abs(self.turn)).sum(axis=1))
 
-    def take(self, rows: Ids) -> "Ways":
+    def take(self, rows: Ids) -> "Paths":
         """Return some of the paths."""
-        return Ways(distance=self.distance[rows], turn=self.turn[rows], possible=self.possible[rows])
+        return Paths(distance=self.distance[rows], turn=self.turn[rows], possible=self.possible[rows])
 
-    def with_whole_turns(self, turns: Ids) -> "Ways":
+    def with_whole_turns(self, turns: Ids) -> "Paths":
         """Return the paths with whole turns to the left (N,) on the spot at their ends."""
         turn = self.turn.copy()
         turn[:, -1] += 2 * pi * turns
         within = np.abs(turn.sum(axis=1)) <= _MOST_TURN
-        return Ways(distance=self.distance, turn=turn, possible=self.possible & within)
+        return Paths(distance=self.distance, turn=turn, possible=self.possible & within)
 
 
 class Router:
@@ -103,7 +103,7 @@ class Router:
         most = max(len(chain) for chain in chains)
         return np.array([chain + [chain[-1]] * (most - len(chain)) for chain in chains]), possible
 
-    def ways(self, starts: Array, goals: Array) -> Ways:
+    def paths(self, starts: Array, goals: Array) -> Paths:
         """Return paths of turns on the spot and straights from poses (N, 3) to poses (N, 3).
 
         The gear of the first straight is that which needs the smaller first turn, and is kept.
@@ -115,17 +115,17 @@ class Router:
         backwards, begun = np.zeros(N, dtype=np.bool_), np.zeros(N, dtype=np.bool_)
         for h in range(H):
             chord = stations[:, h] - here
-            way = np.hypot(chord[:, 0], chord[:, 1])
-            drives = way > _TINY
+            straight = np.hypot(chord[:, 0], chord[:, 1])
+            drives = straight > _TINY
             ahead = np.arctan2(chord[:, 1], chord[:, 0])
             gear = np.abs(wrap(ahead - heading)) > pi / 2 + _TINY
             backwards = np.where(begun | ~drives, backwards, gear)
             begun |= drives
             first = np.where(drives, wrap(ahead + np.where(backwards, pi, 0.0) - heading), 0.0)
-            turn[:, 2 * h], distance[:, 2 * h + 1] = first, np.where(backwards, -way, way)
+            turn[:, 2 * h], distance[:, 2 * h + 1] = first, np.where(backwards, -straight, straight)
             here, heading = stations[:, h], heading + first
         turn[:, -1] = wrap(goals[:, 2] - heading)
-        return Ways(distance=distance, turn=turn, possible=possible)
+        return Paths(distance=distance, turn=turn, possible=possible)
 
     def spins(self) -> Ids:
         """Return the whole turns on the spot, to the left, that a path may end with."""
@@ -147,7 +147,7 @@ class CurveRouter(Router):
         super().__init__(space)
         self.radius = radius
 
-    def ways(self, starts: Array, goals: Array) -> Ways:
+    def paths(self, starts: Array, goals: Array) -> Paths:
         """Return the shortest curves from poses (N, 3) to poses (N, 3) that touch nothing."""
         best = np.full(len(starts), np.inf)
         distance, turn = np.zeros((len(starts), 3)), np.zeros((len(starts), 3))
@@ -159,7 +159,7 @@ class CurveRouter(Router):
                 xy = points_along(starts[better] + flip, d[better], t[better])
                 better = better[self._free_along(xy)]
                 best[better], distance[better], turn[better] = length[better], gear * d[better], t[better]
-        return Ways(distance=distance, turn=turn, possible=np.isfinite(best))
+        return Paths(distance=distance, turn=turn, possible=np.isfinite(best))
 
     def _free_along(self, xy: Array) -> Mask:
         """Return which chains of points (N, K, 2) are free, and so are the chords between them."""
