@@ -16,8 +16,8 @@ from boxcal.calib.one_robot.reading import at_box, read
 from boxcal.calib.results.calibration import Calibration
 from boxcal.calib.settings import (
     CORRESPONDENCES,
-    READ_SHARE,
-    SOLVED_SHARE,
+    READ_FRACTION,
+    SOLVED_FRACTION,
     Job,
     Progress,
     Settings,
@@ -174,12 +174,12 @@ def calibrate_robot(job: Job, progress: Progress | None = None) -> Calibration:
     if job.settings.several_cameras:
         from boxcal.calib.one_robot.several_cameras import calibrate_cameras_of  # noqa: PLC0415 - see the top
 
-        return calibrate_cameras_of(job, tell, READ_SHARE, SOLVED_SHARE)
+        return calibrate_cameras_of(job, tell, READ_FRACTION, SOLVED_FRACTION)
     drives: list[Correspondences] = []
     photos: list[dict[int, bytes]] = [{} for _ in job.logs]
     shown = job.out is not None and job.settings.report
     for k, log in enumerate(job.logs):
-        tell("read", f"reading {listed([log])}", READ_SHARE * k / len(job.logs))
+        tell("read", f"reading {listed([log])}", READ_FRACTION * k / len(job.logs))
         keep = keeping(photos[k]) if shown else None
         before = file_state(log)
         drives.append(read(log, job, partial(_reading, tell, k, len(job.logs)), keep))
@@ -193,4 +193,4 @@ def calibrate_robot(job: Job, progress: Progress | None = None) -> Calibration:
 
 def _reading(tell: Callable[[str, str, float], None], log: int, logs: int, text: str, share: float) -> None:
     """Report the fraction of a robot's work that is done once a fraction of one of its logs is read."""
-    tell("read", text, READ_SHARE * (log + share) / logs)
+    tell("read", text, READ_FRACTION * (log + share) / logs)

@@ -198,7 +198,7 @@ class Job:
     fingerprint: str = ""
 
 
-READ_SHARE, SOLVED_SHARE = 0.7, 0.95
+READ_FRACTION, SOLVED_FRACTION = 0.7, 0.95
 """Fractions of a robot's work, by measurement on logs of 20 stops: reading takes most of it."""
 NOTE = "note"
 """Stage of a sentence that is only said, such as of a worker that is not used."""

@@ -6,14 +6,14 @@ from dataclasses import replace
 from boxcal.calib.results.verdict import Kind, Level, Reason
 
 _FIT = ("sharpness", "legs", "slip", "floor", "wheels", "corners", "fit", "held-out")
-_SURE = ("open", "straight", "heading", "turn", "camera-angle", "camera-place")
+_CERTAINTY = ("open", "straight", "heading", "turn", "camera-angle", "camera-place")
 FOLLOWS: dict[str, tuple[str, ...]] = {
-    "print": (*_FIT, *_SURE, "misfit"),
+    "print": (*_FIT, *_CERTAINTY, "misfit"),
     "box-size": (),
-    "stops": ("moves", *_SURE),
+    "stops": ("moves", *_CERTAINTY),
     "around": (),
-    "turned": ("moves", *_SURE),
-    "moves": _SURE,
+    "turned": ("moves", *_CERTAINTY),
+    "moves": _CERTAINTY,
     "sharpness": ("corners", "camera-angle", "camera-place"),
     "floor": ("slip", "legs", "fit", "misfit", "held-out"),
     "wheels": ("slip", "legs"),
@@ -34,7 +34,7 @@ FOLLOWS: dict[str, tuple[str, ...]] = {
     "direction": (),
 }
 """What each rule explains of the others. Its order is that of causes: a rule follows only from one before it."""
-_OF_A_CAUSE = (*_FIT, *_SURE, "print", "misfit", "moves")
+_OF_A_CAUSE = (*_FIT, *_CERTAINTY, "print", "misfit", "moves")
 """What a cause of the catalogue of explanations explains: all but how the drive was laid out."""
 
 

@@ -18,7 +18,7 @@ from boxcal.target.arrays import Array
 from boxcal.target.box import FACES, Target
 from boxcal.target.camera.camera_model import project_with_jacobians
 
-_TELLS = 0.003
+_MOST_SIGMA = 0.003
 """A scale with a larger standard deviation than this is not reported."""
 
 
@@ -81,7 +81,7 @@ def find_print_scale(calibration: Calibration, seen: Sequence[SeenStop], target:
     step = np.linalg.solve(A, g)
     noise = (squares - float(g @ step)) / (count - n)
     sigma = np.sqrt(noise * np.diag(np.linalg.inv(A)))
-    if max(sigma[-2:]) > _TELLS:
+    if max(sigma[-2:]) > _MOST_SIGMA:
         return None
     return PrintScale(x=float(step[-2]), y=float(step[-1]), sigma_x=float(sigma[-2]), sigma_y=float(sigma[-1]))
 

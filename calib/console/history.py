@@ -8,7 +8,7 @@ from boxcal.calib.history.drift import HORIZON, Trend
 from boxcal.calib.history.fleet_history import Event, FleetHistory, RobotHistory, Shift
 from boxcal.detect.log.safe_text import printable
 
-_TOLD = 3.0
+_REPORTED_SIGMAS = 3.0
 """Standard deviations from which on a further value of a changed part is named."""
 _MINUS = "\N{MINUS SIGN}"
 
@@ -39,18 +39,18 @@ def _what(event: Event) -> str:
             parts.append("moved " + ", ".join(f"{_name(s).removeprefix('camera ')} by {_said(s)}" for s in moved))
         what = f"camera {', '.join(parts)}" if parts else f"{_name(main)} {_said(main)}"
     else:
-        others = [s for s in event.shifts if CHANNELS[s.channel].watched and abs(s.size) > _TOLD * s.sigma]
+        others = [s for s in event.shifts if CHANNELS[s.channel].watched and abs(s.size) > _REPORTED_SIGMAS * s.sigma]
         what = "; ".join(f"{_name(s)} {_said(s)}" for s in (others or [main]))
     return f"{what}, between {event.since} and {event.until} (detected by the drive of {event.found})"
 
 
 def _turned(event: Event) -> bool:
     """Return whether a camera was turned beyond what is not known of it."""
-    return event.turned > _TOLD * event.turned_sigma
+    return event.turned > _REPORTED_SIGMAS * event.turned_sigma
 
 
 def _moved(event: Event) -> list[Shift]:
-    return [s for s in event.shifts if CHANNELS[s.channel].unit == "mm" and abs(s.size) > _TOLD * s.sigma]
+    return [s for s in event.shifts if CHANNELS[s.channel].unit == "mm" and abs(s.size) > _REPORTED_SIGMAS * s.sigma]
 
 
 def short_event(event: Event) -> str:

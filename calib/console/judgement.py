@@ -9,7 +9,7 @@ from boxcal.calib.results.verdict import Level, Verdict
 WIDTH = 80
 """Columns of a terminal that nobody widened."""
 _MARK = {Level.GOOD: "GOOD", Level.USABLE: "USABLE", Level.REDO: "REDO"}
-_TOLD = ("leaving out single stops", "camera model chosen")
+_REPEATED = ("leaving out single stops", "camera model chosen")
 """Notes that the verdict gives as reasons, or that matter to who reads calibration.json."""
 _LABEL = {"why": "why: ", "hence": "  so: ", "do": "do: ", "note": "note: ", "not checked": "not checked: "}
 
@@ -37,7 +37,7 @@ def own_notes(calibration: Calibration) -> Iterator[str]:
     given = {leg.text for leg in legs} | {finding.text for finding in calibration.findings}
     given = given if calibration.verdict else set()
     for note in calibration.notes:
-        if note not in given and not note.startswith(_TOLD):
+        if note not in given and not note.startswith(_REPEATED):
             yield note
 
 

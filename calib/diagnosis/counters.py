@@ -11,7 +11,7 @@ JUMP_RAD = 0.5
 MANY_TIMES = 5.0
 """And this many times as much as the largest but a few of its kind."""
 _ALIKE = 0.2
-_LARGE_SHARE = 0.95
+_LARGE_QUANTILE = 0.95
 _NEIGHBOURS = 3
 """A jump is compared with this many samples before it and after it."""
 
@@ -28,7 +28,7 @@ def jumps(steps: Array) -> Ids:
 
     A log that mostly stands has a usual travel of nought, so wheels that are sampled seldom need the neighbours.
     """
-    usual = float(np.quantile(steps, _LARGE_SHARE)) if steps.size else 0.0
+    usual = float(np.quantile(steps, _LARGE_QUANTILE)) if steps.size else 0.0
     large = np.flatnonzero(steps > max(JUMP_RAD, MANY_TIMES * usual))
     window = min(2 * _NEIGHBOURS + 1, max(steps.size, 1))
     first = np.clip(large - _NEIGHBOURS, 0, steps.size - window)  # near an end the window lies to one side

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Iterator, Mapping
 
-from boxcal.calib.exports.fleet_csv import COLUMNS, cell, figures
+from boxcal.calib.exports.fleet_csv import COLUMNS, cell, values_of
 from boxcal.calib.exports.text import number
 from boxcal.calib.geometry.euler import quaternion
 from boxcal.calib.results.calibration import Calibration
@@ -52,7 +52,7 @@ def camera_lines(calibrations: Iterable[Calibration]) -> Iterator[dict[str, str]
         cameras = each_camera(c)
         if c.rig is not None and len(cameras) > 1:
             for one, camera in zip(cameras, c.rig.cameras, strict=True):
-                yield figures(one) | _named(c.robot, camera)
+                yield values_of(one) | _named(c.robot, camera)
 
 
 def pair_lines(calibrations: Iterable[Calibration]) -> Iterator[dict[str, str]]:

@@ -23,7 +23,7 @@ _JUDGED = {
     "stale": "why the figures are none of today; empty if they are",
     "error": "why the last log gave no calibration; empty if it did",
 }
-_FIGURES = {
+_VALUES = {
     "stops": "stops used",
     "landmarks": "corners used, over all stops",
     "reprojection_rms_px": "root mean square 2-D reprojection error, px",
@@ -48,7 +48,7 @@ _FIGURES = {
     "pitch_rad": "down, rad",
     "roll_rad": "about its line of sight, rad",
 }
-_SURE = {
+_SIGMAS = {
     **{f"sigma_{n}{_UNIT[n]}": "standard deviation; empty if not estimated, inf if not determined" for n in ORDER},
     "straight_position_m": "position error after 10 m straight ahead from the calibration's uncertainty, m",
     "straight_heading_rad": "heading error after 10 m straight ahead, rad",
@@ -60,7 +60,7 @@ _END = {
     "version": "of boxcal",
     "cameras": "the robot's cameras where it has several; the row is of the first, fleet-cameras.csv has all",
 }
-COLUMNS: Mapping[str, str] = {**_JUDGED, **_FIGURES, **_SURE, **_END}
+COLUMNS: Mapping[str, str] = {**_JUDGED, **_VALUES, **_SIGMAS, **_END}
 """Name of each column, with its meaning and unit."""
 TEXTS = frozenset({*_JUDGED, *_END, "camera_model"})
 """Columns of text; the others hold numbers."""
@@ -119,24 +119,24 @@ def _written(rows: Iterable[list[str]]) -> bytes:
     return out.getvalue().encode("utf-8", "replace")
 
 
-def figures(c: Calibration) -> dict[str, str]:
+def values_of(c: Calibration) -> dict[str, str]:
     """Return the cells of a result's values and their standard deviations, by column."""
     k, w, t, R = c.camera, c.wheels, c.T_body_cam[:3, 3].tolist(), c.T_body_cam[:3, :3]
-    figures = [c.quality.reprojection_rms_px, k.fu, k.fv, k.cu, k.cv, k.kr, w.rR, w.rL, w.b, *t]
-    figures += [*quaternion(R), *c.yaw_pitch_roll]
-    names = [n for n in _FIGURES if n not in {"stops", "landmarks", "camera_model", *_FURTHER}]
-    row = {name: number(value) for name, value in zip(names, figures, strict=True)}
+    values = [c.quality.reprojection_rms_px, k.fu, k.fv, k.cu, k.cv, k.kr, w.rR, w.rL, w.b, *t]
+    values += [*quaternion(R), *c.yaw_pitch_roll]
+    names = [n for n in _VALUES if n not in {"stops", "landmarks", "camera_model", *_FURTHER}]
+    row = {name: number(value) for name, value in zip(names, values, strict=True)}
     row |= {"stops": str(c.quality.stops), "landmarks": str(c.quality.landmarks), "camera_model": str(k.kind)}
     row |= {name: number(value) for name, value in k.further.items()}
     if c.detail is not None:
         sigma, ground = c.detail.covariance.sigma, c.detail.ground
-        sure = [*(sigma[name] for name in ORDER), ground.straight_position, ground.straight_heading]
-        row |= {name: number(v) for name, v in zip(_SURE, [*sure, ground.turn_heading], strict=True)}
+        sigmas = [*(sigma[name] for name in ORDER), ground.straight_position, ground.straight_heading]
+        row |= {name: number(v) for name, v in zip(_SIGMAS, [*sigmas, ground.turn_heading], strict=True)}
     return row
 
 
 def _row(c: Calibration, error: str, stale: str) -> dict[str, str]:
-    row = figures(c)
+    row = values_of(c)
     row |= {"robot": cell(c.robot), "notes": cell("; ".join(c.notes)), "error": cell(error), "stale": cell(stale)}
     row |= {"cameras": "" if c.rig is None else cell(" ".join(c.rig.names))}
     return row | {"created": cell(c.provenance.created), "version": cell(c.provenance.version)} | _judged(c)

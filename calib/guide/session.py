@@ -21,7 +21,7 @@ _SPAN_NS = 500_000_000
 _MOST_PENDING_BYTES = 64 << 20
 """Messages that were kept and wait until a stop before them is measured; beyond that the source waits, or drops."""
 _WAIT_S, _TICK_S, _PUBLISH_S = 0.04, 0.1, 0.1
-_TICK_SHARE = 5.0
+_TICK_FACTOR = 5.0
 """A tick that takes long comes as many times its length later."""
 _IDLE_S, _IDLE_EVERY_NS = 20.0, 2_000_000_000
 """A robot that has stood so long at a stop that was taken is left standing: its images are kept rarely."""
@@ -98,7 +98,7 @@ class Session:
                 self.progress.drive.update()
                 self._updated_ns = self._heard_ns
                 spent = time.monotonic() - now
-                next_tick = now + max(_TICK_S, _TICK_SHARE * spent)
+                next_tick = now + max(_TICK_S, _TICK_FACTOR * spent)
             self.tasks.collect()
             self._answer_requests()
             self.tasks.begin_next(self.recorder, compiled=not self.compiling)

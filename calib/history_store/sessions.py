@@ -150,7 +150,7 @@ def _one(connection: Any, robot: str, drive: str) -> Session:
 
 
 def _row(s: Session) -> dict[str, Any]:
-    figures = [*s.camera, *s.wheels, *quaternion(s.T_body_cam[:3, :3]), *s.T_body_cam[:3, 3]]
+    numbers = [*s.camera, *s.wheels, *quaternion(s.T_body_cam[:3, :3]), *s.T_body_cam[:3, 3]]
     return {
         "t_ns": int(s.t_ns),
         "dated_by": CALIBRATION if s.notes else LOG,
@@ -162,7 +162,7 @@ def _row(s: Session) -> dict[str, Any]:
         "camera_kind": s.camera_kind,
         "image_width": int(s.image_size[0]),
         "image_height": int(s.image_size[1]),
-        **{name: float(value) for name, value in zip(NUMBERS, figures, strict=True)},
+        **{name: float(value) for name, value in zip(NUMBERS, numbers, strict=True)},
         "covariance": _packed(s.covariance),
         "notes": json.dumps(s.notes),
     }
@@ -178,15 +178,15 @@ def _session(row: Any) -> Session:
         covariance = np.zeros((_SIZE, _SIZE))
         covariance[_LOWER] = lower
         covariance.T[_LOWER] = lower
-        figures = np.array([row[name] for name in NUMBERS])
+        numbers = np.array([row[name] for name in NUMBERS])
         return Session(
             robot=row["name"],
             key=row["drive"],
             t_ns=int(row["t_ns"]),
             calibrated=row["calibrated"],
-            camera=figures[:5],
-            wheels=figures[5:8],
-            T_body_cam=rigid(Rotation.from_quat(figures[8:12]).as_matrix(), figures[12:]),
+            camera=numbers[:5],
+            wheels=numbers[5:8],
+            T_body_cam=rigid(Rotation.from_quat(numbers[8:12]).as_matrix(), numbers[12:]),
             covariance=covariance,
             camera_kind=row["camera_kind"],
             image_size=(row["image_width"], row["image_height"]),

@@ -13,7 +13,7 @@ from boxcal.target.arrays import Array, Mask
 
 FALSE_ALARM = 0.01
 """Chance that a fleet whose robots all saw one box has any robot left out."""
-_TELLS = 1e-6
+_LEAST_INFORMATION = 1e-6
 """Directions of which a block says less than this fraction of the prior are not tested."""
 _ALIKE = 0.5
 """Robots whose statistic comes this near the largest are left out with it, where many are off."""
@@ -131,7 +131,7 @@ def _against_others(block: Block, found: Posterior, usual: Array, *, counted: bo
     shift, cov = _others_say(others, found)
     unit = np.outer(usual, usual)
     values, vectors = np.linalg.eigh(own.information * unit)
-    known = values > _TELLS
+    known = values > _LEAST_INFORMATION
     if not np.any(known):
         return 0.0, 0
     U = vectors[:, known] / np.sqrt(values[known])

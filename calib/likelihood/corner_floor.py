@@ -21,7 +21,7 @@ _LEVELS = 20
 _CORNERS = 2000
 """Number of corners that determine the floor to some per cent; of more, one in a few is taken."""
 _LARGEST_PX = 1.0
-_SMALLEST_SHARE = 0.25
+_SMALLEST_FRACTION = 0.25
 """The least floor that is tried, in standard deviations of the best corner."""
 _CLEARLY = 4.0
 """Gain in log likelihood from which on a floor is added; among corners that are alike a floor looks like a scale."""
@@ -33,12 +33,12 @@ _ALIKE = 0.1
 def corner_floor(problem: Problem, at: Linearization) -> float:
     """Return the floor of all corners' errors, px; 0 where the residuals do not show one."""
     some = slice(None, None, 1 + len(problem.uv_px) // _CORNERS)
-    stated = problem.told_px2[some]
+    stated = problem.stated_px2[some]
     x, y = products(inverses(problem.whiten[some]), at.residual_px[some]).T
     errors = x * x, 2 * x * y, y * y
     a, b, d = stated[:, 0, 0], stated[:, 0, 1], stated[:, 1, 1]
     least = float(np.sqrt(np.min(np.minimum(a, d))))
-    floors = np.concatenate([[0.0], np.geomspace(_SMALLEST_SHARE * least, max(_LARGEST_PX, least), _LEVELS)])
+    floors = np.concatenate([[0.0], np.geomspace(_SMALLEST_FRACTION * least, max(_LARGEST_PX, least), _LEVELS)])
     loss = np.full(len(floors), np.inf)
 
     def look(at: Iterable[int]) -> int:
@@ -86,5 +86,5 @@ def differs(problem: Problem, floor_px: float) -> bool:
 
 def with_floor(problem: Problem, floor_px: float) -> Problem:
     """Return the problem with corners whose errors have a floor, px, besides what their covariances state."""
-    whiten, sigma_px = whitening(problem.told_px2 + floor_px**2 * np.eye(2))
+    whiten, sigma_px = whitening(problem.stated_px2 + floor_px**2 * np.eye(2))
     return replace(problem, whiten=whiten, sigma_px=sigma_px, floor_px=floor_px)

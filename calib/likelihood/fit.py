@@ -119,6 +119,6 @@ def log_noise(fit: Fit) -> float:
     how many px it is known to.
     """
     used = fit.weights.corners > 0
-    stated = fit.problem.told_px2[used]
+    stated = fit.problem.stated_px2[used]
     floor = determinants(stated + fit.problem.floor_px**2 * np.eye(2)) / determinants(stated)
     return float(np.sum(2 * np.log(fit.components.noise_scale) + 0.5 * np.log(floor)))

@@ -36,7 +36,7 @@ _LOG_VARIANCE = np.array(SPREADS)[:, None] * _NODES
 """Logarithms of a leg's variance over the usual one, at each node of the mixture, (spreads, nodes)."""
 
 
-def surprise(normal: Array, square: Array, freedom: Array, told: Mask) -> Array:
+def surprise(normal: Array, square: Array, freedom: Array, known: Mask) -> Array:
     """Return the chance of errors as large as each leg's (N,), given what the other legs say of their spread.
 
     Parameters
@@ -47,14 +47,14 @@ def surprise(normal: Array, square: Array, freedom: Array, told: Mask) -> Array:
         Squared Mahalanobis distances to what other data predict.
     freedom : (N,)
         In how many directions they could be tested.
-    told : (N,)
+    known : (N,)
         Which legs say something of the spread.
     """
-    told = told & (freedom == _DIMENSIONS)
+    known = known & (freedom == _DIMENSIONS)
     odd = np.flatnonzero((normal < _SURPRISING) & (freedom > 0))
-    if np.count_nonzero(told) <= ENOUGH or not odd.size:
+    if np.count_nonzero(known) <= ENOUGH or not odd.size:
         return normal
-    each = np.where(told[:, None, None], _contaminated(square), 0.0)
+    each = np.where(known[:, None, None], _contaminated(square), 0.0)
     others = each.sum(axis=0) - each[odd] + _LOG_PRIOR[:, None]
     weight = np.exp(others - others.max(axis=(1, 2), keepdims=True))
     weight /= weight.sum(axis=(1, 2), keepdims=True)

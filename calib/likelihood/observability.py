@@ -17,7 +17,7 @@ WEAK_SIGMA = 1.0
 """From this standard deviation on (natural units) a direction is called weak."""
 NULL_SIGMA = 1e3
 """From this one on it is not determined at all."""
-_SHARE = 0.3
+_RELATIVE = 0.3
 _BODY_NAMES = {
     "rx": "roll of the camera on the robot",
     "ry": "pitch of the camera on the robot",
@@ -88,7 +88,7 @@ def _direction(names: tuple[str, ...], vector: Array, sigma: float) -> Direction
     order = np.argsort(-np.abs(vector))
     sign = np.sign(vector[order[0]])
     relative = np.abs(vector) / np.abs(vector).max()
-    taking_part = [int(k) for k in order if relative[k] > _SHARE]
+    taking_part = [int(k) for k in order if relative[k] > _RELATIVE]
     parts = tuple((names[k], float(round(sign * vector[k], 3))) for k in taking_part)
     shown = [_BODY_NAMES.get(names[k], names[k]) for k in taking_part]
     advice = next((text for group, text in _GROUPS if names[taking_part[0]] in group), _OTHER)

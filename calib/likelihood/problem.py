@@ -55,7 +55,7 @@ class Problem:
         Corners seen.
     whiten : (L, 2, 2), 1/px
         Turns a corner's error into unit variance, before the noise scale.
-    told_px2 : (L, 2, 2), px^2
+    stated_px2 : (L, 2, 2), px^2
         The corners' covariances as they were stated.
     floor_px : px
         What is added to them: see :mod:`boxcal.calib.likelihood.corner_floor`.
@@ -101,7 +101,7 @@ class Problem:
     target: TargetDeformation
     uv_px: Array
     whiten: Array
-    told_px2: Array
+    stated_px2: Array
     floor_px: float = 0.0
     sigma_px: float
     corner_starts: Ids
@@ -218,7 +218,7 @@ def problem_of(
         target=target,
         uv_px=views.uv_px,
         whiten=whiten,
-        told_px2=cov,
+        stated_px2=cov,
         sigma_px=sigma_px,
         corner_starts=views.starts,
         outward_px=outward_px(views),

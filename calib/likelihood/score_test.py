@@ -96,7 +96,7 @@ def _tests(
     square = prior[:, :, None] * prior[:, None]
     scaled, z = information * square[:, None], g * prior[:, None]  # in units of the prior
     values, vectors = np.linalg.eigh((scaled + np.swapaxes(scaled, -1, -2)) / 2)
-    determined = values > _TOLD
+    determined = values > _DETERMINED
     known = np.where(determined, values, 0.0)
     along2 = np.where(determined, np.einsum("ekij,eki->ekj", vectors, z) ** 2, 0.0)
     statistic = np.sum(along2 / np.where(determined, values, 1.0), axis=-1)
@@ -128,5 +128,5 @@ def _tests(
     ]
 
 
-_TOLD = 1e-6
+_DETERMINED = 1e-6
 """Information in units of the prior below which the data say nothing of a direction."""

@@ -33,8 +33,8 @@ def summarise(fit: Fit, drives: Sequence[Correspondences]) -> Estimate:
     """Return the estimate that a solution amounts to."""
     problem, state = fit.problem, fit.state
     best = int(np.argmax(fit.profile.log_weight))
-    sigma_px = _rms_sigma_px(problem.told_px2 + problem.floor_px**2 * np.eye(2))
-    above_told = sigma_px / _rms_sigma_px(problem.told_px2)
+    sigma_px = _rms_sigma_px(problem.stated_px2 + problem.floor_px**2 * np.eye(2))
+    above_stated = sigma_px / _rms_sigma_px(problem.stated_px2)
     directions, unknown = open_directions(problem, state, fit.profile.solution.information[best])
     left_out = jackknife(fit)
     cov = reported_cov(fit.cov, state, unknown)
@@ -50,8 +50,8 @@ def summarise(fit: Fit, drives: Sequence[Correspondences]) -> Estimate:
         T_body_cam=state.T_body_cam,
         drives=tuple(_drive(fit, d, drive.robot, cov) for d, drive in enumerate(drives)),
         noise=NoiseLevels(
-            pixel_factor=fit.components.noise_scale * above_told,
-            pixel_factor_sigma=fit.noise_scale_sigma * above_told,
+            pixel_factor=fit.components.noise_scale * above_stated,
+            pixel_factor_sigma=fit.noise_scale_sigma * above_stated,
             pixel_px=fit.components.noise_scale * sigma_px,
             slip=fit.profile.mean,
             slip_sigma=fit.profile.sigma,

@@ -224,7 +224,7 @@ def _unknowns(options: EstimateOptions) -> tuple[tuple[str, ...], Array, tuple[s
     half = 0.0 if target is None else target.box.height / 2
     refined = _refined(options)
     if refined is not None:  # what the fleet found, with its covariance, is all that is known
-        found += [(name, np.inf, "", 1.0) for name in _told_by(refined)]
+        found += [(name, np.inf, "", 1.0) for name in _refined_by(refined)]
         found += [("ink", options.ink_sigma, "", 1.0)] if options.ink_sigma > 0 else []
         return _columns(found)
     measured = target.measured if target is not None and options.measured_sizes else None
@@ -260,7 +260,7 @@ def _refined(options: EstimateOptions) -> RefinedShape | None:
     return options.target.refined
 
 
-def _told_by(refined: RefinedShape) -> tuple[str, ...]:
+def _refined_by(refined: RefinedShape) -> tuple[str, ...]:
     """Return the unknowns of the shape that a fleet solved for."""
     return tuple(name for name in SHAPE if refined.sigma(name) > 0)
 
@@ -270,7 +270,7 @@ def _measured(options: EstimateOptions, names: tuple[str, ...]) -> Array:
     out = np.zeros((len(names), len(names)))
     refined = _refined(options)
     if refined is not None:
-        refining = _told_by(refined)
+        refining = _refined_by(refined)
         rows, columns = [SHAPE.index(name) for name in refining], [names.index(name) for name in refining]
         out[np.ix_(columns, columns)] = _inverse(refined.cov[np.ix_(rows, rows)])
         return out

@@ -9,7 +9,7 @@ from boxcal.calib.one_robot.judging import judged
 from boxcal.calib.one_robot.solving import solve
 from boxcal.calib.one_robot.writing import write
 from boxcal.calib.results.calibration import Calibration
-from boxcal.calib.settings import READ_SHARE, SOLVED_SHARE, Job, listed
+from boxcal.calib.settings import READ_FRACTION, SOLVED_FRACTION, Job, listed
 from boxcal.detect.correspondences import Correspondences
 
 
@@ -31,12 +31,12 @@ def calibrate_drives(
     the logs. Errors as for :func:`calibrate_robot`.
     """
     tell = tell or _silent
-    tell("solve", f"solving {sum(len(drive.stops) or len(drive.moving) for drive in drives)} stops", READ_SHARE)
+    tell("solve", f"solving {sum(len(drive.stops) or len(drive.moving) for drive in drives)} stops", READ_FRACTION)
     try:
         look, result = looked_and_calibrated(job, drives)
     except CalibError as error:
         raise error.of(listed(job.logs)) from error
-    tell("write", "writing the results", SOLVED_SHARE)
+    tell("write", "writing the results", SOLVED_FRACTION)
     write(replace(job, target=look.target), result, look.drives, photos)
     return result
 

@@ -30,7 +30,7 @@ wheels rough."""
 
 _SAME_DRIVE = 0.5
 """Fraction of the shorter drive's wheel samples that agree in time and angles from which on two are one drive."""
-_NOT_TOLD = 0.3
+_UNDETERMINED = 0.3
 """Relative standard deviation of a wheel's size from which on an estimate carries no information about the wheels."""
 
 
@@ -129,7 +129,7 @@ def _check_told(found: Estimate, look: FirstLook) -> None:
     if min(wheels.values()) <= 0:
         raise _said_with_start(negative_wheels(stops, known), look.steps)
     sigma = max(found.sigma[name] / value for name, value in wheels.items())
-    if known.sum() < min(LEGS_FOR_SLIP, len(known)) and not sigma < _NOT_TOLD:
+    if known.sum() < min(LEGS_FOR_SLIP, len(known)) and not sigma < _UNDETERMINED:
         raise _said_with_start(
             CalibError(
                 f"{stops} stops, and the wheels' travel between them is known {known.sum()} times: that tells the "
@@ -138,7 +138,7 @@ def _check_told(found: Estimate, look: FirstLook) -> None:
             ),
             look.steps,
         )
-    if why and not sigma < _NOT_TOLD:
+    if why and not sigma < _UNDETERMINED:
         raise CalibError(
             f"{why}; the likelihood, started from consecutive stops instead, tells the wheels to "
             f"{min(sigma, 1e3):.0%} only",

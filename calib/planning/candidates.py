@@ -17,7 +17,7 @@ from boxcal.target.arrays import Array, Mask
 from boxcal.target.box import Target
 
 _WELL_SEEN = 20
-_SHARE = 0.57
+_FRACTION = 0.57
 _DRAWN = 6
 """Poses drawn for each candidate that is wanted, at first."""
 _ROUNDS = 8
@@ -27,7 +27,7 @@ _CAMERA_OFF = 0.05
 
 def enough_tags(target: Target) -> int:
     """Return how many tags of a face make a good stop: 20, or 57 % of those on faces with fewer than 35."""
-    return min(_WELL_SEEN, ceil(_SHARE * target.box.tags_a_face))
+    return min(_WELL_SEEN, ceil(_FRACTION * target.box.tags_a_face))
 
 
 def good_views(target: Target, seen: Mask) -> Mask:

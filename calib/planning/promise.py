@@ -11,7 +11,7 @@ _OTHERWISE = 0.12
 _LEAST_FREEDOM = 3.0
 _ASSUMED = (0.25, 0.75, 1.6)
 """Range where slip was assumed: that is a cautious value, which few wheels surpass."""
-_SURE = 1e-3
+_CERTAIN = 1e-3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -47,7 +47,7 @@ def promise_of(slip_doubt: float | None, stops: int) -> Promise:
     if slip_doubt is None:
         low, middle, high = _ASSUMED
         return Promise(low=low, middle=middle, high=high)
-    if slip_doubt < _SURE:
+    if slip_doubt < _CERTAIN:
         return Promise(low=1 / (1 + _OTHERWISE), middle=1.0, high=1 + _OTHERWISE)
     now = max(_degrees_of_freedom(slip_doubt), _LEAST_FREEDOM)
     new = 2.0 * stops

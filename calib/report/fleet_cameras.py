@@ -122,8 +122,8 @@ def pair_table(results: Sequence[Calibration]) -> CameraTable | None:
     found = [(c, pair) for c in results if c.rig is not None for pair in c.rig.pairs]
     if not found:
         return None
-    figures = [_figures(pair) for _, pair in found]
-    values, sigmas = (np.array([f[k] for f in figures], dtype=float) for k in (0, 1))
+    estimates = [_values(pair) for _, pair in found]
+    values, sigmas = (np.array([f[k] for f in estimates], dtype=float) for k in (0, 1))
     names = [f"{pair.a} to {pair.b}" for _, pair in found]
     groups = _groups([c for c, _ in found], names)
     odd = outlying(values, sigmas, groups)
@@ -158,7 +158,7 @@ def _link(c: Calibration, camera: RigCamera) -> str:
     return f"{own.removesuffix(REPORT)}{quote(camera.name, safe='')}/{REPORT}"
 
 
-def _figures(pair: CameraPair) -> tuple[list[float], list[float]]:
+def _values(pair: CameraPair) -> tuple[list[float], list[float]]:
     (apart, along), (turned, about) = pair.distance, pair.angle
     place = pair.T_a_b[:3, 3].tolist()
     return [*place, apart, turned], [*(pair.sigma[k] for k in ("tx", "ty", "tz")), along, about]
@@ -176,9 +176,9 @@ def _table(
     parameters: tuple[Parameter, ...],
     names: Sequence[str],
     groups: Sequence[str],
-    figures: tuple[Array, Array, Mask],
+    estimates: tuple[Array, Array, Mask],
 ) -> CameraTable:
-    values, sigmas, odd = figures
+    values, sigmas, odd = estimates
     kinds, named = np.array(groups, dtype=object), np.array(names, dtype=object)
     found = [
         OddOne(

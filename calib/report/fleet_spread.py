@@ -64,7 +64,7 @@ def spread_rows(
     rows = []
     for k, p in enumerate(parameters):
         column, sigma = values[:, k], sigmas[:, k]
-        figures = (np.median(column), column.min(), column.max(), np.std(column, ddof=1))
+        summary = (np.median(column), column.min(), column.max(), np.std(column, ddof=1))
         known = sigma[np.isfinite(sigma)]
         real = random_effects(column, sigma)
         rows.append(
@@ -72,7 +72,7 @@ def spread_rows(
                 key=p.key,
                 name=p.name,
                 unit=p.unit,
-                cells=tuple(p.text(float(v)) for v in figures),
+                cells=tuple(p.text(float(v)) for v in summary),
                 sigma=f"{np.median(known) * p.scale:.2g}" if len(known) else "",
                 differ=_plus_minus(real, p.scale),
                 share=_share(real),

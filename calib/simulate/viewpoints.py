@@ -19,7 +19,7 @@ DECODABLE_PX = 16.0
 _WELL_SEEN = 20
 _TRIES = 400
 _TWO_FACES_TRIES = 40
-_TWO_FACES_SHARE = 0.75
+_TWO_FACES_FRACTION = 0.75
 
 
 def decodable_tags(
@@ -71,7 +71,7 @@ def _stop(
     """Return one stop with the camera in a sector about the box, given by its middle and width (rad)."""
     azimuth, spacing = sector
     need = min(_WELL_SEEN, ceil(0.57 * target.box.tags_a_face))
-    two_faces = rng.random() < _TWO_FACES_SHARE
+    two_faces = rng.random() < _TWO_FACES_FRACTION
     fair: Array | None = None
     for k in range(_TRIES):
         stop = _candidate(robot, target, azimuth, min(spacing * (0.5 + k / 100), pi / 2), rng)

@@ -60,7 +60,7 @@ def test_corners_that_are_all_alike_have_a_scale_and_no_floor():
 def test_a_floor_is_part_of_the_reported_noise():
     drive = seen(np.random.default_rng(5), 0.02)
     solution = fit([drive], None, EstimateOptions(target=TARGET))
-    told = np.sqrt(np.mean(np.trace(solution.problem.told_px2, axis1=1, axis2=2)) / 2)
+    told = np.sqrt(np.mean(np.trace(solution.problem.stated_px2, axis1=1, axis2=2)) / 2)
     found = estimate([drive], None, EstimateOptions(target=TARGET))
     assert found.noise.pixel_px == pytest.approx(np.hypot(told, 0.02), rel=0.05)
     assert found.noise.pixel_factor == pytest.approx(np.hypot(told, 0.02) / told, rel=0.05)
@@ -78,7 +78,7 @@ def test_errors_that_are_no_numbers_or_zero_show_no_floor():
 def test_log_noise_does_not_depend_on_how_many_px_corners_are_known_to():
     solution = fit([seen(np.random.default_rng(2), 0.02)], None, EstimateOptions(target=TARGET))
     problem = solution.problem
-    coarse = with_floor(replace(problem, told_px2=100 * problem.told_px2), 10 * problem.floor_px)
+    coarse = with_floor(replace(problem, stated_px2=100 * problem.stated_px2), 10 * problem.floor_px)
     assert log_noise(replace(solution, problem=coarse)) == pytest.approx(log_noise(solution), rel=1e-9)
     told = replace(solution, problem=with_floor(problem, 0.0))
     scale = np.log(solution.components.noise_scale)

@@ -26,7 +26,7 @@ from boxcal.target.errors import BoxcalError
 
 _NUMERIC = (cv2.error, np.linalg.LinAlgError)
 """Errors of libraries on odd images or equations; one of them must not end the drive."""
-_GLANCE_S, _GLANCE_SHARE = 0.15, 2.0
+_GLANCE_S, _GLANCE_FACTOR = 0.15, 2.0
 """Time between looks at images: at least this, and this many times what one takes; other work is more pressing."""
 _JUDGED_FROM = 4
 """Number of stops from which on the full calibration is run."""
@@ -105,7 +105,7 @@ class Tasks:
         now = self.progress
         look, t = self._eyes.finished(), time.monotonic()
         if look is not None:
-            self._next_glance = max(self._next_glance, t + _GLANCE_SHARE * (t - self._glance_begun))
+            self._next_glance = max(self._next_glance, t + _GLANCE_FACTOR * (t - self._glance_begun))
             now.outlook.seen = look[1] or now.outlook.seen
         done = self._worker.finished()
         if done is not None:

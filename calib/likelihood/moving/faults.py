@@ -21,7 +21,7 @@ FEWEST = 4
 _ROUNDS = 6
 _LEAST_LATE_S = 1e-3
 """Frames of another time by less than this, s, are jitter."""
-_MOST_SHARE = 0.34
+_MOST_FRACTION = 0.34
 _MISFIT = 6.0
 """A frame whose corners' mean square is this many times that of the usual frame shows something else."""
 
@@ -91,7 +91,7 @@ def sound(fit: Fit, drives: Sequence[Correspondences], frames: Ids, noise: Frame
         if not len(odd):
             return replace(out, settled=found)
         out = replace(out, odd=out.odd + len(odd))
-        if out.odd > _MOST_SHARE * (len(frames) + out.odd):
+        if out.odd > _MOST_FRACTION * (len(frames) + out.odd):
             return out
         used = there.frame[there.moving]
         frames, clocks = used[~np.isin(used, there.frame[odd])], found.joint.clocks
@@ -126,7 +126,7 @@ def _of_another_time(fit: Fit, times: FrameTimes) -> tuple[Ids, float]:
     limit = float(chdtri(1, fit.options.false_alarm / count))
     odd: list[int] = []
     first = 0.0
-    for _ in range(int(_MOST_SHARE * count) + 1):
+    for _ in range(int(_MOST_FRACTION * count) + 1):
         gain, late_s = _apart(times, odd)
         gain[odd] = -np.inf
         k = int(np.argmax(gain))

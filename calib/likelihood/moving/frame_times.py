@@ -142,7 +142,7 @@ def gains(times: FrameTimes, kept: Array, causes: Array) -> tuple[Array, Array]:
     power = np.einsum("jf,fm->jm", w, Z**2)
     information = power - np.einsum("jfp,fm,jpm->jm", WX, Z, from_x)
     with np.errstate(divide="ignore", invalid="ignore"):
-        size = np.where(information > _TOLD * power, np.einsum("jf,fm->jm", w * left, Z) / information, 0.0)
+        size = np.where(information > _LEAST_LEFT * power, np.einsum("jf,fm->jm", w * left, Z) / information, 0.0)
     base = np.sum(np.log(w), axis=1) - np.sum(w * left**2, axis=1)
     more = base[:, None] + size**2 * information
     best = np.argmax(more, axis=0)
@@ -152,5 +152,5 @@ def gains(times: FrameTimes, kept: Array, causes: Array) -> tuple[Array, Array]:
     return np.where(size[best, at] != 0, gain, -np.inf), size[best, at]
 
 
-_TOLD = 1e-6
+_LEAST_LEFT = 1e-6
 """Fraction of a cause that offset, rate and what else is known must leave for it to be recognised."""

@@ -16,10 +16,10 @@ from boxcal.calib.likelihood.moving.exposure import exposure
 from boxcal.calib.likelihood.moving.faults import FEWEST, Sound, enough_frames, sound
 from boxcal.calib.likelihood.moving.leave_out import LeaveOut, leave_out
 from boxcal.calib.likelihood.moving.levels import Settled
+from boxcal.calib.likelihood.moving.merged_estimate import Doubts, merged, rolling
 from boxcal.calib.likelihood.moving.mode import Moving
 from boxcal.calib.likelihood.moving.noise import FrameNoise
 from boxcal.calib.likelihood.moving.solve import FIRST_JITTER_S
-from boxcal.calib.likelihood.moving.told import Doubts, merged, rolling
 from boxcal.calib.likelihood.summary import reported_cov
 from boxcal.detect.correspondences import Correspondences
 from boxcal.target.arrays import Array

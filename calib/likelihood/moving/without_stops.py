@@ -12,9 +12,9 @@ from boxcal.calib.likelihood.fit import Fit
 from boxcal.calib.likelihood.moving.covariance import joint_covariance
 from boxcal.calib.likelihood.moving.faults import sound
 from boxcal.calib.likelihood.moving.leave_out import leave_out
+from boxcal.calib.likelihood.moving.merged_estimate import Doubts, merged, rolling
 from boxcal.calib.likelihood.moving.noise import FrameNoise
 from boxcal.calib.likelihood.moving.solve import FIRST_JITTER_S
-from boxcal.calib.likelihood.moving.told import Doubts, merged, rolling
 from boxcal.detect.correspondences import Correspondences
 from boxcal.detect.tags.moving_frames import MovingFrame
 from boxcal.detect.tags.on_the_move import LEAST_WITHOUT_STOPS, TOO_FEW_PLACES

@@ -23,11 +23,11 @@ from boxcal.calib.likelihood.moving.grid import mean_and_sigma
 from boxcal.calib.likelihood.moving.leave_out import leave_out
 from boxcal.calib.likelihood.moving.levels import Settled
 from boxcal.calib.likelihood.moving.merge import of_another_kind, unsuitable
+from boxcal.calib.likelihood.moving.merged_estimate import said_of_clock
 from boxcal.calib.likelihood.moving.mode import Moving
 from boxcal.calib.likelihood.moving.noise import FrameNoise
 from boxcal.calib.likelihood.moving.rolling import ROLLING
 from boxcal.calib.likelihood.moving.solve import FIRST_JITTER_S
-from boxcal.calib.likelihood.moving.told import said_of_clock
 from boxcal.calib.likelihood.state import camera_motions
 from boxcal.detect.correspondences import Correspondences
 from boxcal.target.arrays import Array
