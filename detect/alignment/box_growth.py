@@ -177,8 +177,8 @@ def _lost(  # noqa: PLR0917
 ) -> tuple[float, Array]:
     """Return how wide modules are seen at most of tags that are missing, px, and where those may be seen, (2, 2) px.
 
-    Infinite, and the whole image, where the fit does not tell: a box that is turned wrongly hides faces that the camera
-    sees. Pixels that are not square can stand for that, unless two faces say so.
+    Infinite, and the whole image, where the fit does not determine it: a box that is turned wrongly hides faces that
+    the camera sees. Pixels that are not square can stand for that, unless two faces say so.
     """
     whole = np.array([[0, 0], image_size]) - [[0, 0], [1, 1]]
     if missing is None or not median(fit.off_px) < TOLD_MODULES * median(module_px(patterns, tags.corners_px)):

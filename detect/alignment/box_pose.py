@@ -1,4 +1,4 @@
-"""One rigid box before a camera of unknown calibration: where its tags must be, and how surely.
+"""One rigid box before a camera of unknown calibration: where its tags must be, with covariances.
 
 The camera here is a means to predict tags, never a result: focal length, principal point, three coefficients of the
 lens and pose, each held by a weak prior, fitted robustly to the corners of one image. What the corners do not determine
@@ -44,12 +44,12 @@ _TANGENTIAL = 0.001
 show clearly. With a weaker prior these terms take up what the radial ones leave of a fisheye seen from one side, and
 curve its tags' charts: corners err a tenth more."""
 _LEAST_PRIORS = np.array([0.003, 0.003, 0.003, 0.003, 0.001, 0.0005, 0.001, 0.001, 0.001, 0.001])
-"""The same of a camera that took an earlier picture: as well as that picture told, and no better."""
+"""The same of a camera that took an earlier image: as well as from that image, and no better."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CameraPrior:
-    """Prior knowledge of a camera before its picture is searched.
+    """Prior knowledge of a camera before its image is searched.
 
     Attributes
     ----------
@@ -109,7 +109,7 @@ class BoxFit:
         return uv
 
     def camera(self, width: int) -> CameraPrior:
-        """Return what this picture, ``width`` px wide, tells of the camera, for the next picture that it takes."""
+        """Return what this image, ``width`` px wide, determines of the camera, for the next image that it takes."""
         deviation = 3 * self.sigma_px * np.sqrt(np.diag(np.linalg.inv(self.information))[:CAMERA])
         scale = _widths(width)
         return CameraPrior(
@@ -156,7 +156,7 @@ def fit_box(
     start
         A fit to much the same tags.
     camera
-        The camera, if it is known from other pictures; others compete only where it does not explain the tags.
+        The camera, if it is known from other images; others compete only where it does not explain the tags.
     """
     refine = partial(_refine, target, rows, corners_px, sigma_px=sigma_px)
     if start is not None:
@@ -197,7 +197,7 @@ def _widths(width: int) -> Array:
 
 
 def _cameras(image_size: tuple[int, int], known: CameraPrior | None) -> Iterator[tuple[float, Array, CameraPrior]]:
-    """Yield focal length and lens to start from, and the prior, of the cameras that may have taken a picture."""
+    """Yield focal length and lens to start from, and the prior, of the cameras that may have taken an image."""
     if known is not None:
         yield known.focal_px, known.lens, known
     width, straight = max(image_size), no_distortion(image_size)

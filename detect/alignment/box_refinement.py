@@ -35,7 +35,7 @@ FITTED = [CENTRE_X, CENTRE_Y, A1, A2, A3, LOG_ASPECT, SKEW, P1, P2]
 LEAST_DEPTH = 0.02
 """All points of a start lie before the camera by so much, m over the focal length in px."""
 RANGE = (-0.5, 1.5)
-"""Of a1, a2 and a3; of the logarithm of the aspect, the skew and the tangential terms its lower end both ways."""
+"""Of a1, a2 and a3; of the logarithm of the aspect, the skew and the tangential terms its limit in both directions."""
 State = tuple[float, Array, Array]
 """Focal length, px, lens (6,) and T_cam_box (4, 4)."""
 

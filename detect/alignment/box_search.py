@@ -22,7 +22,7 @@ FACE_KEPT = 0.34
 """A face of which ``FACE_TAGS`` or more were seen, but less than this fraction of them on the box, contradicts it."""
 _AROUND = np.array([0, 1, 2, 3, 0])
 OFF_CENTRE, OFF_SIGMAS = 0.5, 3.0
-"""It lies there whose centre is off by no more than this fraction of its side and so many deviations of its place."""
+"""It lies there whose centre is off by no more than this fraction of its side and this many deviations of its place."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -120,7 +120,7 @@ def predict_regions(
     others = _outvoted(target, candidates, fit)
     if others or candidates.again:
         # faces contradict each other, or are seen twice: several faces that agree are a box, as no print on a wall is;
-        # else it is what the largest part of the picture shows
+        # else it is what the largest part of the image shows
         groups = [
             candidates.take(target.tag_faces[candidates.rows] == f) for f in distinct(target.tag_faces[candidates.rows])
         ]

@@ -1,4 +1,4 @@
-"""The detector's settings, its output, and what it hands on from picture to picture."""
+"""The detector's settings, its output, and what it hands on from image to image."""
 
 from dataclasses import dataclass, field
 
@@ -40,7 +40,7 @@ class DetectorSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class KnownCamera:
-    """Knowledge from earlier pictures of a camera that speeds up the next one.
+    """Knowledge from earlier images of a camera that speeds up the next one.
 
     Attributes
     ----------
@@ -49,7 +49,7 @@ class KnownCamera:
     imaging
         Response curve and kurtosis of the PSF.
     round_inflation
-        Largest variance inflation at which the blur of a picture was found to be round; 0 where that was never asked.
+        Largest variance inflation at which the blur of an image was found to be round; 0 where that was never asked.
     """
 
     prior: CameraPrior
@@ -71,17 +71,17 @@ class DetectorOutput:
     cov_px2 : (N, 4, 2, 2), px^2
         Covariance of each corner: noise as the residuals have it, and the model's own error.
     correlation : (N,)
-        Of the picture with the aligned pattern; NaN in a preview.
+        Of the image with the aligned pattern; NaN in a preview.
     blur_px : (N,), px
         Deviation of blur and pixel area together; NaN in a preview.
     blur_shape : (2,)
-        How much the picture is blurred along its motion: c and s of :mod:`boxcal.detect.alignment.motion_blur`.
+        How much the image is blurred along its motion: c and s of :mod:`boxcal.detect.alignment.motion_blur`.
     residual : (N,)
         Deviation of the grey levels from the aligned pattern, 1 is full scale; NaN in a preview.
     response
         The response curve that was used.
     camera
-        For the next picture of the same camera; None where too little was seen to tell, and in a preview.
+        For the next image of the same camera; None where too little was seen, and in a preview.
     contradicting_faces
         Faces of which tags are seen where the box that was found cannot have them: on another box, or on a print.
     rejected_ids : (R,)

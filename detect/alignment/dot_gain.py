@@ -7,7 +7,7 @@ sums; what those explain is projected out, once for each pattern. What the growt
 the pattern alone: the homography that follows its displaced edges best.
 
 Light and blur take up a part of the growth, the more the narrower modules are, in the residuals as in the corners: what
-is told is the part that moves them, to some 20 % with all pixels and 35 % where large tags are sampled.
+is estimated is the part that moves them, to some 20 % with all pixels and 35 % where large tags are sampled.
 """
 
 from dataclasses import dataclass, replace
@@ -53,7 +53,7 @@ def without_dot_gain(patterns: Patterns, tags: TagAlignments, uneven: Index) -> 
     patterns, tags
         As :func:`boxcal.detect.alignment.registration.align.align` took and returned them.
     uneven
-        Rows of tags that may be unevenly lit, and so do not tell the growth.
+        Rows of tags that may be unevenly lit, and so do not determine the growth.
     """
     told = tags.take(~among(tags.rows, uneven))
     if len(told) == 0:

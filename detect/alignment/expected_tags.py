@@ -1,4 +1,4 @@
-"""Tags looked for where they are expected: from wheels and a calibration, or from the picture before.
+"""Tags looked for where they are expected: from wheels and a calibration, or from the image before.
 
 An alignment catches a tag from about a module away, so that no candidates need to be found where that much is known.
 Expectations only say where alignments start: what is found must resemble its pattern and lie on one rigid box as ever,
@@ -27,18 +27,18 @@ from boxcal.target.box import Target
 ASKED = 4
 """Expected tags that are aligned first."""
 LEAST_FOUND, MOST_FOUND = 0.5, 0.8
-"""Fraction of the tags, of those and of all, that must be there, or else the whole picture is searched; where fewer
-than the second are, the box through them must also tell which others ought to be seen."""
+"""Fraction of the tags, of those and of all, that must be there, or else the whole image is searched; where fewer
+than the second are, the box through them must also predict which others ought to be seen."""
 LIKENED, ALIKE = 8, 0.3
-"""So many tags are compared with the picture at all places where they may be, and how much (a correlation) it must
+"""Number of tags that are compared with the image at all places where they may be, and how much (a correlation) it must
 resemble them at one: by chance it is .05."""
 SPARE = 1.25
-"""So many times the tags that are measured are aligned roughly, as some will not be believed."""
+"""Factor by which more tags are aligned roughly than are measured, as some will not be believed."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ExpectedTags:
-    """Tags of the target with the places where a picture should show them.
+    """Tags of the target with the places where an image should show them.
 
     Attributes
     ----------
@@ -47,13 +47,13 @@ class ExpectedTags:
     corners_px : (N, 4, 2), px
         Where their corners should be, in any camera model; about a module's error is allowed.
     blur : (2,)
-        How the picture should be blurred: c and s of :mod:`boxcal.detect.alignment.motion_blur`; 0 where it is round.
+        How the image should be blurred: c and s of :mod:`boxcal.detect.alignment.motion_blur`; 0 where it is round.
     alone
-        Whether the rest of the picture is not searched where they are not there.
+        Whether the rest of the image is not searched where they are not there.
     most
-        Of the tags found, so many are measured, spread evenly over the box; all if not given.
+        Number of the tags found that are measured, spread evenly over the box; all if not given.
     places_px : (S, N, 4, 2), px
-        Where they may be instead, all together: they are asked where the picture resembles them most.
+        Where they may be instead, all together: they are asked where the image resembles them most.
     """
 
     ids: Index
@@ -80,7 +80,7 @@ def find_expected(  # noqa: PLR0917
 ) -> BoxDetection | None:
     """Return the tags of one box from where some are expected, roughly aligned; None if too few of them are there.
 
-    A few are aligned first: they tell that it is worth while, and how far off the expectation is on the whole.
+    A few are aligned first: they show whether the others are there, and how far off the expectation is on the whole.
     """
     size = pyramid.size
     rows, corners = _within_image(target, patterns, _where_alike(pyramid, target, patterns, expected), size)
@@ -105,7 +105,7 @@ def find_expected(  # noqa: PLR0917
 
 
 def _where_alike(pyramid: Pyramid, target: Target, patterns: Patterns, expected: ExpectedTags) -> ExpectedTags:
-    """Return the tags at the one of the places where they may be that the picture resembles most, if it does any."""
+    """Return the tags at the one of the places where they may be that the image resembles most, if it does any."""
     inside = [replace(expected, corners_px=corners).within(pyramid.size) for corners in expected.places_px]
     everywhere = np.flatnonzero(np.all([*inside, among(expected.ids, target.tag_ids)], axis=0))
     if not inside or len(everywhere) < FEW_TAGS:
@@ -125,14 +125,14 @@ def _largest(patterns: Patterns, rows: Index, corners: Array) -> tuple[Index, Ar
 
 
 def at_most(found: BoxDetection, most: int | None) -> BoxDetection:
-    """Return a detection with at most so many tags, evenly over the rows of all."""
+    """Return a detection with at most a number of tags, evenly over the rows of all."""
     if most is None or len(found.tags) <= most:
         return found
     return replace(found, tags=found.tags.take(_evenly(found.tags.rows, most)))
 
 
 def _evenly(rows: Index, count: int) -> Index:
-    """Return which of some tags (N,) to take for so many, spread evenly over their rows."""
+    """Return which of some tags (N,) to take for a number of them, spread evenly over their rows."""
     order = np.argsort(rows, kind="stable")
     return np.asarray(order[np.linspace(0, len(order) - 1, count).astype(int)])
 

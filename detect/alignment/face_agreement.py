@@ -18,7 +18,7 @@ from boxcal.target.box import Target
 CANDIDATE_TOLERANCE = 0.35
 """How far from the face's other tags a candidate may lie, tag sides."""
 FACE_TAGS = 6
-"""So many tags show a face."""
+"""Number of tags that show a face."""
 _ENOUGH = 0.8
 """Fraction of a face's candidates whose agreement ends the search for a larger one."""
 _PAIRS = 24

@@ -1,6 +1,6 @@
-"""The direction in which a picture is blurred more than across it: the camera moved, or its lens is astigmatic.
+"""The direction in which an image is blurred more than across it: the camera moved, or its lens is astigmatic.
 
-The PSF's covariance over its mean variance is ``[[1 + c, s], [s, 1 - c]]``, the same for all tags of a picture. c and s
+The PSF's covariance over its mean variance is ``[[1 + c, s], [s, 1 - c]]``, the same for all tags of an image. c and s
 follow from the residuals of a few large tags by Gauss-Newton steps, whatever else a tag's residuals can be explained
 with taken out of them (Schur's complement).
 """
@@ -18,14 +18,14 @@ from boxcal.detect.alignment.tag_patterns import Patterns
 from boxcal.target.arrays import Array
 
 ASKED, TAGS, ROUNDS = 2, 4, 3
-"""Tags that are asked whether the picture moved at all, those that then say how, and steps."""
+"""Tags that are asked whether the image moved at all, those that then say how, and steps."""
 SIDE_PX, STOP_PX = 22.0, 0.02
 MOST = 0.85
 """Largest length of (c, s): a variance twelve times as large along the motion as across it."""
 LEAST = 0.2
-"""Smaller ones are passed over: a motion of 1.5 px has it, and resampling of a picture may have half of it."""
+"""Smaller ones are passed over: a motion of 1.5 px has it, and resampling of an image may have half of it."""
 _SLIGHT = 0.75
-"""A first step shorter than this share of what counts is not followed: it is right to a tenth where it is short."""
+"""A first step shorter than this fraction of what counts is not followed: it is right to a tenth where it is short."""
 LONGEST = 0.4
 CLEAR = 40.0
 """How much a step must lessen the sum of squared residuals, in variances of a residual, for blur not to be round."""
@@ -48,7 +48,7 @@ def shape_of(blur: Array) -> Array:
 
 
 def estimate_blur(frame: Frame, patterns: Patterns, tags: TagAlignments) -> Array | None:
-    """Return the blur (3,) of a picture in which tags are aligned; None where it is as the frame has it already.
+    """Return the blur (3,) of an image in which tags are aligned; None where it is as the frame has it already.
 
     A frame has it round unless its motion is expected.
     """
@@ -82,7 +82,7 @@ def _slight(step: Array, explained: float) -> bool:
 def _step(frame: Frame, patterns: Patterns, tags: TagAlignments, found: Array) -> tuple[Array, float]:
     """Return a Gauss-Newton step (2,) of c and s, and what it explains, in variances of a residual.
 
-    With r the residuals and G what c and s do to the picture, ``G^T r``, ``G^T G`` and ``J^T G`` are central
+    With r the residuals and G what c and s do to the image, ``G^T r``, ``G^T G`` and ``J^T G`` are central
     differences of ``r^T r`` and ``J^T r``, which every alignment sums.
     """
     batch = aligned_batch(frame, patterns, tags, SIDE_PX)

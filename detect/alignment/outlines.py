@@ -15,7 +15,7 @@ from boxcal.target.arrays import Array
 LEAST_FULL = 0.02
 """Area of an outline over its length squared, at least: a quadrilateral is then not thinner than 1 : 8."""
 MOST_DEVIATION, LEAST_DEVIATION_PX = 0.035, 1.2
-"""How far an outline may run beside the polygon that stands for it, lengths of the outline; but so many px always."""
+"""How far an outline may run beside the polygon that stands for it, lengths of the outline; but this many px always."""
 
 
 def four_sided(binary: NDArray[np.uint8], least: int, most: int) -> Array:

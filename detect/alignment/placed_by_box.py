@@ -1,4 +1,4 @@
-"""Tags that need no rough alignment, since the box through some others tells where they are.
+"""Tags that need no rough alignment, since the box through some others predicts where they are.
 
 A few aligned tags, far from each other on every face, fix the box more exactly than the rough alignment of one tag
 finds that tag: to a few hundredths of a pixel on a rigid box. So the rest are taken to lie where the box has them, with
@@ -20,7 +20,7 @@ from boxcal.target.arrays import Array
 from boxcal.target.box import Target
 
 ON_FACE, ON_FACE_OF_KNOWN = 8, 4
-"""So many tags of a face are aligned first, and where other pictures have told the camera."""
+"""Number of tags of a face that are aligned first, and where the camera is known from other images."""
 BELIEVED = 0.75
 """Fraction of them that must be there for the others of that face to be taken to be there, too; and of those of all
 faces: through a few tags of one face goes a box that is not as described, too, with other faces elsewhere."""
@@ -30,7 +30,7 @@ of each, as roughly aligned tags are the further off the larger they are."""
 
 
 def first_on_face(camera: CameraPrior | None) -> int:
-    """Return how many tags of a face to align first: fewer where other pictures have told the camera."""
+    """Return how many tags of a face to align first: fewer where the camera is known from other images."""
     return ON_FACE if camera is None else ON_FACE_OF_KNOWN
 
 
@@ -44,7 +44,7 @@ def spread_over_faces(target: Target, rows: Index, corners_px: Array, count: int
     corners_px : (N, 4, 2), px
         Roughly.
     count
-        So many of a face are aligned first.
+        Number of tags of a face that are aligned first.
     """
     faces, centre = target.tag_faces[rows], 0.25 * corners_px.sum(axis=1)
     first = np.ones(len(rows), dtype=np.bool_)
@@ -63,7 +63,7 @@ def spread_over_faces(target: Target, rows: Index, corners_px: Array, count: int
 def placed_surely(
     target: Target, patterns: Patterns, fit: BoxFit, *, believed: Index, asked: Index, rows: Index
 ) -> NDArray[np.bool_]:
-    """Return which tags (N,) the box tells the places of so surely that they need no rough alignment.
+    """Return which tags (N,) the box predicts so well that they need no rough alignment.
 
     Parameters
     ----------
@@ -93,7 +93,7 @@ def placed_surely(
 def as_placed(target: Target, fit: BoxFit, aligned: TagAlignments, rows: Index) -> TagAlignments:
     """Return tags where the box has them, each with the light and the blur of the nearest aligned one of its face.
 
-    The rest of what an alignment tells is that tag's, too, and says nothing of these.
+    The rest of an alignment's result is that tag's, too, and says nothing of these.
     """
     uv = fit.places(target.tag_corners[rows].reshape(-1, 3)).reshape(-1, 4, 2)
     apart = uv.mean(axis=1)[:, None] - aligned.corners_px.mean(axis=1)[None]

@@ -1,4 +1,4 @@
-"""Tags that a box predicts beside those that were found: where, how surely, and how large."""
+"""Tags that a box predicts beside those that were found: where, how certainly, and how large."""
 
 from dataclasses import dataclass
 
@@ -14,7 +14,7 @@ from boxcal.target.box import Target
 MIN_MODULE_PX = 0.75
 """Narrower modules are not searched for."""
 MAX_SPREAD_MODULES = 0.6
-"""Tags whose place is predicted less surely than this are not searched for."""
+"""Deviation of a predicted place beyond which a tag is not searched for."""
 REGION_SPREADS, REGION_MODULES = 3.0, 8.0
 """Around where a tag is predicted: deviations of its place, and modules, to be searched too."""
 
@@ -40,7 +40,7 @@ class PredictedTags:
 
     @property
     def sure(self) -> NDArray[np.bool_]:
-        """Whether each is predicted surely enough to be searched for there."""
+        """Whether each is predicted well enough to be searched for there."""
         return np.asarray(self.spread_px <= MAX_SPREAD_MODULES * self.module_px)
 
     def region_px(self, image_size: tuple[int, int]) -> Array:

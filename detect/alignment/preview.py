@@ -20,9 +20,10 @@ from boxcal.target.box import Target
 MIN_SCORE = 0.85
 """Nothing else vouches for a previewed tag."""
 UNKNOWN_SIGMA_PX, LEAST_SIGMA_PX = 0.25, 0.005
-"""Deviation per axis of corners of which too few tell, and at least."""
+"""Deviation per axis of corners with too few residuals, and the least."""
 ODD = 3.0
-"""Tags that lie beside their face's homography by so many times more than most, as in a highlight, are judged apart."""
+"""Tags that lie beside their face's homography by this many times more than most, as in a highlight, are judged
+apart."""
 GROWN_PX = 0.08
 """Tags that grow or shrink by more under a linear response are measured under sRGB's as well."""
 _LINES: dict[str, CornerSettings] = {
@@ -52,7 +53,7 @@ class Preview:
 
 
 def preview(grey8: NDArray[np.uint8], target: Target, response: Response, window_px: int) -> Preview:
-    """Return the tags that are easily seen in a picture (H, W).
+    """Return the tags that are easily seen in an image (H, W).
 
     No tag is predicted and none is compared with its pattern beyond its decoding; the edges are those of
     :func:`boxcal.detect.tags.line_fit.refine`.

@@ -107,7 +107,7 @@ def _enlarged(tags: TagAlignments, factor: float) -> TagAlignments:
     """Return tags of an image as they stand in one that is larger by a factor."""
     figures = {name: getattr(tags, name) for name in tags.__dataclass_fields__}
     theta, normalisation = tags.theta.copy(), tags.normalisation.copy()
-    # the pixels' own share of the blur does not grow: a deviation of 0.29 px stays that at any size
+    # the pixels' own fraction of the blur does not grow: a deviation of 0.29 px stays that at any size
     sigma = np.sqrt(np.maximum((tags.psf_sigma_px**2 - 1 / 12) * factor**2, 0) + 1 / 12)
     theta[:, LOG_PSF] = np.log(sigma)
     normalisation[:, :2] = (normalisation[:, :2] + 0.5) * factor - 0.5

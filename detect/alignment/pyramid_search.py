@@ -1,7 +1,7 @@
 """Coarse-to-fine search for all tags of a box over the levels of an image pyramid.
 
-Large tags stand out in few pixels. A shrunken picture is enough where every tag that the box turns to the camera was
-found from it, or the whole picture would not show the rest either; else larger ones are searched.
+Large tags stand out in few pixels. A shrunken image is enough where every tag that the box turns to the camera was
+found from it, or the whole image would not show the rest either; else larger ones are searched.
 """
 
 from dataclasses import replace
@@ -24,11 +24,11 @@ from boxcal.target.box import Target
 
 FEW_TAGS = 4
 SMALL_PX = 600
-"""Pictures are not shrunk below this, px of the longer side."""
+"""Images are not shrunk below this, px of the longer side."""
 CANDIDATE_MODULE_PX = 0.9
 """Tags with narrower modules make no candidates."""
 MOST_ENLARGED, LONGEST_ENLARGED_PX = 4_000_000, 16_000
-"""Larger pictures are not enlarged: pixels, and px a side (OpenCV maps less than 32767)."""
+"""Larger images are not enlarged: pixels, and px a side (OpenCV maps less than 32767)."""
 
 
 def find_box(
@@ -54,7 +54,7 @@ def find_box(
     limits
         What an aligned tag must keep to.
     camera
-        The camera, if it is known from other pictures.
+        The camera, if it is known from other images.
     """
     size, found, on_face = pyramid.size, None, first_on_face(camera)
     for factor in shrinkings(size):
@@ -132,6 +132,6 @@ def _may_grow(grey8: NDArray[np.uint8]) -> bool:
 
 
 def shrinkings(image_size: tuple[int, int]) -> list[int]:
-    """Return by how much to shrink a picture (width, height) before it is searched: the most first, 1 last."""
+    """Return by how much to shrink an image (width, height) before it is searched: the most first, 1 last."""
     most = max(0, int(np.log2(min(max(image_size) / SMALL_PX, min(image_size) / LEAST_SIDE_PX))))
     return [2**level for level in range(most, -1, -1)]

@@ -23,7 +23,7 @@ FAR = 30.0
 
 CENTRE_X, CENTRE_Y, A1, A2, PER_RADIUS, A3, LOG_ASPECT, SKEW, P1, P2 = range(10)
 """What stands where in a lens: the centre, px; the radial terms about 1 / radius, 1 / px; the logarithm of height over
-width of a square's picture, and its skew; two tangential terms (Brown 1966), which only the box's fit knows."""
+width of a square's image, and its skew; two tangential terms (Brown 1966), which only the box's fit knows."""
 RADIAL = [A1, A2, A3]
 
 

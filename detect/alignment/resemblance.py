@@ -1,4 +1,4 @@
-"""Resemblance of a picture to tags at places where they may be, module by module, without any alignment."""
+"""Resemblance of an image to tags at places where they may be, module by module, without any alignment."""
 
 import numpy as np
 
@@ -9,14 +9,14 @@ from boxcal.target.arrays import Array
 
 
 def resemblance(image: Levels, patterns: Patterns, rows: Index, corners_px: Array) -> Array:
-    """Return the correlations between a picture and tags at several places of all together, (S,), means over the tags.
+    """Return the correlations between an image and tags at several places of all together, (S,), means over the tags.
 
     A module's width apart from where tags are it is half of what it is there, or less.
 
     Parameters
     ----------
     image : (H, W)
-        The picture.
+        The image.
     patterns, rows : (T,)
         The tags.
     corners_px : (S, T, 4, 2), px

@@ -1,4 +1,4 @@
-"""Sets of tags by their rows: numpy's own functions for sets take several times as long for as few as a picture has."""
+"""Sets of tags by their rows: numpy's own functions for sets take several times as long for as few as an image has."""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -9,7 +9,7 @@ _NEXT = np.array([1, 2, 3, 0])
 
 
 def widths(corners_px: Array) -> Array:
-    """Return how wide quadrilaterals (N, 4, 2) are the narrower way, (N,) px: area over longest side."""
+    """Return the smaller width of quadrilaterals (N, 4, 2), (N,) px: area over longest side."""
     x, y = corners_px[..., 0], corners_px[..., 1]
     area = 0.5 * np.abs((x[:, 2] - x[:, 0]) * (y[:, 3] - y[:, 1]) - (y[:, 2] - y[:, 0]) * (x[:, 3] - x[:, 1]))
     side = np.hypot(x[:, _NEXT] - x, y[:, _NEXT] - y).max(axis=1)

@@ -2,7 +2,7 @@
 
 The alignment's light is black, white and two slopes. Where a shadow's edge crosses a tag, both levels jump along it;
 the residuals then stand in whole modules, and edges of modules are taken for displaced. So the pattern of such a tag is
-replaced by what the picture shows: every module keeps its place, but has the level that its pixels say. Those levels
+replaced by what the image shows: every module keeps its place, but has the level that its pixels say. Those levels
 must still be a tag's: each white module clearly brighter than the black ones beside it. The edge of the shadow itself,
 within a module, stays what it is; the rigid box says how far that has displaced a tag.
 """
@@ -27,9 +27,9 @@ from boxcal.target.box import Target
 ROUNDS = 3
 SUSPICIOUS, UNUSUAL = 0.04, 3.0
 """Tags are looked at again whose largest mean residual of two by two modules, over the contrast, is more than this,
-and so many times that of the better tags of the picture, where noise makes it."""
+and this many times that of the better tags of the image, where noise makes it."""
 LEAST_LOCAL_CONTRAST = 0.2
-"""Of neighbouring modules, over the tag's contrast: less light than in a deep shadow tells no edge."""
+"""Of neighbouring modules, over the tag's contrast: less light than in a deep shadow shows no edge."""
 LEAST_EDGES = 0.97
 """Fraction of the edges between black and white modules that must have it: a finger hides many."""
 

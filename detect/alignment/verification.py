@@ -18,13 +18,13 @@ class Limits:
     Attributes
     ----------
     correlation
-        Of the picture with the aligned pattern, at least.
+        Of the image with the aligned pattern, at least.
     worst_block
         Mean residual of two by two modules over the tag's contrast, at most: a finger, a glare.
     worst_module
         The same of one module: a wrong bit.
     contrast
-        White less black, share of full scale, at least.
+        White less black, fraction of full scale, at least.
     psf_modules
         Deviation of the blur in modules, at most; beyond it, bits melt together.
     spread_modules
@@ -75,7 +75,7 @@ def verified(patterns: Patterns, tags: TagAlignments, limits: Limits) -> NDArray
 
 
 def module_px(patterns: Patterns, corners_px: Array) -> Array:
-    """Return how wide a module is seen, (N,) px: the narrower way across the tag."""
+    """Return how wide a module is seen, (N,) px: across the tag's shorter side."""
     return np.asarray(backend().widths(corners_px) / patterns.modules)
 
 

@@ -27,7 +27,7 @@ UNKNOWNS = CAMERA + 6
 ROWS = UNKNOWNS + 2
 """Of the Jacobian: the unknowns, the residuals, and one of zeros, which makes it an even number."""
 POINTS, WIDE = 32, 64
-"""So many points at a time, and that many residuals: first along x, then along y."""
+"""Number of points at a time, and of residuals: first along x, then along y."""
 _TURNED, _MOVED = CAMERA, CAMERA + 3
 _LEAST_W = 1e-6
 

@@ -48,7 +48,7 @@ from boxcal.target.arrays import Array
 _CAMERA, _UNKNOWNS = CAMERA, CAMERA + 6
 _LONGEST = np.array([0.4, *[1e3] * (CAMERA - 1), 0.5, 0.5, 0.5, 1e3, 1e3, 1e3])
 _FACTORS = 8
-"""Logarithms of so many numbers are taken as that of their product."""
+"""Number of factors whose logarithms are taken as that of their product."""
 _FITTED = np.array(FITTED)
 _NOTHING = np.empty((0, 0))
 
@@ -222,7 +222,7 @@ def _predict(  # noqa: PLR0917
 ) -> None:
     """Fill where points (P, 3) are seen, (P, 2) px, NaN where out of view, and the deviations (P,), else infinite.
 
-    The latter only if there is room for them.
+    The latter only if the array has space for them.
     """
     L, asked = information.copy(), len(spread) > 0
     for k in range(len(p_box)):

@@ -115,7 +115,7 @@ def _mean_squares(W: Any, moved: Any, L: Any, white: Any, noise2: Any, fitted: A
     """Return the mean over the corners' eight coordinates, observed and expected; ``L`` is the factor of the normal.
 
     The systems of all squares and coordinates are solved together, in place in ``W`` (14, 36 * 8): long vectors.
-    ``fitted`` (36 * 8,) is room for the sums of their squares.
+    ``fitted`` (36 * 8,) is scratch for the sums of their squares.
     """
     solve_lower_rows(L, W)
     clear(fitted)

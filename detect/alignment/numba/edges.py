@@ -15,8 +15,8 @@ from boxcal.detect.alignment.numba.kernel import loops
 from boxcal.detect.alignment.numba.pixels import BLOCK
 
 OF_EDGE = 7 * BLOCK
-"""Room of an edge: Phi with its kurtosis, its slope, widening, tail, density, and that times the distance once and
-twice."""
+"""Scratch rows of an edge: Phi with its kurtosis, its slope, widening, tail, density, and that times the distance once
+and twice."""
 _1, _2, _3, _4, _5, _6 = (k * BLOCK for k in range(1, 7))
 """Where rows begin after the first."""
 _REACH = np.float32(4.5)
@@ -67,7 +67,7 @@ def blur_geometry(theta: Any, sigma: Any, blur: Any, at: Any, geometry: Any) -> 
 
 @loops(fastmath=True, forceinline=True)
 def edge(place: Any, inverse: Any, first: Any, e: Any, k: Any, out: Any) -> None:  # noqa: PLR0917
-    """Fill what a module edge does to each pixel of a block, a row for each of the seven figures."""
+    """Fill what a module edge does to each pixel of a block, a row for each of the seven values."""
     shift, k24 = np.float32(e), np.float32(k) * _F24TH
     for p in range(BLOCK):
         a = min(max((place[p] - (first[p] + shift)) * inverse[p], -_REACH), _REACH)

@@ -10,7 +10,8 @@ from boxcal.detect.alignment.numba.kernel import kernel, loops
 from boxcal.target.arrays import Array
 
 _STEPS, _STILL, _LEAST = 30, 1e-12, 1e-15
-"""Of the inverse iteration: at most so many, until the vector moves less; and what is added to the matrix, relative."""
+"""Of the inverse iteration: at most this many steps, until the vector moves less; and what is added to the matrix,
+relative."""
 
 
 def least_squares_homography(src: Array, dst: Array) -> Array:

@@ -88,7 +88,8 @@ def kernel(*, inner: bool = False, **options: Any) -> Decorator:
     Parameters
     ----------
     inner
-        Only compiled code calls it: it needs no way in from Python, and is kept within what calls it. Both take time.
+        Only compiled code calls it: it needs no entry point from Python, and is kept within what calls it. Both take
+        time.
     options
         numba's beyond the usual ones.
     """

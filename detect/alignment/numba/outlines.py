@@ -43,7 +43,7 @@ def four_sided(binary: NDArray[np.uint8], least: int, most: int) -> Array:
 def _four_sided(  # noqa: PLR0917
     marks: Any, words: Any, ways: Any, least: Any, most: Any, room: Any, quads: Any
 ) -> Any:
-    """Fill quads (N, 4, 2) with the corners of outlines in a picture with a bright rim; return how many there are."""
+    """Fill quads (N, 4, 2) with the corners of outlines in an image with a bright rim; return how many there are."""
     rows, stride, found = len(words), words.shape[1] * _WORD, 0
     points, polygon, parts = room[0], room[1], room[2]
     for y in range(1, rows - 1):
@@ -78,7 +78,7 @@ def _follow(marks: Any, ways: Any, stride: Any, x: Any, y: Any, start: Any, poin
     """Follow a border from a pixel whose neighbour ``start`` is bright (Suzuki and Abe 1985), marking its pixels.
 
     Return how many pixels it has and what it encloses, px^2, positive where it runs around dark ones; fill the pixels
-    (P, 2), as far as there is room.
+    (P, 2), as far as the array has space.
     """
     first, s = y * stride + x, start
     while True:

@@ -1,4 +1,4 @@
-"""The collected pixels of a tag: blocks of 64, each with a row for each of eight figures, and sums over them."""
+"""The collected pixels of a tag: blocks of 64, each with a row for each of eight values, and sums over them."""
 
 from typing import Any
 
@@ -10,7 +10,7 @@ from boxcal.detect.alignment.registration.image_model import LEAST_CONTRAST, MID
 BLOCK = 64
 """Pixels that are summed together."""
 ORDER = {"reassoc", "contract", "arcp", "nsz"}
-"""What compiled sums may change: their order, not what they make of infinite figures, which decide what counts."""
+"""What compiled sums may change: their order, not what they make of infinite values, which decide what counts."""
 OF_PIXEL = 8
 """x, y, u, v, grey level, column, row and residual of a collected pixel."""
 Y, U, V, GREY, COLUMN, ROW, RESIDUAL = (k * BLOCK for k in range(1, OF_PIXEL))
@@ -69,7 +69,7 @@ def _light_of(response: Any, grey: Any) -> Any:
 def add_residuals(pixels: Any, n: Any, side: Any, at: Any, modules: Any, stats: Any) -> None:  # noqa: PLR0917
     """Add the residuals of collected pixels to the sums over modules, and grey levels and predictions to theirs.
 
-    ``modules`` holds sums and numbers of pixels of modules in rows (2 S,), ``at`` is room for 64 places in it.
+    ``modules`` holds sums and numbers of pixels of modules in rows (2 S,), ``at`` is scratch for 64 places in it.
     """
     one, last = np.float32(1), np.int32(side - 1)
     for part in range((n + BLOCK - 1) // BLOCK):

@@ -1,4 +1,4 @@
-"""Residuals summed over clusters of pixels: the corners' variance as they tell it, and as white noise would."""
+"""Residuals summed over clusters of pixels: the corners' variance from these, and from white noise."""
 
 import numpy as np
 

@@ -23,7 +23,7 @@ KURTOSIS_RANGE = (-1.3, 1.5)
 MUCH = 0.6
 """A step that explains this fraction of the squared residuals is not the last."""
 THINNED, LEAST_THINNED = 4, 400
-"""Of a thinned first step: one in so many pixels counts, of tags that have so many at least."""
+"""Of a thinned first step: one in this many pixels counts, of tags that have this many at least."""
 LONGEST_MODULES, LONGEST_LOG, MOST_EXPLAINED = 0.8, 0.35, 0.98
 """Longest step of a point, modules, and of log sigma; largest fraction of the squared residuals it may explain."""
 
@@ -40,7 +40,7 @@ class StepRules(NamedTuple):
     stop_px
         A tag is done once a step moves its corners less and its residuals have settled.
     iterations
-        At most so many steps.
+        Largest number of steps.
     guess
         Set black and white from the middle of the modules first.
     thinned

@@ -1,4 +1,4 @@
-"""The parameters of a tag in the picture, by their place in theta."""
+"""The parameters of a tag in the image, by their place in theta."""
 
 PARAMETERS = 14
 """h (8), offset o, gain g, slopes s_x and s_y, log sigma, excess kurtosis of the blur."""

@@ -1,7 +1,7 @@
 """Intensity of a tag's pattern under a Gaussian point spread function, with its derivatives.
 
 A pixel at (x, y) lies at ``(u, v) = H(x, y)`` on the tag. Blur and pixel area together weigh the image plane with a
-Gaussian of deviation sigma px, equal in all directions unless the picture moved. On the tag that is a Gaussian of
+Gaussian of deviation sigma px, equal in all directions unless the image moved. On the tag that is a Gaussian of
 deviations ``s_u = sigma |grad u|``, ``s_v = sigma |grad v|`` and correlation
 ``rho = grad u . grad v / (|grad u| |grad v|)``. Modules are rectangles, so the pattern under it is a sum over the
 module edges i, j near the pixel,
