@@ -89,7 +89,7 @@ def larger(chosen: dict[str, Detector], views: int, scale: float, size: tuple[in
 
 
 def speed(chosen: dict[str, Detector], views: int) -> None:
-    """Time on sRGB JPEG, the detectors taking turns on every image, so that what else runs slows all alike."""
+    """Time on sRGB JPEG, the detectors taking turns on every image, so that other load slows all equally."""
     camera = SensorModel(noise=2, psf_px=0.6, srgb=True)
     some = {k: chosen[k] for k in ("OpenCV, no refinement", FAST, OURS)}
     print("time on sRGB JPEG\n| picture | OpenCV ms | fast | accurate | expected | recall | rms px | sigma |")

@@ -2,7 +2,7 @@
 
     python benchmarks/estimator.py --quick
 
-Wheels, mounting and settings of Antonelli et al. 2010, section 4: rL = rR = 0.03 m, b = 0.08 m, R = Ry(1.396),
+Wheels, extrinsics and settings of Antonelli et al. 2010, section 4: rL = rR = 0.03 m, b = 0.08 m, R = Ry(1.396),
 640 x 480, 0.25 px, encoder step 0.1302 deg, T = 0.02 s, 140 landmarks a face. One route for each number of stops, its
 stops shifted by up to 1 cm and 1 deg in every run (or the encoders' roundings would be the same each time); every run
 draws pixel noise, slip and the encoders' phases anew.

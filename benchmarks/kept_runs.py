@@ -1,4 +1,4 @@
-"""Outcomes of a study's drives kept in a file, so that a long study can be made in parts and gone on with.
+"""Outcomes of a study's drives kept in a file, so that a long study can be made in parts and continued.
 
 Lines of JSON, one a drive. They are of the code that made them: whoever changes it begins a new file.
 """

@@ -2,7 +2,7 @@
 
     python benchmarks/paper.py --quick
 
-Section 4: wheels, mounting, image size, encoder step (0.1302 deg) and T = 0.02 s are the paper's; what it leaves open
+Section 4: wheels, extrinsics, image size, encoder step (0.1302 deg) and T = 0.02 s are the paper's; what it leaves open
 is chosen as docs/paper.md lists. Section 5: a simulated Khepera III with the paper's results as its truth, and the log
 ../shared/data/fleet/khepera.mcap where it is present. A whole run writes tables and figures to docs/; --quick (few
 runs, half the figures' stops) writes only where --out says.
@@ -119,7 +119,7 @@ def ratio(runs: Runs) -> Array:
 
 
 def mounting_percent(errors: Array) -> tuple[float, float]:
-    """Return the rms relative error of the mounting's R and t, percent, as Frobenius norms over the truth's."""
+    """Return the rms relative error of the extrinsics' R and t, percent, as Frobenius norms over the truth's."""
     true = true_values(paper())
     good = errors[np.isfinite(errors[:, 0])]
     R = _rotation(true[ANGLES])
@@ -195,7 +195,7 @@ def _unit(name: str) -> tuple[float, str]:
 
 
 def experiment(drives: list[Growth]) -> str:
-    """Return wheels and mounting over the number of stops, with sigmas."""
+    """Return wheels and extrinsics over the number of stops, with sigmas."""
     names = ("rR", "rL", "b", "a1", "tx", "ty")
     head = ["drive, P", *(f"{n} ({'deg' if n == 'a1' else 'mm'})" for n in names)]
     rows = []

@@ -127,7 +127,7 @@ def planned(number: int) -> Planned:
 def hand_made(of: Robot, stops: Array, seed: tuple[int, ...]) -> tuple[Drive, Correspondences]:
     """Return a drive around a box made by hand, drawn as the planner assumes boxes, and what the robot sees.
 
-    With the same seed a drive of more stops begins with the same box, legs and images: it is the drive gone on with.
+    With the same seed a drive of more stops begins with the same box, legs and images: it is the same drive continued.
     """
     driven = drive(of, stops, np.random.default_rng([*seed, 0]))
     of_box, of_pictures = np.random.default_rng([*seed, 1]), np.random.default_rng([*seed, 2])
@@ -229,7 +229,7 @@ def next_stop(number: int) -> Next | None:
 
 
 def _after(of: Robot, stops: Array, number: int) -> float:
-    """Return the worst sigma over its goal of a drive gone on with; infinite where it cannot be solved."""
+    """Return the worst sigma over its goal of a drive that is continued; infinite where it cannot be solved."""
     _, seen = hand_made(of, stops, (9, number))
     try:
         return worst(bars_of_estimate(solved(of, seen))).ratio

@@ -16,7 +16,7 @@ from boxcal.target.box import Target
 def best_plan(robot: Robot, target: Target, setting: Setting, tries: int) -> Array:
     """Return stops (P, 3), x, y (m), heading (rad): the largest relative bound of rR, rL, b and t is smallest.
 
-    The wheels' bounds count ten times, since 0.1 % is asked of them and 1 % of the mounting.
+    The wheels' bounds count ten times, since 0.1 % is asked of them and 1 % of the camera extrinsics.
     """
     clearance = DriveOptions().clearance + robot.reach
     plans = [choose_stops(robot, target, setting.stops, clearance, np.random.default_rng([5, k])) for k in range(tries)]

@@ -64,7 +64,7 @@ def is_backlash(cause: Cause) -> bool:
 
 
 def is_turn(cause: Cause) -> bool:
-    """Return whether a cause is a camera that was turned in the middle of the drive, by little."""
+    """Return whether a cause is a camera that was turned slightly in the middle of the drive."""
     return isinstance(cause, CameraKnocked) and cause.small and cause.stop == STOPS // 2
 
 

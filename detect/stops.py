@@ -16,7 +16,8 @@ from boxcal.detect.log.wheel_samples import WheelSamples
 from boxcal.target.arrays import Array
 
 MIN_STOPS = 3
-"""Places at which a robot must stand still: with two pairs of motions the four steps determine the mounting."""
+"""Places at which a robot must stand still: with two pairs of motions the four steps determine the camera
+extrinsics."""
 _BAND_STEPS = 1.5
 _BAND_SIGMAS = 8.0
 """From the lowest to the highest of some thousand readings with normal noise."""

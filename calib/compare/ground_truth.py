@@ -27,9 +27,9 @@ class Truth:
     Attributes
     ----------
     camera, wheels
-        Intrinsics; radii and wheelbase.
+        Intrinsics; radii and wheel separation.
     T_body_cam : (4, 4), m
-        The mounting, body origin on the floor.
+        The camera extrinsics, body origin on the floor.
     topic
         Of the camera's images; empty in files that do not say.
     others
@@ -56,9 +56,9 @@ class Errors:
     kr
         Radial distortion.
     rotation : rad
-        Angle of the rotation between the mountings.
+        Angle of the rotation between the extrinsics.
     tx, ty, tz : m
-        Translation of the mounting.
+        Translation of the camera extrinsics.
     """
 
     rR: float

@@ -1,4 +1,4 @@
-"""``opencv_camera.yaml``: camera and mounting as OpenCV's FileStorage reads them."""
+"""``opencv_camera.yaml``: camera and extrinsics as OpenCV's FileStorage reads them."""
 
 import cv2
 import numpy as np

@@ -51,7 +51,7 @@ def rerun_recording(scene: Scene, images: Images) -> bytes:
 
 
 def _still(rr: Any, stream: Any, scene: Scene) -> None:
-    """Log what does not change: the box, the camera and its mounting, the whole path."""
+    """Log what does not change: the box, the camera and its extrinsics, the whole path."""
     c, box = scene.calibration, scene.target.box
     stream.log("box", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
     half = (box.width / 2, box.depth / 2, box.height / 2)

@@ -1,4 +1,4 @@
-"""``static_transform.sh``: the mounting as the line that publishes it in ROS 2."""
+"""``static_transform.sh``: the camera extrinsics as the line that publishes them in ROS 2."""
 
 from boxcal.calib.exports.names import Names
 from boxcal.calib.exports.text import comment, heading, sigma_line

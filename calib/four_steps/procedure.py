@@ -32,7 +32,7 @@ class FourSteps:
     camera, axis, heading, mounting
         What each step found.
     T_body_cam : (4, 4), m
-        The mounting put together.
+        The camera extrinsics put together.
     replaced
         Why steps 2 and 4 failed over all pairs of stops, where consecutive stops took their place; else empty.
     """

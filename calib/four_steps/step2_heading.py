@@ -98,8 +98,8 @@ def unwrap_turns(turn: Array, phi: Array) -> Array:
     Hypotheses come from couples among the pairs that moved least, each turn with -1, 0 or 1 full turns added. Every
     hypothesis is scored by the wrapped residuals of all pairs (of many pairs, of some of each length); the best few are
     then grown from short moves to long ones, unwrapping with what the shorter ones gave, and the one with the smallest
-    residual is kept. Three stops determine no winding (any fits exactly): of those that fit equally well, with wheels
-    alike and smaller than their separation, the one that turns least wins.
+    residual is kept. Three stops leave the phase ambiguity open (any turns fit exactly): of those that fit equally
+    well, with wheels alike and smaller than their separation, the one that turns least wins.
 
     Parameters
     ----------

@@ -23,7 +23,7 @@ class MountingStep:
     Attributes
     ----------
     rR, rL, b : m
-        Wheel radii and wheelbase.
+        Wheel radii and wheel separation.
     a1 : rad
         The third angle of the mounting.
     tx, ty : m

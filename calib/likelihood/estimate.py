@@ -172,24 +172,24 @@ class Estimate:
     camera
         The camera model, with all its distortion coefficients.
     rR, rL, b : m
-        Wheel radii and wheelbase.
+        Wheel radii and wheel separation.
     T_body_cam : (4, 4), m
-        The mounting.
+        The camera extrinsics.
     drives
         What is particular to each drive.
     noise
         Noise levels.
     cov : (14, 14)
         Covariance in the order fu, fv, cu, cv (px), kr, rR, rL, b (m), rx, ry, rz (rad), tx, ty, tz (m). Rotation is a
-        right perturbation of the mounting, ``R_body_cam @ exp_so3(rx, ry, rz)``: about the camera's own axes. The
-        translation is that of ``t_body_cam`` itself, along the body's axes. What is not determined has infinite
+        right perturbation of the camera extrinsics, ``R_body_cam @ exp_so3(rx, ry, rz)``: about the camera's own axes.
+        The translation is that of ``t_body_cam`` itself, along the body's axes. What is not determined has infinite
         variance, and NaN covariances.
     odometry_cov : (14, 14), optional
         The same without what changes parameters but not where wheels lead, such as a scrub alike in all turns; None
         where that is ``cov``.
     names, values, cov_all
         All unknowns that the stops share (the 14, tilts, lens coefficients, the box' shape), their values (0 for the
-        mounting's perturbation) and their covariance, same conventions.
+        extrinsics' perturbation) and their covariance, same conventions.
     flagged_legs, flagged_corners
         Faults found.
     directions

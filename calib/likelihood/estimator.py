@@ -23,7 +23,7 @@ from boxcal.target.camera.camera_model import CameraKind
 ASSUMED_SLIP = 1e-3
 """Slip (m/sqrt(m)) where there are too few legs to estimate it: a cautious value for small robots on hard floors."""
 LEGS_FOR_SLIP = 3
-"""Two legs fit any wheels and mounting exactly: nothing is left over to estimate slip from."""
+"""Two legs fit any wheels and extrinsics exactly: nothing is left over to estimate slip from."""
 _CORNER_LEFT_OUT, _LEG_LEFT_OUT = 12.0, 10.0
 """What leaving out one of them costs, in log likelihood: about where the tests draw the line."""
 

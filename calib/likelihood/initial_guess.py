@@ -2,7 +2,7 @@
 
 The four steps weigh a long path like a short one and take every pair of stops; strong slip, a lifted robot or a moved
 box spoils many of their pairs. Between *consecutive* stops a fault touches one leg. Camera poses are taken as they are;
-wheels and mounting come from the paper's linear equations (eqs. 17 and 31), from couples of legs first, then from all
+wheels and extrinsics come from the paper's linear equations (eqs. 17 and 31), from couples of legs first, then from all
 of them, weighted by distance and by how well they fit.
 """
 
@@ -99,13 +99,13 @@ def camera_start(drives: Sequence[Correspondences], start: Sequence[FourSteps] |
 def first_states(problem: Problem, drives: Sequence[Correspondences], camera: CameraStart) -> list[State]:
     """Return the states to start from, the most promising first.
 
-    Few legs leave several windings of the turns open: each candidate is judged by its legs, positions included, and
-    those that come near the best are kept; the likelihood decides among them.
+    Few legs leave several phase ambiguities of the turns open: each candidate is judged by its legs, positions
+    included, and those that come near the best are kept; the likelihood decides among them.
 
     Raises
     ------
     CalibError
-        If the moves do not determine wheels and mounting: what to add.
+        If the moves do not determine wheels and extrinsics: what to add.
     """
     T_box_cam = inverse(camera.T_cam_box)
     n = T_box_cam[:, 2, :3].mean(axis=0)  # the box' vertical, in the camera
@@ -187,7 +187,7 @@ def _headings(turn: Array, problem: Problem) -> list[tuple[float, float]]:
     if len(phi) < 2 or singular[1] * MAX_CONDITION < singular[0]:
         solve_heading(turn, phi, moves=len(phi))  # says what is missing
         raise CalibError(f"{len(phi)} legs between stops, at least 2 that differ are needed; add stops")
-    if len(phi) == 2:  # any windings fit two legs exactly: the four steps' rule decides
+    if len(phi) == 2:  # any whole turns fit two legs exactly: the four steps' rule decides
         step = solve_heading(np.append(turn, turn.sum()), np.vstack([phi, phi.sum(axis=0)]), moves=2)
         return [(step.aR, step.aL)]
     i, j = _couples(len(phi), size)

@@ -65,7 +65,7 @@ def open_directions(problem: Problem, state: State, information: Array) -> tuple
     problem, state
         Names and values of the unknowns.
     information : (n, n)
-        Of the shared unknowns (mounting: right perturbation), the stops eliminated.
+        Of the shared unknowns (extrinsics: right perturbation), the stops eliminated.
     """
     units = natural_units(problem, state)
     # About the body's axes, so that names mean what a user measures.

@@ -95,7 +95,7 @@ def scale_sigma(fit: Fit) -> float:
 
 
 def reported_cov(cov: Array, state: State, unknown: Mask) -> Array:
-    """Return the covariance with the mounting's translation along the body's axes; the unknown is infinite."""
+    """Return the covariance with the extrinsics' translation along the body's axes; the unknown is infinite."""
     M = np.eye(len(cov))
     t = TRANSLATION
     M[t, t] = state.T_body_cam[:3, :3]

@@ -47,7 +47,7 @@ class _Path:
     until_ns : (P,)
         When each stop ends.
     T_cam_body : (4, 4)
-        The camera's mounting.
+        The camera's extrinsics.
     T_floor_box : (2, P - 1, 4, 4)
         Where the box stands on the floor of the path, by what the stop before and the stop behind each leg saw.
     """

@@ -40,7 +40,7 @@ def closed_form(
     robot
         Name.
     drives, steps
-        The drive, and what the steps found in it; of several only the first decides camera, wheels and mounting.
+        The drive, and what the steps found in it; of several only the first decides camera, wheels and extrinsics.
     provenance
         How the result came about.
     findings

@@ -127,7 +127,7 @@ class Calibration:
     camera
         The camera model.
     wheels
-        Radii and wheelbase.
+        Radii and wheel separation.
     T_body_cam : (4, 4), m
         Camera extrinsics: maps camera points (x right, y down, z forward) to body (x forward, y left, z up, origin on
         the floor below the axle's middle).

@@ -1,4 +1,4 @@
-"""The robots that are driven: their true wheels, cameras and mountings."""
+"""The robots that are driven: their true wheels, cameras and extrinsics."""
 
 from dataclasses import dataclass, replace
 from math import atan2, radians
@@ -62,7 +62,7 @@ def mount(
 def paper(name: str = "paper") -> Robot:
     """Return the robot of the simulation in Antonelli et al. 2010, section 4 (DOI 10.1007/s11370-010-0067-2).
 
-    Wheels and mounting are the paper's: ``R = Rz(0) Ry(1.396) Rz(0)`` looks ahead and 10 deg up from floor level, the
+    Wheels and extrinsics are the paper's: ``R = Rz(0) Ry(1.396) Rz(0)`` looks ahead and 10 deg up from floor level, the
     image's u axis pointing down and its v axis to the left. The paper gives no intrinsics; these are ours.
     """
     return Robot(

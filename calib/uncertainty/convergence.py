@@ -66,7 +66,7 @@ def _counts(stops: int) -> Sequence[int]:
 
 
 def _point(count: int, values: tuple[Array, Array, Array], sigma: Array, final: Estimate) -> ConvergencePoint:
-    """Return the point of a camera's first five values, wheels and mounting (4, 4)."""
+    """Return the point of a camera's first five values, wheels and extrinsics (4, 4)."""
     camera, wheels, T_body_cam = values
     turn = log_so3(final.T_body_cam[:3, :3].T @ T_body_cam[:3, :3])
     ordered = np.concatenate([camera, wheels, turn, T_body_cam[:3, 3]])

@@ -12,7 +12,7 @@ class ConvergencePoint:
     stops
         How many were used.
     values, sigma : (14,)
-        In the order of ``ORDER``; for rx, ry, rz the difference from the final mounting.
+        In the order of ``ORDER``; for rx, ry, rz the difference from the final extrinsics.
     """
 
     stops: int

@@ -33,7 +33,7 @@ class Truth:
     rR, rL, b : m
         Wheels.
     T_body_cam : (4, 4), m
-        Mounting.
+        Camera extrinsics.
     stop_poses
         For each drive (P, 3), x, y (m) and heading (rad) at its stops, on a floor that is not tilted.
     slip : m/sqrt(m)

@@ -71,7 +71,7 @@ def part_with_noise_known(
 ) -> tuple[State, Array]:
     """Return where some stops lead when noise levels are those of all stops, and the covariance (n, n) there.
 
-    The covariance is that of the shared unknowns, the mounting's translation along the body's axes; what these stops
+    The covariance is that of the shared unknowns, the extrinsics' translation along the body's axes; what these stops
     do not determine is infinite.
 
     Parameters

@@ -17,17 +17,17 @@ def projection_sigma(camera: CameraModel, cov: Array, T_body_cam: Array, *, uv_p
     """Return standard deviations, (N,) px, root of the sum over u and v; NaN where no ray is seen.
 
     A point that is known in the body's frame lies on a pixel's ray at a distance from the camera. How far its image
-    moves with camera and mounting is propagated from their covariance.
+    moves with camera and extrinsics is propagated from their covariance.
 
     Parameters
     ----------
     camera
         Camera model, with n ``values``.
     cov : (n + 6, n + 6)
-        Of these, then of the mounting: right perturbation of the rotation (rad), translation along the
+        Of these, then of the camera extrinsics: right perturbation of the rotation (rad), translation along the
         body's axes (m); finite.
     T_body_cam : (4, 4), m
-        Mounting.
+        Camera extrinsics.
     uv_px : (N, 2), px
         Where.
     distance : m

@@ -69,7 +69,7 @@ class GroundUncertainty:
     turn
         After one full turn on the spot.
     projection
-        Over the image, for points fixed to the robot: camera and mounting together.
+        Over the image, for points fixed to the robot: camera and extrinsics together.
     """
 
     straight: MoveUncertainty
@@ -149,7 +149,7 @@ def _projection(estimate: Estimate, image_size: tuple[int, int], distance_m: flo
 
 
 def camera_covariance(estimate: Estimate) -> tuple[tuple[str, ...], Array]:
-    """Return the names of the camera model's coefficients and of the mounting, and their covariance."""
+    """Return the names of the camera model's coefficients and of the camera extrinsics, and their covariance."""
     names = (*ORDER[CAMERA], *estimate.camera.further, *ORDER[MOUNTING])
     columns = [estimate.names.index(name) for name in names]
     return names, estimate.cov_all[np.ix_(columns, columns)]

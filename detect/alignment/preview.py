@@ -20,7 +20,7 @@ from boxcal.target.box import Target
 MIN_SCORE = 0.85
 """Nothing else vouches for a previewed tag."""
 UNKNOWN_SIGMA_PX, LEAST_SIGMA_PX = 0.25, 0.005
-"""Deviation per axis of corners with too few residuals, and the least."""
+"""Deviation per axis of corners that are too few to estimate it from, and the least."""
 ODD = 3.0
 """Tags that lie beside their face's homography by this many times more than most, as in a highlight, are judged
 apart."""

@@ -1,7 +1,7 @@
 """Frames taken between stops: a few chosen by their information for their cost, and the tags measured in each.
 
 A frame's information about wheels and camera extrinsics is how far the robot turned on a short path since the nearest
-stop, and of the clocks how fast the wheels turn there. What it costs is a search that may be in vain, since the camera
+stop, and of the clocks how fast the wheels turn there. What it costs is a search that may fail, since the camera
 may have turned away. Where the stops determine wheels and camera, views are predicted (``predicted_views``); else how
 often a turn keeps the box in view is learned from the frames looked at so far.
 """

@@ -27,7 +27,7 @@ _APART, _MOST_PLACES = 0.06, 40
 half a module), if this many in either direction cover the uncertainty."""
 _TRUSTED = 2
 """Number of frames that determined the offset from which on tags that are not where they are expected are not searched
-for, once that was in vain: a clock that jumps puts them elsewhere, blur hides them."""
+for, once that failed: a clock that jumps puts them elsewhere, blur hides them."""
 _MOST_TAGS = 24
 """Tags that are measured in a frame: they determine its pose far better than wheels determine the path to it."""
 _A_FACE, _ENOUGH_TAGS = 10, 3

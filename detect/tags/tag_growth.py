@@ -1,4 +1,4 @@
-"""Outward displacement of the tags' edges, which a wrong response curve or dot gain moves all alike.
+"""Outward displacement of the tags' edges, which a wrong response curve or dot gain moves equally.
 
 Under a wrong response curve all tags look too small or too large by the same few tenths of a pixel while their pitch
 stays, so the right curve is the one under which the tags of a face keep the size that their pitch says.

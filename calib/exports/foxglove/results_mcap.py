@@ -59,7 +59,7 @@ def results_mcap(scene: Scene, images: Images) -> bytes:
 
 
 def _still(scene: Scene) -> Iterator[Item]:
-    """Yield what does not change: the camera, its mounting, the box, the whole path."""
+    """Yield what does not change: the camera, its extrinsics, the box, the whole path."""
     c, box = scene.calibration, scene.target.box
     t = scene.stops[0].view.t_start_ns if scene.stops else 0
     k, lens = c.camera, ros_distortion(c)

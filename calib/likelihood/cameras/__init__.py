@@ -1,1 +1,1 @@
-"""Several cameras of one robot: lens, mounting and noise of each; wheels, stops, floor and box of all."""
+"""Several cameras of one robot: lens, extrinsics and noise of each; wheels, stops, floor and box of all."""

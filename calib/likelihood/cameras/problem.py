@@ -137,7 +137,7 @@ def own_name(name: str, number: int) -> str:
 
 
 def own_names(problem: Problem) -> tuple[str, ...]:
-    """Return the names of a camera's own unknowns: lens, mounting, and growth where that is unknown."""
+    """Return the names of a camera's own unknowns: lens, extrinsics, and growth where that is unknown."""
     growth = problem.names[problem.growth]
     return (*ORDER[CAMERA], *ORDER[MOUNTING], *further_names(problem.lens), *growth)
 
