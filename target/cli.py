@@ -25,7 +25,7 @@ _LENGTHS = {
     "depth": "along y",
     "height": "along z",
     "tag_size": "outer edge of a tag's black border",
-    "pitch": "from one tag's centre to the next, both ways",
+    "pitch": "from one tag's centre to the next, along both axes",
 }
 _COUNTS = {
     "columns": "tags across a face",
@@ -80,7 +80,7 @@ def _parser() -> argparse.ArgumentParser:
         "--preset",
         choices=PRESETS,
         default="default",
-        help=f"figures and papers to start from, which other options change ({presets})",
+        help=f"dimensions and papers to start from, which other options change ({presets})",
     )
     for name, meaning in _LENGTHS.items():
         parser.add_argument(
@@ -264,7 +264,7 @@ def _refuse_other_target(folder: Path, target: "Target") -> bool:
         ) from error
     if found.box != target.box:
         raise TargetError(
-            f"its {TARGET_NAME} describes a box with other figures, and printed sheets may depend on it",
+            f"its {TARGET_NAME} describes a box with other dimensions, and printed sheets may depend on it",
             source=folder,
             remedy="name another FOLDER, or remove that one's files first",
         )

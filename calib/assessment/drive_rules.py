@@ -84,7 +84,7 @@ def direction_unchecked(c: Calibration) -> list[Reason]:
         return []
     text = (
         "The camera looks to the rear. Where it looks ahead on the robot, the wheel joints are exchanged and both "
-        "count backwards, which no drive tells: give --left-joint, --right-joint, --reverse-left and --reverse-right."
+        "count backwards, which no drive shows: give --left-joint, --right-joint, --reverse-left and --reverse-right."
     )
     return [Reason(rule="direction", level=Level.GOOD, text=text, kind=Kind.UNCHECKED)]
 

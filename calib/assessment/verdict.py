@@ -102,7 +102,7 @@ def verdict(
 
 def _uncertainty(c: Calibration) -> Reason:
     text = (
-        "This is the closed form alone: nothing says how sure its figures are, "
+        "This is the closed form alone: nothing says how certain its values are, "
         f"and corners differ by {c.quality.reprojection_rms_px:.2f} px from where it expects them."
     )
     return Reason(
@@ -115,7 +115,7 @@ def _ruler(detail: Detail | None) -> list[Reason]:
     if detail is None or detail.scale_sigma is None or detail.scale_sigma < _RULER:
         return []
     text = (
-        f"All lengths are as sure as the print's own size: {detail.scale_sigma:.2%}, on top of their sigmas; "
+        f"All lengths are as certain as the print's own size: {detail.scale_sigma:.2%}, on top of their sigmas; "
         "measure-target makes it less."
     )
     return [Reason(rule="ruler", level=Level.GOOD, text=text, kind=Kind.NOTE)]

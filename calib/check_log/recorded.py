@@ -68,7 +68,7 @@ def wheels_findings(wheels: WheelSamples, topics: Sequence[str], quantity: str) 
             look(
                 "wheels",
                 f"{len(holes)} gap{'s' if len(holes) > 1 else ''} without readings, up to {longest:.1f} s long (at "
-                f"{when}); legs with one tell nothing of the wheels.",
+                f"{when}); legs with one carry no information about the wheels.",
             )
         )
     lost = int(np.count_nonzero(~wheels.covered)) - len(holes)

@@ -182,7 +182,7 @@ def _travel(drive: Correspondences) -> list[LogFinding]:
     uncovered = np.flatnonzero(~drive.legs_covered)
     if len(uncovered):
         legs_said = ", ".join(f"{k + 1} to {k + 2}" for k in uncovered[:6])
-        found.append(look("wheels", f"From stop {legs_said} the wheels do not tell the whole way."))
+        found.append(look("wheels", f"From stop {legs_said} the wheels do not cover the whole path."))
     still = np.flatnonzero(turns.max(axis=1) == 0)
     if len(still):
         found.append(look("wheels", f"Between {listed_stops(still)} and the next no wheel turned."))

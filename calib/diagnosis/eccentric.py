@@ -76,7 +76,7 @@ class Eccentric(OfWheels):
         return Finding(
             cause=self.cause,
             text=" and ".join(words),
-            advice="Check the wheels' tyres and seats if you need better odometry over short ways.",
+            advice="Check the wheels' tyres and seats if you need better odometry over short distances.",
             adopted=True,
             size=size,
             sigma=sigma,

@@ -92,7 +92,7 @@ class Scrub(OfWheels):
         if abs(drift) > 2 * s_drift:
             to = "left" if drift > 0 else "right"
             words.append(f"the robot slides {1e3 * abs(drift):.2f} +- {1e3 * s_drift:.2f} mm to the {to} a radian")
-        text = "; ".join(words) or "turns lose unlike shares"
+        text = "; ".join(words) or "turns lose unequal fractions"
         size, sigma = max((side, s_side), (spot, s_spot), key=lambda loss: abs(loss[0]) / loss[1])
         return Finding(
             cause="scrub",

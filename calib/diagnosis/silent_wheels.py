@@ -27,7 +27,7 @@ def refuse_silent_wheels(legs: Legs) -> None:
     measured, count = int(np.sum(legs.known)), len(legs.known)
     if measured < LEAST_LEGS:
         raise CalibError(
-            f"the wheels' travel is known on {measured} of {count} ways between stops",
+            f"the wheels' travel is known on {measured} of {count} paths between stops",
             needed=f"at least {LEAST_LEGS} are needed, better all",
             remedy="look for gaps in the wheels' readings and restarts of their driver, and drive again",
         )

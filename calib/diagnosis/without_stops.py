@@ -28,7 +28,7 @@ _WORST = 0.15
 """Fraction of the turns that does not count: those of a frame that is mistaken."""
 _STAND = (
     "Let the robot stand still for two seconds in three places or more where it sees the box: stops need no clock, and "
-    "tell what frames on the move leave open"
+    "determine what frames on the move leave open"
 )
 _REMEDY = _STAND[:1].lower() + _STAND[1:]
 
@@ -71,7 +71,7 @@ def _finding(drive: Correspondences, mistaken: int) -> Finding:
         cause="no-stops",
         text=f"{TOO_FEW_PLACES}: {len(drive.stops)} frames taken on the move stand for stops"
         + (f" ({mistaken} more, seen to turn as the wheels do not, left out)" if mistaken else "")
-        + ", and what clocks and shutter do to them is told by themselves alone",
+        + ", and what clocks and shutter do to them is estimated from themselves alone",
         advice=f"{_STAND}.",
     )
 

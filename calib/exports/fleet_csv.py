@@ -20,7 +20,7 @@ _JUDGED = {
     "why": "causes of a verdict that is not good",
     "do": "what to do about them",
     "noted": "what was solved for and taken into account, and what could not be checked",
-    "stale": "why the figures are none of today; empty if they are",
+    "stale": "why the values are out of date; empty if they are not",
     "error": "why the last log gave no calibration; empty if it did",
 }
 _VALUES = {

@@ -16,7 +16,7 @@ def said_of_copies(calibrations: Sequence[Calibration]) -> list[str]:
             robots.setdefault(logs, []).append(c.robot)
     return [
         f"{listed(names)} were calibrated from one recording (the same bytes under several names), so all but one "
-        "of them have another robot's figures; give each robot its own log and calibrate again"
+        "of them have another robot's values; give each robot its own log and calibrate again"
         for names in robots.values()
         if len(names) > 1
     ]

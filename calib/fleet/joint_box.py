@@ -170,7 +170,7 @@ def _said(joint: JointBox, name: str) -> list[str]:
     lines = [
         f"joint box: {joint.robots} of {len(joint.members)} robots agree on one box; its shape is known to "
         f"{1e3 * after.shape:.3f} mm (a robot alone: {1e3 * before.shape:.3f} mm)",
-        f"  its size as a whole, {after.scale:.2%}, stays common to all lengths of all robots: no image tells it; "
+        f"  its size as a whole, {after.scale:.2%}, stays common to all lengths of all robots: no image shows it; "
         "measure-target does",
         f"  {name} holds the refined box with its covariance: give it to --target for other robots",
     ]

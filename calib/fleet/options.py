@@ -79,7 +79,7 @@ def topic_options(parser: argparse.ArgumentParser, *, several: bool = False) -> 
 
     With ``several`` the camera's topic may be given several times.
     """
-    names = parser.add_argument_group("topics, joints and frames, where the log does not tell")
+    names = parser.add_argument_group("topics, joints and frames, where the log does not say")
     if several:
         names.add_argument(
             "--camera-topic", action="append", metavar="TOPIC", help="images; given several times: of several cameras"

@@ -178,12 +178,12 @@ def _design(target: Target) -> dict[str, Any]:
 
 def _said(design: object) -> str:
     if not isinstance(design, Mapping):
-        return "its design is not told"
+        return "its design is not given"
     try:
         size = " x ".join(f"{float(design[side]) * 1e3:g}" for side in ("width", "depth", "height"))
         return f"{size} mm, {design['columns']} x {design['rows']} tags from id {design['first_id']}"
     except (KeyError, TypeError, ValueError):
-        return "its design is not told"
+        return "its design is not given"
 
 
 def _parts(error: BoxcalError) -> dict[str, str]:

@@ -209,7 +209,8 @@ def _check_signs(aR: float, aL: float, moves: int) -> None:
     found = f"aR = {aR:.4g} and aL = {aL:.4g} (aR > 0 > aL is needed)"
     if moves < _TELLING:
         raise CalibError(
-            f"{moves + 1} stops do not tell how the wheels roll, any number of whole turns between them fits: {found}",
+            f"{moves + 1} stops do not determine how the wheels roll, any number of whole turns between them fits: "
+            f"{found}",
             remedy="add stops, with less turning between them",
         )
     if aR < 0 < aL:

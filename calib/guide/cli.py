@@ -62,7 +62,7 @@ def _parser() -> argparse.ArgumentParser:
     page.add_argument("--host", default="127.0.0.1", help="address to listen at (127.0.0.1: this machine only)")
     page.add_argument("--port", type=_port, default=_PORT, help=f"port of the page ({_PORT}; 0 takes a free one)")
     page.add_argument("--open", action="store_true", help="open the page in a browser")
-    names = parser.add_argument_group("topics and joints, where their names do not tell")
+    names = parser.add_argument_group("topics and joints, where their names do not say")
     names.add_argument("--camera-topic", metavar="TOPIC", help="images")
     names.add_argument("--joint-topic", metavar="TOPIC", help="joint states, ticks or odometry")
     names.add_argument("--left-joint", metavar="NAME", help="left wheel: a joint, or /topic.field")

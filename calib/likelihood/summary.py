@@ -178,7 +178,7 @@ def _notes(fit: Fit, legs: tuple[FlaggedLeg, ...], cov: Array, left_out: Jackkni
     for i in problem.leg_stop[~problem.leg_known].tolist():
         a, b = int(problem.stop[i]) + 1, int(problem.stop[i + 1]) + 1
         of = f" of drive {int(problem.drive[i]) + 1}" if problem.drives > 1 else ""
-        notes.append(f"between stop {a} and stop {b}{of} the wheels tell nothing of the way: that leg was not used")
+        notes.append(f"between stop {a} and stop {b}{of} the wheels do not cover the path: that leg was not used")
     out = int(np.sum(fit.weights.corners == 0))
     if out:
         notes.append(f"{out} of {len(problem.uv_px)} corners lie further off than noise explains and were left out")

@@ -132,7 +132,7 @@ def _check_told(found: Estimate, look: FirstLook) -> None:
     if known.sum() < min(LEGS_FOR_SLIP, len(known)) and not sigma < _UNDETERMINED:
         raise _said_with_start(
             CalibError(
-                f"{stops} stops, and the wheels' travel between them is known {known.sum()} times: that tells the "
+                f"{stops} stops, and the wheels' travel between them is known {known.sum()} times: that determines the "
                 f"wheels to {min(sigma, 1e3):.0%} only",
                 remedy="add stops",
             ),
@@ -140,7 +140,7 @@ def _check_told(found: Estimate, look: FirstLook) -> None:
         )
     if why and not sigma < _UNDETERMINED:
         raise CalibError(
-            f"{why}; the likelihood, started from consecutive stops instead, tells the wheels to "
+            f"{why}; the likelihood, started from consecutive stops instead, determines the wheels to "
             f"{min(sigma, 1e3):.0%} only",
             remedy="check that wheels and pictures are of the same drive, that the box stood still, and drive again",
         )

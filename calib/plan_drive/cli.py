@@ -98,7 +98,7 @@ def _next(args: argparse.Namespace) -> int:
     )
     if not stops:
         raise CalibError(
-            "no free way from the last stop to a place that sees the box",
+            "no free path from the last stop to a place that sees the box",
             source=calibration.robot,
             remedy="give a larger --floor, or begin a new drive",
         )

@@ -63,7 +63,7 @@ def _robot(made: CommandParser) -> None:
     robot.add_argument(
         "--sure",
         action="store_true",
-        help="take these figures as right; else the drive also does where focal length, direction and place of the "
+        help="take these dimensions as right; else the drive also does where focal length, direction and place of the "
         "camera are off by 8 %%, 3 deg and 15 mm",
     )
 
@@ -79,7 +79,7 @@ def _goals(made: CommandParser) -> None:
         "--criterion",
         choices=("worst", "A", "D"),
         default="worst",
-        help="what of the figures over their goals is to be small: the worst, their mean square, their product (worst)",
+        help="what of the quantities over their goals is small: the worst, their mean square, their product (worst)",
     )
 
 

@@ -49,6 +49,6 @@ def next_text(stops: Sequence[NextStop]) -> str:
         lines.append(f"     reads {stop.tags} tags of faces {', '.join(map(str, stop.faces))}")
     lines += [
         "",
-        "each figure is found in its range in nine drives of ten; the fewer legs so far, the less is the slip known",
+        "each quantity is found in its range in nine drives of ten; the fewer legs so far, the less is the slip known",
     ]
     return "\n".join(lines)

@@ -149,7 +149,7 @@ def noise_rows(detail: Detail | None) -> list[tuple[str, str, str]]:
         (
             "Slip of each wheel",
             f"{n.slip * 1e3:.2f} ± {n.slip_sigma * 1e3:.2f} mm",
-            "over 1 m; it grows with the square root of the way",
+            "over 1 m; it grows with the square root of the distance",
         ),
     ]
     if n.encoder_step > 0:

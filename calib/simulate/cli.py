@@ -156,7 +156,13 @@ def _parser() -> argparse.ArgumentParser:
     add("--jobs", whole_number(1, 256), min(os.cpu_count() or 1, 8), "robots simulated side by side")
     add("--encoder-step-deg", number(0, 30), 0.1302, "encoders round down to a multiple of it; 0 is exact", "DEG")
     add("--joint-rate-hz", number(1, 1000), 50.0, "wheel samples a second", "HZ")
-    add("--slip", number(0, 50), 0.2, "error of each wheel after it rolled 1 m; grows with the root of the way", "MM")
+    add(
+        "--slip",
+        number(0, 50),
+        0.2,
+        "error of each wheel after 1 m; grows with the root of the distance",
+        "MM",
+    )
     add("--frames", whole_number(1, 1000), 3, "pictures at each stop")
     add("--moving-frames", whole_number(0, 1000), 2, "pictures between two stops, blurred by the motion")
     add("--image-size", image_size, (640, 480), "of the pictures, px", "WxH")

@@ -249,7 +249,7 @@ def _refuse_rare(name: str, wheels: WheelSamples, signal: Signal) -> None:
         raise DetectError(
             f"the wheel readings in {printable(signal.topic)} come at {1 / usual:.2g} Hz",
             source=name,
-            needed=f"{SLOWEST_HZ:g} Hz at least, better 20 Hz, are needed to follow the way between stops",
+            needed=f"{SLOWEST_HZ:g} Hz at least, better 20 Hz, are needed to follow the path between stops",
             remedy="raise the rate of the driver or of the recorder",
         )
 

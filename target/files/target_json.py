@@ -147,7 +147,7 @@ def _box(name: str, figures: object) -> Box:
         raise TargetError(f"{error}", source=name) from error
     except OverflowError as error:
         raise TargetError(
-            "a figure of 'box' is too large", source=name, remedy="make it again with make-target"
+            "a dimension of 'box' is too large", source=name, remedy="make it again with make-target"
         ) from error
 
 
@@ -180,7 +180,7 @@ def _measured(name: str, figures: object) -> Measured | None:
         raise TargetError(f"{error}", source=name) from error
     except (ValueError, TypeError, OverflowError) as error:
         raise TargetError(
-            "measured figures and cov must be numbers", source=name, remedy="make it again with measure-target"
+            "measured dimensions and cov must be numbers", source=name, remedy="make it again with measure-target"
         ) from error
 
 
@@ -222,7 +222,7 @@ def _check_tags(name: str, tags: object, target: Target) -> None:
     if not isinstance(tags, dict) or set(tags) != wanted:
         found = len(tags) if isinstance(tags, dict) else 0
         raise TargetError(
-            f"{found} tags, its figures need ids {target.tag_ids[0]} to {target.tag_ids[-1]}",
+            f"{found} tags, its dimensions need ids {target.tag_ids[0]} to {target.tag_ids[-1]}",
             source=name,
             remedy="make it again",
         )
@@ -239,7 +239,7 @@ def _check_tags(name: str, tags: object, target: Target) -> None:
         worst = int(np.argmax(np.nan_to_num(off, nan=np.inf)))
         raise TargetError(
             f"corners of tag {target.tag_ids[worst]} lie {off[worst] * 1e3:.3g} mm from where the file's own "
-            "figures put them",
+            "dimensions put them",
             source=name,
             remedy="do not edit corners by hand, make it again with make-target",
         )

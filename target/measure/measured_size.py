@@ -49,7 +49,7 @@ class Measured:
         for name in SIZES:
             value = getattr(self, name)
             if not (isfinite(value) and 0 < value < 100):
-                raise TargetError(f"measured {name} is {value}: a positive figure is needed", remedy="measure again")
+                raise TargetError(f"measured {name} is {value}: a positive number is needed", remedy="measure again")
         cov = self.cov
         if cov.shape != (len(SIZES),) * 2 or not np.all(np.isfinite(cov)):
             raise TargetError(f"measured covariance: {len(SIZES)} rows of {len(SIZES)} numbers are needed")

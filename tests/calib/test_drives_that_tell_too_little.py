@@ -50,8 +50,8 @@ def sound() -> Correspondences:
         (lambda d: turned(d, 0, 0), "the wheels' readings never change"),
         (lambda d: turned(d, 1, 0), "the left wheel's readings never change"),
         (lambda d: turned(d, 0, 1), "the right wheel's readings never change"),
-        (lambda d: known_legs(d, 0), "the wheels' travel is known on 0 of 11 ways"),
-        (lambda d: known_legs(d, 1), "the wheels' travel is known on 1 of 11 ways"),
+        (lambda d: known_legs(d, 0), "the wheels' travel is known on 0 of 11 paths"),
+        (lambda d: known_legs(d, 1), "the wheels' travel is known on 1 of 11 paths"),
     ],
 )
 def test_wheels_that_tell_nothing_are_named(

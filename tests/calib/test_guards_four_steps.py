@@ -141,7 +141,7 @@ def test_what_step_4_says_of_its_fit_is_what_its_solution_leaves(exact: Any) -> 
 
 def test_three_stops_name_no_swapped_wheels_since_any_number_of_whole_turns_fits_them() -> None:
     phi = np.array([[33.456, 13.177], [-1.198, 18.665]])
-    with pytest.raises(CalibError, match="3 stops do not tell how the wheels roll"):
+    with pytest.raises(CalibError, match="3 stops do not determine how the wheels roll"):
         solve_heading(wrap(phi @ (0.173, -0.178)), phi, 2)
 
 

@@ -12,7 +12,7 @@ from boxcal.target.errors import BoxcalError
 SETTINGS = Settings(report=False)
 _USED: dict[str, tuple[str, int, str]] = {
     "good": ("good", 9, ""),
-    "leg-without-joints": ("good", 9, "the wheels tell nothing of the way"),
+    "leg-without-joints": ("good", 9, "the wheels do not cover the path"),
     "one-empty-image": ("good", 8, "1 image of 9 left out"),
     "broken-arm-topic": ("good", 9, "not used, and not all of their messages decode: /arm"),
     "truncated-85-percent": ("usable", 7, "the recording is damaged: truncated"),

@@ -41,7 +41,7 @@ def test_a_note_that_several_robots_share_is_printed_once(judged: Named) -> None
     assert good.verdict is not None
     of_verdict = [note.text for note in good.verdict.notes]
     assert shared_notes([*_robots(good, 3), own]) == {robots: [*of_verdict, "the wheels squeak"]}
-    shared = "All lengths are as sure as the print's own size"
+    shared = "All lengths are as certain as the print's own size"
     assert any(note.startswith(shared) for note in of_verdict)
     assert text.count(shared) == 1, "what all verdicts note alike, too"
     assert text.count("the wheels squeak") == 1

@@ -99,7 +99,7 @@ def test_another_box_never_replaces_one_that_may_be_printed_already(
     assert cli.main([str(tmp_path), "--paper", "a4"]) == 0
     before = (tmp_path / "target.json").read_bytes()
     capsys.readouterr()
-    assert "describes a box with other figures" in refused([str(tmp_path), "--first-id", "140"], capsys)
+    assert "describes a box with other dimensions" in refused([str(tmp_path), "--first-id", "140"], capsys)
     assert written(tmp_path) == ["box-a4.pdf", "guide-a4.pdf", "target.json"]
     assert (tmp_path / "target.json").read_bytes() == before
 

@@ -105,7 +105,7 @@ def set_measured(key: str, value: object) -> Callable[[dict[str, Any]], None]:
     [
         (lambda d: d.update(measured=3), "'measured' must hold sx, sy, width"),
         (lambda d: d["measured"].pop("cov"), "'measured' must hold sx, sy, width"),
-        (lambda d: d.pop("measured"), r"corners of tag \d+ lie 1 mm from where the file's own figures put them"),
+        (lambda d: d.pop("measured"), r"corners of tag \d+ lie 1 mm from where the file's own dimensions put them"),
         (set_measured("cov_order", ["sy", "sx", "width", "depth", "height"]), "cov_order must be sx, sy"),
         (set_measured("sx", "1"), "measured.sx is '1', a float is needed"),
         (set_measured("sx", True), "measured.sx is True"),
@@ -138,7 +138,7 @@ def test_a_figure_beyond_all_floats_is_refused(tmp_path: Path) -> None:
     document = json.loads(target_bytes(make_target()))
     document["box"]["width"] = 10**400
     (tmp_path / "target.json").write_text(json.dumps(document))
-    with pytest.raises(TargetError, match=r"a figure of 'box' is too large"):
+    with pytest.raises(TargetError, match=r"a dimension of 'box' is too large"):
         load_target(tmp_path / "target.json")
 
 

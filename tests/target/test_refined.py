@@ -103,7 +103,7 @@ def test_a_box_that_is_measured_loses_the_shape_that_was_found_of_it_before(
         ({"drives": [1]}, "refined.drives must be a list of texts"),
         ({"order": ["scale_x"]}, "refined.order is not that of this version"),
         ({"more": 1}, "'refined' must hold order, values, robots, drives, cov"),
-        ({"values": [1e-3] * 31}, "mm from where the file's own figures put them"),
+        ({"values": [1e-3] * 31}, "mm from where the file's own dimensions put them"),
     ],
 )
 def test_a_spoilt_refined_target_is_refused(change: dict[str, object], said: str, tmp_path: Path) -> None:

@@ -85,7 +85,7 @@ def _checked(
     among = leave_out(fit, settled)
     cov = among.enlarged(cov)
     if moving is Moving.AUTO and _less_sure(fit, settled, among, cov):
-        return f"they disagree among themselves ({among.said}), which leaves them less sure than the stops"
+        return f"they disagree among themselves ({among.said}), which leaves them less certain than the stops"
     compared = agreement((fit.state, fit.cov), (settled.joint.state, cov))
     if not compared.holds:
         return (
@@ -99,7 +99,7 @@ def of_another_kind(settled: Settled, cov: Array, moving: Moving) -> str:
     """Return which shutter the frames have that the model does not; empty if none."""
     rolls = rolling(settled, cov)
     if rolls and moving is Moving.AUTO:
-        return f"{rolls}, too long for the robot's course to be told over it (--moving on uses them all the same)"
+        return f"{rolls}, too long for the robot's course to be known over it (--moving on uses them all the same)"
     return ""
 
 

@@ -63,7 +63,7 @@ def from_frames_alone(found: Estimate, fit: Fit, drive: Correspondences) -> Esti
     cov = joint_covariance(fit, settled)
     rolls = rolling(settled, cov)
     if rolls:
-        raise _refused(f"{rolls}, too long for the robot's course to be told over it")
+        raise _refused(f"{rolls}, too long for the robot's course to be known over it")
     among = leave_out(fit, settled)
     doubts = Doubts(without=among_all, among=among, exposure=None)
     return merged(found, fit, settled, among.enlarged(cov), doubts, drive.source.clock_offset)

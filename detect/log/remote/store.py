@@ -76,7 +76,7 @@ class Store:
             about = self.client.info(self.place)
         if about.get("type") == "directory" or about.get("size") is None:
             raise DetectError(
-                "no file, or a server that does not tell its size", source=self.name, remedy="check the URL"
+                "no file, or a server that does not say its size", source=self.name, remedy="check the URL"
             )
         tag = next((about[k] for k in _TAGS if k in about), "")
         return FileState(size=int(about["size"]), tag=str(tag).strip('"'))
