@@ -230,7 +230,7 @@ def test_help_names_each_figure_of_the_box_with_its_unit_and_default(capsys: pyt
         "--depth MM along y, in mm (default: 250)",
         "--height MM along z, in mm (default: 200)",
         "--tag-size MM outer edge of a tag's black border, in mm (default: 28)",
-        "both ways, in mm (default: 35)",
+        "along both axes, in mm (default: 35)",
         "--columns N tags across a face (default: 7)",
         "--rows N tags down a face (default: 5)",
         "(default: 0)",
