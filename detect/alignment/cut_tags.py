@@ -11,10 +11,13 @@ from numpy.typing import NDArray
 
 from boxcal.detect.alignment.box_pose import BoxFit
 from boxcal.detect.alignment.box_refinement import FITTED
+from boxcal.detect.alignment.radial_camera import LOG_ASPECT, SKEW
 from boxcal.detect.alignment.tag_curvature import followed_in_part, under_lens
 from boxcal.detect.alignment.tag_patterns import Patterns
 from boxcal.target.arrays import Array
 
+_BENDING = [k for k in FITTED if k not in {LOG_ASPECT, SKEW}]
+"""Parameters of a lens that bend edges; a homography follows the others as they are."""
 _STEP = 1e-3
 """Of a lens's parameters, in their own deviations: corners move in proportion."""
 
@@ -55,12 +58,13 @@ def carried_to_lens(lens: Array, fit: BoxFit, corners_px: Array, image_size: tup
     """
     followed = followed_in_part(corners_px, image_size)
     there = under_lens(lens, fit.lens, corners_px, followed)
-    cov = fit.sigma_px**2 * np.linalg.inv(fit.information)[1 : 1 + len(FITTED), 1 : 1 + len(FITTED)]
+    of_lens = 1 + np.array([FITTED.index(name) for name in _BENDING])
+    cov = fit.sigma_px**2 * np.linalg.inv(fit.information)[np.ix_(of_lens, of_lens)]
     added = np.zeros((*corners_px.shape, 2))
     values, vectors = np.linalg.eigh(cov)
     for value, vector in zip(values, vectors.T, strict=True):
         other = fit.lens.copy()
-        other[FITTED] += _STEP * np.sqrt(max(value, 0.0)) * vector
+        other[_BENDING] += _STEP * np.sqrt(max(value, 0.0)) * vector
         moved = (under_lens(lens, other, corners_px, followed) - there) / _STEP
         added += moved[..., :, None] * moved[..., None, :]
     return there, added

@@ -114,12 +114,9 @@ def followed_in_part(corners_px: Array, image_size: tuple[int, int]) -> Array:
     uv = _on_tag(from_square(1.0, corners_px), places)
     inside = np.all((uv > -0.5) & (uv < np.array(image_size) - 0.5), axis=2)
     fields = np.einsum("ei,eik->ek", across, small_homographies(places))
-    out = np.empty((len(corners_px), 8, 18))
-    for k, there in enumerate(inside):
-        w = weight * there
-        solved = np.linalg.pinv(fields.T @ (w[:, None] * fields), rcond=1e-9, hermitian=True) @ (fields.T * w)
-        out[k] = _at_corners(solved, places, across)
-    return out
+    weighted = (weight * inside)[:, None, :] * fields.T
+    solved = np.linalg.pinv(weighted @ fields, rcond=1e-9, hermitian=True) @ weighted
+    return _at_corners(solved, places, across)
 
 
 @cache
@@ -142,7 +139,7 @@ def _edges() -> tuple[Array, Array, Array]:
 
 
 def _at_corners(solved: Array, places: Array, across: Array) -> Array:
-    """Return the matrix (8, 18) that has small homographies (8, E) of displaced edges follow a field at nine places."""
+    """Return the matrices (..., 8, 18) from a field at nine places to corners, by homographies (..., 8, E) of edges."""
     shape = _quadratic(places[:, 1])[:, :, None] * _quadratic(places[:, 0])[:, None, :]
     seen = (shape.reshape(-1, 9)[:, :, None] * across[:, None, :]).reshape(-1, 18)
     return np.asarray(small_homographies(_PLACES[_CORNERS]).reshape(8, 8) @ solved @ seen)
