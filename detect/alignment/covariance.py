@@ -10,13 +10,10 @@ whole image, since one tag has too few squares to tell.
 It asks nothing of the camera: under JPEG it comes out below one, on path-traced pictures of another renderer at three.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
 from boxcal.detect.alignment.registration.align import align
-from boxcal.detect.alignment.registration.block_motion import BLOCKS
 from boxcal.detect.alignment.registration.tag_alignments import TagAlignments
 from boxcal.detect.alignment.registration.tag_batch import Frame
 from boxcal.detect.alignment.tag_patterns import Patterns
@@ -25,11 +22,6 @@ from boxcal.target.arrays import Array
 MOST_TAGS, ENOUGH = 5, 4
 """Tags of which sums are asked for as they are aligned, and how many of those must turn out to be tags; else others are
 aligned by one step more for theirs."""
-DEFORMED = 4.0
-"""Blocks that move so much more than noise makes them tell a deformation; without blur some three times."""
-CORNER_DEFORMATION = 2.2
-"""How much further than the blocks a corner, at its tag's end, is displaced: 1.8 to 2.7 on paper with long and short
-wrinkles (benchmarks/hard_pictures.py)."""
 PRIOR_TAGS = 1.0
 """So many tags' worth of squares are taken to have shown white noise."""
 RANGE = (0.25, 25.0)
@@ -43,22 +35,6 @@ LEAST_SHARE, MOST_SQUARE = 0.02, 9.0
 """Least factor of the covariances that the box may ask for; largest normalised square that counts in full."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CovarianceCorrection:
-    """Variance that the alignment's model leaves out, estimated from the residuals of some tags.
-
-    Attributes
-    ----------
-    inflation
-        By what factor the variances of the corners differ from what the residuals' size says.
-    deformation_px2 : px^2
-        Variance of a corner, per axis, that comes from tags which are not flat (wrinkled or bowed paper, ink).
-    """
-
-    inflation: float
-    deformation_px2: float
-
-
 def asked(corners_px: Array) -> NDArray[np.bool_]:
     """Return of which tags (N,) to ask for sums: some of all sizes; their corners are (N, 4, 2)."""
     n = len(corners_px)
@@ -68,10 +44,8 @@ def asked(corners_px: Array) -> NDArray[np.bool_]:
     return chosen
 
 
-def covariance_correction(
-    frame: Frame, patterns: Patterns, tags: TagAlignments, side_px: float
-) -> CovarianceCorrection:
-    """Return what the alignment's model leaves out.
+def inflation_left_out(frame: Frame, patterns: Patterns, tags: TagAlignments, side_px: float) -> float:
+    """Return by what factor the variances of the corners differ from what the residuals' size says.
 
     Parameters
     ----------
@@ -84,7 +58,7 @@ def covariance_correction(
         With which fraction of large tags' pixels that was, see there.
     """
     if len(tags) == 0:
-        return CovarianceCorrection(inflation=1.0, deformation_px2=0.0)
+        return 1.0
     sums = _sums(tags)
     if len(sums) < min(ENOUGH, len(tags)):
         some = tags.take(asked(tags.corners_px))
@@ -92,15 +66,11 @@ def covariance_correction(
         sums = _sums(
             align(frame, patterns, some.rows, some.corners_px, start=some, iterations=1, side_px=side_px, asked=every)
         )
-    if len(sums) == 0:
-        return CovarianceCorrection(inflation=1.0, deformation_px2=0.0)
-    return CovarianceCorrection(
-        inflation=variance_inflation(sums[:, 0], sums[:, 1]), deformation_px2=deformation(sums[:, 2:])
-    )
+    return variance_inflation(sums[:, 0], sums[:, 1]) if len(sums) else 1.0
 
 
 def _sums(tags: TagAlignments) -> Array:
-    """Return the sums (K, 5) of those tags that have them."""
+    """Return the sums (K, 4) of those tags that have them."""
     return np.asarray(tags.sandwich_sums[np.isfinite(tags.sandwich_sums).all(axis=1)])
 
 
@@ -111,19 +81,6 @@ def variance_inflation(observed: Array, expected: Array) -> float:
     """
     prior = PRIOR_TAGS * float(np.mean(expected)) + 1e-12
     return TOGETHER * float(np.clip((observed.sum() + prior) / (expected.sum() + prior), *RANGE))
-
-
-def deformation(motion: Array) -> float:
-    """Return the variance of a corner, px^2 per axis, of tags whose blocks lie beside where a homography has them.
-
-    Zero where noise explains that: the homography has eight of the eighteen freedoms of nine blocks. For the sums
-    (N, 3) of tags see :func:`boxcal.detect.alignment.registration.block_motion.block_motion`.
-    """
-    moved, noise, information = motion.sum(axis=0)
-    left = (2 * BLOCKS**2 - 8) / (2 * BLOCKS**2)
-    if information <= 0 or moved < DEFORMED * left * noise:
-        return 0.0
-    return float(CORNER_DEFORMATION**2 * (moved / left - noise) / information)
 
 
 def rigid_share(apart_px: Array, cov_px2: Array, unknowns: int) -> float:

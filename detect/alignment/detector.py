@@ -11,8 +11,10 @@ from boxcal.detect.alignment.box_search import (
     RIGID_TOLERANCE_PX,
     BoxDetection,
 )
-from boxcal.detect.alignment.covariance import CovarianceCorrection, asked, covariance_correction, rigid_share
+from boxcal.detect.alignment.covariance import asked, inflation_left_out, rigid_share
 from boxcal.detect.alignment.cut_tags import carried_to_lens, cut_by_border
+from boxcal.detect.alignment.deformation.deformed_tags import blocks_moved, deformation
+from boxcal.detect.alignment.deformation.kriging import Deformation
 from boxcal.detect.alignment.detection import DetectorOutput, DetectorSettings, KnownCamera, nothing
 from boxcal.detect.alignment.dot_gain import without_dot_gain
 from boxcal.detect.alignment.expected_tags import ExpectedTags, at_most, find_expected
@@ -130,33 +132,36 @@ def detect_in_grey(  # noqa: PLR0917
     frame, tags = _finely(frame, patterns, tags, taken)
     tags, uneven = _believed(frame, target, patterns, tags, fit, settings.limits)
     tags = _on_the_box(target, patterns, tags, fit)
-    left_out, rounded = _left_out(frame, patterns, tags, uneven), 0.0 if camera is None else camera.round_inflation
-    if left_out.inflation > max(MOVED, MOVED_MORE * rounded):
+    inflation, rounded = _inflation(frame, patterns, tags, uneven), 0.0 if camera is None else camera.round_inflation
+    if inflation > max(MOVED, MOVED_MORE * rounded):
         blur = estimate_blur(frame, patterns, tags)
         if blur is None:
-            rounded = left_out.inflation
+            rounded = inflation
         else:
             frame = replace(frame, blur=blur)
             tags = _aligned_again(frame, target, patterns, tags, fit)
-            left_out = _left_out(frame, patterns, tags, uneven)
+            inflation = _inflation(frame, patterns, tags, uneven)
     tags = without_dot_gain(patterns, tags, uneven)
-    if len(tags) >= FEW_TAGS:
-        told = _telling_lens(patterns, tags, size)
-        fit = fit_box(target, told.rows, told.corners_px, image_size=size, sigma_px=LEAST_SIGMA_PX, start=fit)
-    if sagitta_difference_px(frame.lens, fit.lens, tags.corners_px) > BENT_PX:
+    fit = _fitted(target, patterns, tags, size, fit)
+    moved, deformed = blocks_moved(tags, uneven), None
+    if moved or sagitta_difference_px(frame.lens, fit.lens, tags.corners_px) > BENT_PX:
         frame = replace(frame, lens=fit.lens)
-        tags = _aligned_again(frame, target, patterns, tags, fit)
+        tags = _aligned_again(frame, target, patterns, tags, fit, every=moved)
         tags = without_dot_gain(patterns, tags, uneven)
+        deformed = deformation(patterns, tags, uneven) if moved else None
+    if deformed is not None:
+        tags, inflation = replace(tags, corners_px=tags.corners_px + deformed.displacement_px), deformed.noise_factor
+        fit = _fitted(target, patterns, tags, size, fit)
     if len(uneven) and len(tags):
         displaced = displacement_px2(target, tags, fit, among(tags.rows, uneven))
         tags = replace(tags, cov_px2=tags.cov_px2 + displaced[:, None, None, None] * np.eye(2))
     located = replace(
-        _located(frame, patterns, tags, left_out),
+        _located(frame, patterns, tags, inflation, deformed),
         contradicting_faces=found.contradicting_faces,
         rejected_ids=np.sort(patterns.tag_ids[found.off_the_box(target, fit, tags.rows, size)]),
     )
-    located = _under_lens(located, patterns, frame, fit)
-    located = _with_faces(located, target, fit, uneven, flat=left_out.deformation_px2 == 0)
+    located = _under_lens(located, patterns, frame, fit, flat=deformed is None)
+    located = _with_faces(located, target, fit, uneven, flat=deformed is None)
     if len(tags) < FEW_TAGS:
         return located
     imaging = replace(taken.imaging, kurtosis=median(tags.theta[:, KURTOSIS]))
@@ -181,16 +186,22 @@ def _searched(  # noqa: PLR0917
     return found if found is None or expected is None else at_most(found, expected.most)
 
 
-def _telling_lens(patterns: Patterns, tags: TagAlignments, size: tuple[int, int]) -> TagAlignments:
-    """Return the tags that tell the lens: those that the border does not cut, where they are enough."""
+def _fitted(target: Target, patterns: Patterns, tags: TagAlignments, size: tuple[int, int], start: BoxFit) -> BoxFit:
+    """Return the box fitted to tags: those that the border does not cut, where they are enough."""
+    if len(tags) < FEW_TAGS:
+        return start
     whole = ~cut_by_border(patterns, tags.corners_px, size)
-    return tags.take(whole) if np.sum(whole) >= max(FEW_TAGS, 0.5 * len(tags)) else tags
+    some = tags.take(whole) if np.sum(whole) >= max(FEW_TAGS, 0.5 * len(tags)) else tags
+    return fit_box(target, some.rows, some.corners_px, image_size=size, sigma_px=LEAST_SIGMA_PX, start=start)
 
 
-def _under_lens(located: DetectorOutput, patterns: Patterns, frame: Frame, fit: BoxFit) -> DetectorOutput:
-    """Return tags with corners under the box's lens."""
+def _under_lens(
+    located: DetectorOutput, patterns: Patterns, frame: Frame, fit: BoxFit, *, flat: bool
+) -> DetectorOutput:
+    """Return tags with corners under the box's lens; where paper is not flat, blocks told what that changes, too."""
     size = (frame.grey.shape[1], frame.grey.shape[0])
-    corners, cov = under_lens(frame.lens, fit.lens, located.corners_px), located.cov_px2
+    corners = under_lens(frame.lens, fit.lens, located.corners_px) if flat else located.corners_px.copy()
+    cov = located.cov_px2
     cut = cut_by_border(patterns, located.corners_px, size)
     if cut.any():
         cov = cov.copy()
@@ -259,7 +270,9 @@ def detect_copies(
     tags = tags.take(verified(patterns, tags, limits.relaxed()))
     frame, tags = _finely(frame, patterns, tags, estimate_response(frame, patterns, tags, settings.response))
     tags = tags.take(verified(patterns, tags, limits))
-    return _located(frame, patterns, tags, covariance_correction(frame, patterns, tags, FINE_SIDE_PX))
+    inflation = inflation_left_out(frame, patterns, tags, FINE_SIDE_PX)
+    # the same pattern again and again: what displaces blocks alike in all may be ink or the response curve
+    return _located(frame, patterns, tags, inflation, None)
 
 
 def _finely(
@@ -288,8 +301,10 @@ def _finely(
     return under, aligned
 
 
-def _aligned_again(frame: Frame, target: Target, patterns: Patterns, tags: TagAlignments, fit: BoxFit) -> TagAlignments:
-    """Return tags aligned under a better PSF or lens, but those that diverge."""
+def _aligned_again(
+    frame: Frame, target: Target, patterns: Patterns, tags: TagAlignments, fit: BoxFit, *, every: bool = False
+) -> TagAlignments:
+    """Return tags aligned under a better PSF or lens, but those that diverge; with sums of some or every one."""
     again = align(
         frame,
         patterns,
@@ -298,7 +313,7 @@ def _aligned_again(frame: Frame, target: Target, patterns: Patterns, tags: TagAl
         start=tags,
         side_px=FINE_SIDE_PX,
         stop_px=STOP_PX,
-        asked=asked(tags.corners_px),
+        asked=np.ones(len(tags), dtype=np.bool_) if every else asked(tags.corners_px),
     )
     return _on_the_box(target, patterns, again, fit)
 
@@ -325,18 +340,24 @@ def _previewed(patterns: Patterns, seen: Preview) -> DetectorOutput:
     )
 
 
-def _left_out(frame: Frame, patterns: Patterns, tags: TagAlignments, uneven: Index) -> CovarianceCorrection:
-    """Return what the alignment's model leaves out, by the evenly lit tags where there are enough."""
+def _inflation(frame: Frame, patterns: Patterns, tags: TagAlignments, uneven: Index) -> float:
+    """Return the inflation of the variances by what the model leaves out, by evenly lit tags where there are enough."""
     even = tags.take(~among(tags.rows, uneven))
-    return covariance_correction(frame, patterns, even if len(even) >= FEW_TAGS else tags, FINE_SIDE_PX)
+    return inflation_left_out(frame, patterns, even if len(even) >= FEW_TAGS else tags, FINE_SIDE_PX)
 
 
-def _located(frame: Frame, patterns: Patterns, tags: TagAlignments, left_out: CovarianceCorrection) -> DetectorOutput:
-    tags = tags.take(np.argsort(patterns.tag_ids[tags.rows], kind="stable"))
+def _located(
+    frame: Frame, patterns: Patterns, tags: TagAlignments, inflation: float, deformed: Deformation | None
+) -> DetectorOutput:
+    cov = inflation * tags.cov_px2 + MODEL_ERROR_PX**2 * np.eye(2)
+    if deformed is not None:
+        cov += deformed.cov_px2
+    order = np.argsort(patterns.tag_ids[tags.rows], kind="stable")
+    tags = tags.take(order)
     return DetectorOutput(
         ids=patterns.tag_ids[tags.rows],
         corners_px=tags.corners_px,
-        cov_px2=left_out.inflation * tags.cov_px2 + (MODEL_ERROR_PX**2 + left_out.deformation_px2) * np.eye(2),
+        cov_px2=cov[order],
         correlation=tags.correlation,
         blur_px=tags.psf_sigma_px,
         blur_shape=shape_of(frame.blur),

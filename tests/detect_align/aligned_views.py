@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 
 from boxcal.detect.alignment.registration.align import align
@@ -14,6 +15,7 @@ from boxcal.target.camera.camera_model import CameraModel, project
 from boxcal.target.render.renderer import SensorModel, render, visible_tags
 
 SIZE = (640, 480)
+FINER = 3
 CAMERA = CameraModel(fu=700.0, fv=700.0, cu=325.0, cv=236.0, kr=-0.1)
 PLAIN = SensorModel(noise=2.0, psf_px=0.6)
 TARGET = make_target(Box())
@@ -82,3 +84,18 @@ def some_tags(azimuth_deg, response="linear", side=1, lens=LENS, *, roll_deg=5.0
         stride=stride,
         near=np.full(3, near),
     )
+
+
+def bled(spread, camera, T):
+    """Return a view in which black has grown by that share of a third of a pixel."""
+    size = (640 * FINER, 480 * FINER)
+    fine = replace(
+        camera,
+        fu=camera.fu * FINER,
+        fv=camera.fv * FINER,
+        cu=(camera.cu + 0.5) * FINER - 0.5,
+        cv=(camera.cv + 0.5) * FINER - 0.5,
+    )
+    image = render(TARGET, fine, T, size, SensorModel(psf_px=0.6 * FINER))
+    grown = (1 - spread) * image + spread * cv2.erode(image, np.ones((3, 3), np.uint8))
+    return np.rint(cv2.resize(grown, (640, 480), interpolation=cv2.INTER_AREA)).astype(np.uint8)

@@ -2,10 +2,9 @@
 
 from dataclasses import replace
 
-import cv2
 import numpy as np
 import pytest
-from aligned_views import PATTERNS, PLAIN, TARGET, pose, truth, view
+from aligned_views import CAMERA, PATTERNS, PLAIN, TARGET, bled, pose, truth, view
 
 from boxcal.detect.alignment.detector import detect_tags
 from boxcal.detect.alignment.dot_gain import LEAST, dot_gain, edges, without_dot_gain
@@ -13,30 +12,10 @@ from boxcal.detect.alignment.radial_camera import no_distortion
 from boxcal.detect.alignment.registration.align import align
 from boxcal.detect.alignment.registration.tag_batch import Frame
 from boxcal.target.camera.camera_model import project
-from boxcal.target.render.renderer import SensorModel, render
-
-FINER = 3
-
-
-def bled(spread, camera, T):
-    """Return a view in which black has grown by that share of a third of a pixel."""
-    size = (640 * FINER, 480 * FINER)
-    fine = replace(
-        camera,
-        fu=camera.fu * FINER,
-        fv=camera.fv * FINER,
-        cu=(camera.cu + 0.5) * FINER - 0.5,
-        cv=(camera.cv + 0.5) * FINER - 0.5,
-    )
-    image = render(TARGET, fine, T, size, SensorModel(psf_px=0.6 * FINER))
-    grown = (1 - spread) * image + spread * cv2.erode(image, np.ones((3, 3), np.uint8))
-    return np.rint(cv2.resize(grown, (640, 480), interpolation=cv2.INTER_AREA)).astype(np.uint8)
 
 
 @pytest.fixture(name="camera")
 def camera_of_views():
-    from aligned_views import CAMERA  # noqa: PLC0415
-
     return CAMERA
 
 

@@ -32,12 +32,11 @@ def fill_blocks(batch: Any, k: Any, pixels: Any, n: Any, jac: Any, sums: Any) ->
 
 @loops()
 def motion_of_tag(sums: Any, noise2: Any, out: Any) -> None:
-    """Fill the three figures of a tag's blocks (9, 5), whose residuals have the variance ``noise2``."""
-    out[0], out[1], out[2] = 0.0, 0.0, 0.0
+    """Fill the two sums of a tag's blocks (9, 5), whose residuals have the variance ``noise2``."""
+    out[0], out[1] = 0.0, 0.0
     for b in range(BLOCKS * BLOCKS):
         xx, xy, yy, x, y = sums[b, 0], sums[b, 1], sums[b, 2], sums[b, 3], sums[b, 4]
         det = xx * yy - xy * xy
         if det > 1e-9 * (xx + yy) ** 2:
             out[0] += (yy * x * x - 2 * xy * x * y + xx * y * y) / det
             out[1] += 2 * noise2
-            out[2] += xx + yy

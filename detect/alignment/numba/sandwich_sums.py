@@ -19,7 +19,7 @@ from boxcal.target.arrays import Array
 
 def sandwich_sums(batch: Batch, parts: PartSums, corners_px: Array, noise2: Array) -> Array:
     """Return what :func:`boxcal.detect.alignment.registration.sandwich_sums.sandwich_sums` does."""
-    out = np.empty((len(parts.tags), 5))
+    out = np.empty((len(parts.tags), 4))
     _fill(batch.arrays(), parts, np.ascontiguousarray(corners_px), noise2, KURTOSIS_PRIOR, out)
     return out
 

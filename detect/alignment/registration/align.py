@@ -6,6 +6,7 @@ from numpy.typing import NDArray
 from boxcal.detect.alignment.backend import Backend, backend
 from boxcal.detect.alignment.registration import image_model as model
 from boxcal.detect.alignment.registration.begin import Begun
+from boxcal.detect.alignment.registration.block_motion import BLOCKS
 from boxcal.detect.alignment.registration.gauss_newton import StepRules
 from boxcal.detect.alignment.registration.parameters import BLACK, CONTRAST, KURTOSIS, LOG_PSF, PARAMETERS
 from boxcal.detect.alignment.registration.sandwich_sums import no_part_sums
@@ -105,12 +106,13 @@ def align(
         frame, patterns, theta=theta, normalisation=normalisation, sums=last, covariance=covariance
     )
     n, noise = len(rows), quality[:, 3]
-    sandwich = np.full((n, 5), np.nan)
+    sandwich, block_sums = np.full((n, 4), np.nan), np.full((n, BLOCKS**2, 5), np.nan)
     if parts is not None:
         sandwich[parts.tags] = compute.sandwich_sums(batch, parts, corners, noise**2)
+        block_sums[parts.tags] = parts.blocks
     good = np.isfinite(corners).reshape(n, 8).all(axis=1) & np.isfinite(cov).reshape(n, 16).all(axis=1)
     good &= last.stats[:, 0] > 2 * PARAMETERS
-    corners[~good], cov[~good], sandwich[~good] = 0.0, 1.0, np.nan
+    corners[~good], cov[~good], sandwich[~good], block_sums[~good] = 0.0, 1.0, np.nan, np.nan
     return TagAlignments(
         rows=rows,
         corners_px=corners,
@@ -126,6 +128,7 @@ def align(
         normalisation=normalisation,
         blocks=last.blocks,
         sandwich_sums=sandwich,
+        block_sums=block_sums,
     )
 
 

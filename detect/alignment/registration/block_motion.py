@@ -29,7 +29,7 @@ def block_sums(batch: Batch, k: int, seen: TagPixels) -> Array:
 
 
 def block_motion(blocks: Array, noise2: Array) -> Array:
-    """Return for each tag (N, 3) the sum over blocks of ``d^T A d``, what noise alone makes of it, and of ``tr A``.
+    """Return for each tag (N, 2) the sum over blocks of ``d^T A d``, and what noise alone makes of it.
 
     ``blocks`` (N, 9, 5) are sums of :func:`block_sums`, ``noise2`` (N,) is the variance of the residuals.
     """
@@ -37,5 +37,4 @@ def block_motion(blocks: Array, noise2: Array) -> Array:
     det = xx * yy - xy * xy
     good = det > 1e-9 * (xx + yy) ** 2
     moved = np.where(good, yy * x * x - 2 * xy * x * y + xx * y * y, 0.0) / np.where(good, det, 1.0)
-    trace = np.where(good, xx + yy, 0.0)
-    return np.stack([moved.sum(axis=1), 2 * good.sum(axis=1) * noise2, trace.sum(axis=1)], axis=1)
+    return np.stack([moved.sum(axis=1), 2 * good.sum(axis=1) * noise2], axis=1)

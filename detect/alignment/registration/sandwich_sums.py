@@ -69,10 +69,10 @@ def sum_parts(batch: Batch, k: int, seen: TagPixels, out: PartSums) -> None:
 
 
 def sandwich_sums(batch: Batch, parts: PartSums, corners_px: Array, noise2: Array) -> Array:
-    """Return of each tag that is asked (K, 5) what its parts tell.
+    """Return of each tag that is asked (K, 4) what its parts tell.
 
     Observed and expected of clusters (:func:`boxcal.detect.alignment.registration.cluster_sums.cluster_sums`), then
-    the three of blocks (:func:`boxcal.detect.alignment.registration.block_motion.block_motion`). The batch has all tags
+    the two of blocks (:func:`boxcal.detect.alignment.registration.block_motion.block_motion`). The batch has all tags
     at their last parameters, with corners (N, 4, 2) px and residuals' variances (N,).
     """
     some, noise2 = batch.take(parts.tags), noise2[parts.tags]

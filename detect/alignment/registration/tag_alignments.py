@@ -38,8 +38,10 @@ class TagAlignments:
         Their centres and scales.
     blocks : (N, M + 2, M + 2, 2)
         Sum of residuals and number of pixels in each module, white ring included.
-    sandwich_sums : (N, 5)
+    sandwich_sums : (N, 4)
         Of tags that were asked, by :func:`boxcal.detect.alignment.registration.sandwich_sums.sandwich_sums`; else NaN.
+    block_sums : (N, 9, 5)
+        Of the same tags, by :func:`boxcal.detect.alignment.registration.block_motion.block_sums`; else NaN.
     """
 
     rows: Index
@@ -56,6 +58,7 @@ class TagAlignments:
     normalisation: Array
     blocks: Array
     sandwich_sums: Array
+    block_sums: Array
 
     def __len__(self) -> int:
         return len(self.rows)

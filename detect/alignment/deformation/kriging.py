@@ -1,0 +1,168 @@
+"""Corners of tags on paper that is not flat, predicted from the displacements of blocks of the tags.
+
+The field that displaces a tag's edges is a Gaussian random field with one variance and one correlation length for all
+tags of an image; both, and the size of the noise beside it, are estimated by restricted maximum likelihood from the
+contrasts of the blocks' displacements (Patterson and Thompson 1971, DOI 10.1093/biomet/58.3.545). Given these, the
+corners' displacements have a conditional mean and covariance: simple kriging (Cressie 1993, Statistics for Spatial
+Data, 3.4.5; DOI 10.1002/9781119115151). Aliasing and ink that spread displace blocks, too, but neighbours
+independently: noise explains them as well as a field does.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from boxcal.detect.alignment.deformation.edge_model import CONTRASTS, HOMOGRAPHY, edge_model
+from boxcal.detect.alignment.registration.block_motion import BLOCKS
+from boxcal.detect.alignment.tag_patterns import Index, Patterns
+from boxcal.target.arrays import Array
+
+LEAST_GAIN = 20.0
+"""Increase of the log-likelihood with which a field is believed. Under noise of this model a gain of 7 has a chance of
+one in a thousand; on pictures without blur, whose noise is none, up to 18 were seen."""
+ORDER, UNLIKELY = [1, 0, 2, 3], 10.0
+"""Lengths in the order in which they are tried; none of the others gains much where the first gains less than this."""
+GAIN_A_NOISE = 5.0
+"""The gain must also be this many times the noise factor: noise that residuals do not explain is no white one."""
+FARTHEST = 100.0
+"""Normalised square of a tag's ten contrasts beyond which the field does not explain them: those of shadows
+have hundreds, while wrinkles that are uneven over the picture have a few tags with more than chance allows (36)."""
+LEAST_NOISE = 0.3
+"""Of the noise factor."""
+ALMOST_NONE = 1e-6
+"""Information of a block across whose axis no edge lies, as a fraction of the most that another has."""
+RATIOS = np.concatenate([[0.0], np.geomspace(1e-3, 1e3, 37)])
+"""Variances of the field that are tried, in units of the typical noise."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Deformation:
+    """Displacements of the corners of N tags from their alignments.
+
+    Attributes
+    ----------
+    displacement_px : (N, 4, 2), px
+        From the corners of the fitted homographies to the paper's.
+    cov_px2 : (N, 4, 2, 2), px^2
+        Of each displacement.
+    noise_factor
+        By what factor the blocks' variances differ from what residuals say.
+    """
+
+    displacement_px: Array
+    cov_px2: Array
+    noise_factor: float
+
+
+def krige_corners(  # noqa: PLR0917
+    patterns: Patterns, rows: Index, corners_px: Array, blocks: Array, noise2: Array, even: NDArray[np.bool_]
+) -> Deformation | None:
+    """Return how the paper displaces the corners of aligned tags; None where noise explains as much.
+
+    Parameters
+    ----------
+    patterns, rows
+        The tags' patterns, and the row of each tag (N,) in them.
+    corners_px : (N, 4, 2), px
+        As they were aligned.
+    blocks : (N, 9, 5)
+        Sums over blocks, :func:`boxcal.detect.alignment.registration.block_motion.block_sums`; NaN for tags without.
+    noise2 : (N,)
+        Variance of the residuals.
+    even : (N,)
+        Tags that are evenly lit: field and noise are estimated from these. Of the others, and of tags whose blocks no
+        such field explains, corners may get no more than the field's variance.
+    """
+    model, to_px = edge_model(patterns), _unit_vectors(corners_px)
+    there = np.asarray(np.isfinite(blocks).all(axis=(1, 2)))
+    contrasts = model.contrasts[rows].transpose(0, 2, 1)
+    seen, noise = _displacements(np.where(there[:, None, None], blocks, 0.0), noise2, np.asarray(np.linalg.inv(to_px)))
+    seen, noise = (contrasts @ seen[..., None])[..., 0], contrasts @ noise @ contrasts.transpose(0, 2, 1)
+    best, some = None, there & even
+    if not some.any():
+        return None
+    for cov in model.cov[ORDER]:
+        field = _field(cov[:, rows], to_px)
+        found = _estimate(seen[some], noise[some], field[some, :CONTRASTS, :CONTRASTS])
+        if best is None and found.gain < UNLIKELY:
+            return None
+        if best is None or found.likelihood > best[0].likelihood:
+            best = found, field
+    if best is None or best[0].gain < max(LEAST_GAIN, GAIN_A_NOISE * best[0].noise_factor):
+        return None
+    mean, cov = _predicted(seen, best[0].noise_factor * noise, best[0].variance * best[1], there)
+    return Deformation(
+        displacement_px=mean @ to_px.transpose(0, 2, 1),
+        cov_px2=to_px[:, None] @ cov @ to_px[:, None].transpose(0, 1, 3, 2),
+        noise_factor=best[0].noise_factor,
+    )
+
+
+def _predicted(seen: Array, noise: Array, field: Array, there: NDArray[np.bool_]) -> tuple[Array, Array]:
+    """Return the corners' displacements (N, 4, 2) on the unit square and their covariances, given the contrasts."""
+    observed = field[:, :CONTRASTS, :CONTRASTS] + noise
+    square = np.sum(np.linalg.solve(observed, seen[..., None])[..., 0] * seen, axis=1)
+    weights = np.linalg.solve(observed, field[:, :CONTRASTS, CONTRASTS:]).transpose(0, 2, 1)
+    weights[~there | (square > FARTHEST)] = 0
+    left = field[:, CONTRASTS:, CONTRASTS:] - weights @ field[:, :CONTRASTS, CONTRASTS:]
+    cov = np.stack([left[:, k : k + 2, k : k + 2] for k in range(0, HOMOGRAPHY, 2)], axis=1)
+    return (weights @ seen[..., None]).reshape(-1, 4, 2), cov
+
+
+@dataclass(frozen=True, slots=True)
+class _Estimate:
+    """Maximum of the restricted likelihood for one correlation length."""
+
+    likelihood: float
+    gain: float
+    noise_factor: float
+    variance: float
+
+
+def _estimate(seen: Array, noise: Array, field: Array) -> _Estimate:
+    """Return the best size of noise and field, of contrasts (N, 10) with covariances (N, 10, 10) of unit size."""
+    unit = float(np.median(np.trace(noise, axis1=1, axis2=2) / np.trace(field, axis1=1, axis2=2)))
+    root = np.linalg.cholesky(noise)
+    half = np.linalg.solve(root, unit * field)
+    white, axes = np.linalg.eigh(np.linalg.solve(root, half.transpose(0, 2, 1)))
+    square = (axes.transpose(0, 2, 1) @ np.linalg.solve(root, seen[..., None]))[..., 0].ravel() ** 2
+    variance = 1 + RATIOS[:, None] * np.maximum(white.ravel(), 0)
+    factor = np.maximum((square / variance).mean(axis=1), LEAST_NOISE)
+    likelihood = -0.5 * np.sum(np.log(variance * factor[:, None]) + square / (variance * factor[:, None]), axis=1)
+    k = int(likelihood.argmax())
+    return _Estimate(
+        likelihood=float(likelihood[k]),
+        gain=float(likelihood[k] - likelihood[0]),
+        noise_factor=float(factor[k]),
+        variance=float(RATIOS[k] * factor[k] * unit),
+    )
+
+
+def _unit_vectors(corners_px: Array) -> Array:
+    """Return the matrices (N, 2, 2) from places on the unit square to the image, px: mean sides of the tags."""
+    top_left, top_right, bottom_right, bottom_left = corners_px.transpose(1, 0, 2)
+    along = top_right + bottom_right - top_left - bottom_left
+    down = bottom_right + bottom_left - top_left - top_right
+    return np.stack([along, down], axis=2) / 2
+
+
+def _displacements(blocks: Array, noise2: Array, from_px: Array) -> tuple[Array, Array]:
+    """Return the displacements (N, 18) of blocks on the unit square and their covariances (N, 18, 18)."""
+    A = blocks[..., [[0, 1], [1, 2]]]
+    # a block without an edge across an axis tells nothing along it
+    A = A + (ALMOST_NONE * np.trace(A, axis1=2, axis2=3).max(axis=1) + 1e-12)[:, None, None, None] * np.eye(2)
+    inverse = np.linalg.inv(A)
+    # the image at a place is that of the pattern displaced by d: the residual is -g d
+    seen = -(inverse @ blocks[..., 3:, None])[..., 0] @ from_px.transpose(0, 2, 1)
+    each = noise2[:, None, None, None] * (from_px[:, None] @ inverse @ from_px[:, None].transpose(0, 1, 3, 2))
+    n = BLOCKS**2
+    cov = np.zeros((len(blocks), n, 2, n, 2))
+    cov[:, np.arange(n), :, np.arange(n)] = each.transpose(1, 0, 2, 3)
+    return seen.reshape(-1, 2 * n), cov.reshape(-1, 2 * n, 2 * n)
+
+
+def _field(cov: Array, to_px: Array) -> Array:
+    """Return the covariances (N, 18, 18) under fields that are as large in all directions of the image, 1 px^2."""
+    S = np.linalg.inv(to_px.transpose(0, 2, 1) @ to_px)[..., None, None]
+    return np.asarray(S[:, 0, 0] * cov[0] + S[:, 1, 1] * cov[1] + S[:, 0, 1] * cov[2])
