@@ -53,7 +53,7 @@ aligned again under it; else their corners are carried over (:mod:`boxcal.detect
 MOVED, MOVED_MORE = 1.0, 1.5
 """Variance inflation beyond which the tags are asked whether the picture moved: as a figure, and as a multiple of the
 largest at which pictures of the same camera at rest were found not to."""
-FINE_SIDE_PX = 24.5
+FINE_SIDE_PX = 26.0
 """Tags twice as large are aligned on every second pixel both ways, and so on, beside those that are near to edges."""
 
 
