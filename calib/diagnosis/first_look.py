@@ -234,10 +234,10 @@ def _too_few(drive: Correspondences) -> CalibError:
 def _from_consecutive_stops(drive: Correspondences, camera: CameraStep, error: CalibError) -> FourSteps:
     """Return the four steps from consecutive stops alone, where they fail over all pairs of stops."""
     signs = "swapped" in error.found or "reversed" in error.found
-    if places(camera) < LEAST_STOPS:  # some wheels fit whatever is wrong
+    if len(camera.kept) < LEAST_STOPS:
         raise _no_wheels(camera, "") if signs else error
     try:
-        return robust_steps(drive, camera, _NO_WHEELS if signs else error.found)
+        steps = robust_steps(drive, camera, _NO_WHEELS if signs else error.found)
     except CalibError as other:
         tried = f"; consecutive stops alone were tried too: {other.found}"
         if signs:
@@ -247,6 +247,9 @@ def _from_consecutive_stops(drive: Correspondences, camera: CameraStep, error: C
         raise CalibError(
             f"{error.found}{tried}", source=error.source, needed=error.needed, remedy=error.remedy
         ) from error
+    if places(camera) < LEAST_STOPS:  # some wheels fit whatever is wrong
+        raise _no_wheels(camera, "") if signs else error
+    return steps
 
 
 def _cause(drive: Correspondences, camera: CameraStep, target: Target, mode: CameraMode) -> _Relaid | CalibError | None:

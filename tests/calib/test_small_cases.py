@@ -200,7 +200,7 @@ def true_of_logs(logs: Path) -> dict[str, float]:
         ("chunk-opcode-flipped", Level.USABLE, "the recording is damaged"),
         ("dither-12bit-half-tick", Level.GOOD, ""),
         ("img-clock-2s-late", Level.GOOD, "the camera's clock is 2.0 s ahead"),
-        ("leg-without-joints", Level.GOOD, "between stop 5 and stop 6 the wheels tell nothing"),
+        ("leg-without-joints", Level.GOOD, "between stop 5 and stop 6 the wheels do not cover the path"),
         ("one-empty-image", Level.GOOD, "1 image of 9 left out"),
         ("truncated-85-percent", Level.USABLE, "the recording is damaged: truncated"),
     ],
