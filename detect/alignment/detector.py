@@ -148,7 +148,7 @@ def detect_in_grey(  # noqa: PLR0917
         frame = replace(frame, lens=fit.lens)
         tags = _aligned_again(frame, target, patterns, tags, fit, every=moved)
         tags = without_dot_gain(patterns, tags, uneven)
-        deformed = deformation(patterns, tags, uneven) if moved else None
+        deformed = deformation(target, patterns, tags, uneven, frame.lens, fit) if moved else None
     if deformed is not None:
         tags, inflation = replace(tags, corners_px=tags.corners_px + deformed.displacement_px), deformed.noise_factor
         fit = _fitted(target, patterns, tags, size, fit)

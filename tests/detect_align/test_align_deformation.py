@@ -11,6 +11,7 @@ from scipy.ndimage import map_coordinates
 from boxcal.detect.alignment.deformation.deformed_tags import blocks_moved
 from boxcal.detect.alignment.deformation.edge_model import CONTRASTS, LENGTHS, edge_model
 from boxcal.detect.alignment.deformation.kriging import krige_corners
+from boxcal.detect.alignment.deformation.neighbours import close_corners, nearer_to_neighbours
 from boxcal.detect.alignment.detector import detect_tags
 from boxcal.detect.alignment.registration.align import align
 from boxcal.detect.alignment.registration.tag_batch import Frame
@@ -127,6 +128,25 @@ def test_noise_is_taken_for_no_deformation_however_large():
             assert krige_corners(PATTERNS, rows, corners, blocks, np.full(len(rows), 4e-4), rows >= 0) is None
 
 
+@pytest.mark.parametrize("left_out", [[], [0, 7, 20]])
+def test_neighbours_are_nearer_where_their_close_corners_go_the_same_way(left_out):
+    rng, rows = np.random.default_rng(4), np.arange(35, 105)
+    close = close_corners(TARGET)
+    corners = TARGET.tag_corners.reshape(-1, 3)
+    np.testing.assert_allclose(np.linalg.norm(corners[close[:, 0]] - corners[close[:, 1]], axis=1), 0.007, atol=1e-9)
+    assert len(close) == 4 * (2 * 6 * 5 + 2 * 7 * 4)  # two pairs a gap between tags in a row or a column
+    waves = np.sin(corners @ rng.normal(size=(3, 2)) * 40.0).reshape(-1, 4, 2)[rows]
+    waves[left_out] = np.nan
+    error = rng.normal(size=waves.shape)
+    assert nearer_to_neighbours(TARGET, rows, waves + error, waves)
+    assert not nearer_to_neighbours(TARGET, rows, waves, waves + error)
+
+
+def test_tags_without_neighbours_say_nothing_of_the_paper():
+    rows = np.array([0, 2, 40])
+    assert not nearer_to_neighbours(TARGET, rows, np.ones((3, 4, 2)), np.zeros((3, 4, 2)))
+
+
 def test_tags_that_no_field_explains_and_those_without_blocks_get_the_field_s_variance():
     rows, corners, blocks, _ = drawn(np.random.default_rng(9), px=0.3, length=0.4)
     blocks[0, :4, 3:] *= 40.0
@@ -182,6 +202,11 @@ def _shadowed():
     return np.rint(image).astype(np.uint8)
 
 
+def _turned():
+    turn = cv2.getRotationMatrix2D((320, 240), 2.0, 1.0)
+    return cv2.warpAffine(view(pose(45.0, distance=0.7)), turn, (640, 480), flags=cv2.INTER_LINEAR)
+
+
 @pytest.mark.parametrize(
     "picture",
     [
@@ -189,8 +214,9 @@ def _shadowed():
         lambda: view(pose(20.0, distance=0.6), SensorModel(noise=2.0, psf_px=0.0)),
         lambda: bled(0.3, CAMERA, pose(20.0, distance=0.6)),
         _shadowed,
+        _turned,
     ],
-    ids=["flat", "without blur", "ink that spread", "shadow"],
+    ids=["flat", "without blur", "ink that spread", "shadow", "interpolated linearly"],
 )
 def test_flat_paper_is_not_taken_for_deformed(monkeypatch, picture):
     image = picture()

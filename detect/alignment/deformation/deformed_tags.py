@@ -2,12 +2,17 @@
 
 import numpy as np
 
+from boxcal.detect.alignment.box_pose import BoxFit
 from boxcal.detect.alignment.deformation.edge_model import CONTRASTS
 from boxcal.detect.alignment.deformation.kriging import Deformation, krige_corners
+from boxcal.detect.alignment.deformation.neighbours import nearer_to_neighbours
 from boxcal.detect.alignment.registration.block_motion import BLOCKS
 from boxcal.detect.alignment.registration.tag_alignments import TagAlignments
 from boxcal.detect.alignment.row_sets import among
+from boxcal.detect.alignment.tag_curvature import under_lens
 from boxcal.detect.alignment.tag_patterns import Index, Patterns
+from boxcal.target.arrays import Array
+from boxcal.target.box import Target
 
 SUSPICIOUS = 1.5
 """Blocks that move by this factor (of variance) more than noise makes them: of all tags they are looked at then."""
@@ -24,18 +29,36 @@ def blocks_moved(tags: TagAlignments, uneven: Index) -> bool:
     return bool(moved > SUSPICIOUS * noise * CONTRASTS / (2 * BLOCKS**2))
 
 
-def deformation(patterns: Patterns, tags: TagAlignments, uneven: Index) -> Deformation | None:
+def deformation(  # noqa: PLR0917
+    target: Target, patterns: Patterns, tags: TagAlignments, uneven: Index, lens: Array, fit: BoxFit
+) -> Deformation | None:
     """Return how the paper displaces the corners of aligned tags; None where it is flat, as far as noise lets see.
+
+    It is believed only if corners of neighbouring tags, of which blocks know nothing, are displaced alike by it.
 
     Parameters
     ----------
+    target
+        The box.
     patterns, tags
         As :func:`boxcal.detect.alignment.registration.align.align` took and returned them under the right lens, with
         sums of all.
     uneven
         Rows of tags that may be unevenly lit: field and noise are not estimated from them.
+    lens : (10,)
+        Under which they were aligned.
+    fit
+        The box, with the lens that the tags tell.
     """
     if not blocks_moved(tags, uneven):
         return None
     even = ~among(tags.rows, uneven)
-    return krige_corners(patterns, tags.rows, tags.corners_px, tags.block_sums, tags.noise**2, even)
+    found = krige_corners(patterns, tags.rows, tags.corners_px, tags.block_sums, tags.noise**2, even)
+    if found is None:
+        return None
+    box = fit.places(target.tag_corners[tags.rows].reshape(-1, 3)).reshape(-1, 4, 2)
+    flat = under_lens(lens, fit.lens, tags.corners_px) - box
+    deformed = tags.corners_px + found.displacement_px - box
+    if not nearer_to_neighbours(target, tags.rows[even], flat[even], deformed[even]):
+        return None
+    return found
