@@ -130,7 +130,7 @@ def detect_in_grey(  # noqa: PLR0917
     else:
         taken = estimate_response(frame, patterns, tags, settings.response)
     frame, tags = _finely(frame, patterns, tags, taken)
-    tags, uneven = _believed(frame, target, patterns, tags, fit, settings.limits)
+    tags, uneven, own_light = _believed(frame, target, patterns, tags, fit, settings.limits)
     tags = _on_the_box(target, patterns, tags, fit)
     inflation, rounded = _inflation(frame, patterns, tags, uneven), 0.0 if camera is None else camera.round_inflation
     if inflation > max(MOVED, MOVED_MORE * rounded):
@@ -139,15 +139,18 @@ def detect_in_grey(  # noqa: PLR0917
             rounded = inflation
         else:
             frame = replace(frame, blur=blur)
-            tags = _aligned_again(frame, target, patterns, tags, fit)
+            apart = among(tags.rows, own_light)
+            tags = _aligned_again(frame, target, patterns, tags.take(~apart), fit).joined(tags.take(apart))
             inflation = _inflation(frame, patterns, tags, uneven)
     tags = without_dot_gain(patterns, tags, uneven)
     fit = _fitted(target, patterns, tags, size, fit)
     moved, deformed = blocks_moved(tags, uneven), None
     if moved or sagitta_difference_px(frame.lens, fit.lens, tags.corners_px) > BENT_PX:
+        apart = among(tags.rows, own_light)
+        own = _carried(frame, fit, tags.take(apart))
         frame = replace(frame, lens=fit.lens)
-        tags = _aligned_again(frame, target, patterns, tags, fit, every=moved)
-        tags = without_dot_gain(patterns, tags, uneven)
+        tags = _aligned_again(frame, target, patterns, tags.take(~apart), fit, every=moved)
+        tags = without_dot_gain(patterns, tags, uneven).joined(own)
         deformed = deformation(target, patterns, tags, uneven, frame.lens, fit) if moved else None
     if deformed is not None:
         tags, inflation = replace(tags, corners_px=tags.corners_px + deformed.displacement_px), deformed.noise_factor
@@ -229,11 +232,14 @@ def _with_faces(located: DetectorOutput, target: Target, fit: BoxFit, uneven: In
 
 def _believed(  # noqa: PLR0917
     frame: Frame, target: Target, patterns: Patterns, tags: TagAlignments, fit: BoxFit, limits: Limits
-) -> tuple[TagAlignments, Index]:
-    """Return the tags that are really there, and the rows of those that were aligned again under uneven light."""
+) -> tuple[TagAlignments, Index, Index]:
+    """Return the tags that are really there, and the rows of those that may be unevenly lit, and of those that are.
+
+    The latter are aligned with levels of their own for each module.
+    """
     good, again = verified(patterns, tags, limits), crossed(tags, patterns, limits)
     if not again.any():
-        return tags.take(good), np.zeros(0, dtype=np.int64)
+        return tags.take(good), tags.rows[again], tags.rows[again]
     own, sound = align_unevenly_lit(
         frame, patterns, tags.take(again), side_px=FINE_SIDE_PX, stop_px=STOP_PX, limits=limits
     )
@@ -241,7 +247,7 @@ def _believed(  # noqa: PLR0917
     nearer = box_distance2(target, own, fit) < box_distance2(target, tags.take(again), fit)
     replaced = own.take(sound & (nearer | ~good[again]))
     kept = tags.take(good & ~among(tags.rows, replaced.rows))
-    return kept.joined(replaced), tags.rows[again]
+    return kept.joined(replaced), tags.rows[again], replaced.rows
 
 
 def _first_response(settings: DetectorSettings, camera: KnownCamera | None) -> str:
@@ -299,6 +305,16 @@ def _finely(
         asked=asked(tags.corners_px),
     )
     return under, aligned
+
+
+def _carried(frame: Frame, fit: BoxFit, tags: TagAlignments) -> TagAlignments:
+    """Return unevenly lit tags as they would be under the box's lens, without sums of what the model leaves out."""
+    return replace(
+        tags,
+        corners_px=under_lens(frame.lens, fit.lens, tags.corners_px),
+        sandwich_sums=np.full_like(tags.sandwich_sums, np.nan),
+        block_sums=np.full_like(tags.block_sums, np.nan),
+    )
 
 
 def _aligned_again(

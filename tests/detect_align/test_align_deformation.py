@@ -246,3 +246,15 @@ def test_a_bend_of_the_lens_is_not_taken_for_the_paper_s():
     uv = truth(T, camera=camera)[0][tags.ids]
     normalised = np.linalg.solve(np.linalg.cholesky(tags.cov_px2), (tags.corners_px - uv)[..., None])
     assert normalised.std() < 1.2
+
+
+@pytest.mark.parametrize(
+    ("azimuth_deg", "distance", "most_px"), [(20.0, 0.6, 0.15), (40.0, 0.6, 0.05), (60.0, 0.4, 0.12)]
+)
+def test_tags_under_a_shadow_s_edge_keep_their_own_light_where_others_are_aligned_again(azimuth_deg, distance, most_px):
+    T, camera = pose(azimuth_deg, distance=distance), replace(CAMERA, kr=-0.25)
+    y, x = np.mgrid[:480, :640]
+    light = 0.35 + 0.65 / (1 + np.exp(-np.clip((x + 0.3 * y - 380) / 0.7, -50, 50)))
+    tags = detect_tags(np.rint(light * view(T, camera=camera)).astype(np.uint8), TARGET)
+    apart = tags.corners_px - truth(T, camera=camera)[0][tags.ids]
+    assert np.sqrt(np.sum(apart**2, axis=2).mean()) < most_px
