@@ -109,7 +109,7 @@ def test_corners_are_predicted_with_errors_as_large_as_said(length):
     rng, errors, normalised, plain, factors = np.random.default_rng(7), [], [], [], []
     for _ in range(6):
         rows, corners, blocks, true = drawn(rng, px=0.3, length=length)
-        found = krige_corners(PATTERNS, rows, corners, blocks, np.full(len(rows), 4e-4), rows >= 0)
+        found = krige_corners(PATTERNS, rows, rows // 35, corners, blocks, np.full(len(rows), 4e-4), rows >= 0)
         error = found.displacement_px - true
         factors.append(found.noise_factor)
         errors.append(error)
@@ -120,12 +120,28 @@ def test_corners_are_predicted_with_errors_as_large_as_said(length):
     assert np.std(normalised) == pytest.approx(1.0, abs=0.15)
 
 
+def test_a_flat_sheet_beside_a_wrinkled_one_stays_flat_and_the_other_s_sigmas_hold():
+    rng, normalised = np.random.default_rng(11), []
+    for _ in range(6):
+        rows, corners, blocks, true = drawn(rng, px=0.3, length=0.4)
+        wrinkled = rows < 70
+        blocks[~wrinkled] = drawn(rng, px=1e-6, length=0.4)[2][~wrinkled]
+        found = krige_corners(PATTERNS, rows, rows // 35, corners, blocks, np.full(len(rows), 4e-4), rows >= 0)
+        assert np.sqrt(np.mean(found.displacement_px[~wrinkled] ** 2)) < 0.015
+        assert np.sqrt(found.cov_px2[~wrinkled].max()) < 0.02
+        error = (found.displacement_px - true)[wrinkled]
+        normalised.append(np.linalg.solve(np.linalg.cholesky(found.cov_px2[wrinkled]), error[..., None]))
+    assert np.std(normalised) == pytest.approx(1.0, abs=0.2)
+
+
 def test_noise_is_taken_for_no_deformation_however_large():
     rng = np.random.default_rng(8)
     for noise2 in (4e-4, 25e-3):
         for _ in range(10):
             rows, corners, blocks, _ = drawn(rng, px=1e-6, length=0.4, noise2=noise2)
-            assert krige_corners(PATTERNS, rows, corners, blocks, np.full(len(rows), 4e-4), rows >= 0) is None
+            assert (
+                krige_corners(PATTERNS, rows, rows // 35, corners, blocks, np.full(len(rows), 4e-4), rows >= 0) is None
+            )
 
 
 @pytest.mark.parametrize("left_out", [[], [0, 7, 20]])
@@ -153,7 +169,7 @@ def test_tags_that_no_field_explains_and_those_without_blocks_get_the_field_s_va
     blocks[1] = np.nan
     even = np.ones(len(rows), dtype=np.bool_)
     even[0] = False
-    found = krige_corners(PATTERNS, rows, corners, blocks, np.full(len(rows), 4e-4), even)
+    found = krige_corners(PATTERNS, rows, rows // 35, corners, blocks, np.full(len(rows), 4e-4), even)
     np.testing.assert_array_equal(found.displacement_px[:2], 0.0)
     size = np.trace(found.cov_px2, axis1=2, axis2=3).mean(axis=1)
     assert size[:2].min() > 1.5 * size[2:].max()

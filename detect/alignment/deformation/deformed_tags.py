@@ -53,7 +53,8 @@ def deformation(  # noqa: PLR0917
     if not blocks_moved(tags, uneven):
         return None
     even = ~among(tags.rows, uneven)
-    found = krige_corners(patterns, tags.rows, tags.corners_px, tags.block_sums, tags.noise**2, even)
+    sheets = target.tag_faces[tags.rows]
+    found = krige_corners(patterns, tags.rows, sheets, tags.corners_px, tags.block_sums, tags.noise**2, even)
     if found is None:
         return None
     box = fit.places(target.tag_corners[tags.rows].reshape(-1, 3)).reshape(-1, 4, 2)

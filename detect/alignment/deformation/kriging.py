@@ -1,10 +1,10 @@
 """Corners of tags on paper that is not flat, predicted from the displacements of blocks of the tags.
 
-The field that displaces a tag's edges is a Gaussian random field with one variance and one correlation length for all
-tags of an image; both, and the size of the noise beside it, are estimated by restricted maximum likelihood from the
-contrasts of the blocks' displacements (Patterson and Thompson 1971, DOI 10.1093/biomet/58.3.545). Given these, the
-corners' displacements have a conditional mean and covariance: simple kriging (Cressie 1993, Statistics for Spatial
-Data, 3.4.5; DOI 10.1002/9781119115151). Aliasing and ink that spread displace blocks, too, but neighbours
+The field that displaces a tag's edges is a Gaussian random field with one correlation length for all tags of an image
+and a variance for each sheet; these, and the size of the noise beside it, are estimated by restricted maximum
+likelihood from the contrasts of the blocks' displacements (Patterson and Thompson 1971, DOI 10.1093/biomet/58.3.545).
+Given these, the corners' displacements have a conditional mean and covariance: simple kriging (Cressie 1993, Statistics
+for Spatial Data, 3.4.5; DOI 10.1002/9781119115151). Aliasing and ink that spread displace blocks, too, but neighbours
 independently: noise explains them as well as a field does.
 """
 
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from boxcal.detect.alignment.deformation.edge_model import CONTRASTS, HOMOGRAPHY, edge_model
 from boxcal.detect.alignment.registration.block_motion import BLOCKS
+from boxcal.detect.alignment.row_sets import distinct
 from boxcal.detect.alignment.tag_patterns import Index, Patterns
 from boxcal.target.arrays import Array
 
@@ -28,6 +29,8 @@ GAIN_A_NOISE = 5.0
 FARTHEST = 100.0
 """Normalised square of a tag's ten contrasts beyond which the field does not explain them: those of shadows
 have hundreds, while wrinkles that are uneven over the picture have a few tags with more than chance allows (36)."""
+ENOUGH, ROUNDS = 5, 4
+"""Tags of a sheet that tell its field's variance, which fewer share with all; and rounds of these and the noise."""
 LEAST_NOISE = 0.3
 """Of the noise factor."""
 ALMOST_NONE = 1e-6
@@ -56,7 +59,13 @@ class Deformation:
 
 
 def krige_corners(  # noqa: PLR0917
-    patterns: Patterns, rows: Index, corners_px: Array, blocks: Array, noise2: Array, even: NDArray[np.bool_]
+    patterns: Patterns,
+    rows: Index,
+    sheets: Index,
+    corners_px: Array,
+    blocks: Array,
+    noise2: Array,
+    even: NDArray[np.bool_],
 ) -> Deformation | None:
     """Return how the paper displaces the corners of aligned tags; None where noise explains as much.
 
@@ -64,6 +73,8 @@ def krige_corners(  # noqa: PLR0917
     ----------
     patterns, rows
         The tags' patterns, and the row of each tag (N,) in them.
+    sheets : (N,)
+        On which sheet of paper each tag is.
     corners_px : (N, 4, 2), px
         As they were aligned.
     blocks : (N, 9, 5)
@@ -84,18 +95,20 @@ def krige_corners(  # noqa: PLR0917
         return None
     for cov in model.cov[ORDER]:
         field = _field(cov[:, rows], to_px)
-        found = _estimate(seen[some], noise[some], field[some, :CONTRASTS, :CONTRASTS])
+        spectrum = _spectrum(seen[some], noise[some], field[some, :CONTRASTS, :CONTRASTS])
+        found = _estimate(spectrum)
         if best is None and found.gain < UNLIKELY:
             return None
         if best is None or found.likelihood > best[0].likelihood:
-            best = found, field
+            best = found, field, spectrum
     if best is None or best[0].gain < max(LEAST_GAIN, GAIN_A_NOISE * best[0].noise_factor):
         return None
-    mean, cov = _predicted(seen, best[0].noise_factor * noise, best[0].variance * best[1], there)
+    variance, noise_factor = _of_sheets(best[2], sheets[some], sheets, best[0].noise_factor)
+    mean, cov = _predicted(seen, noise_factor * noise, variance[:, None, None] * best[1], there)
     return Deformation(
         displacement_px=mean @ to_px.transpose(0, 2, 1),
         cov_px2=to_px[:, None] @ cov @ to_px[:, None].transpose(0, 1, 3, 2),
-        noise_factor=best[0].noise_factor,
+        noise_factor=noise_factor,
     )
 
 
@@ -110,6 +123,28 @@ def _predicted(seen: Array, noise: Array, field: Array, there: NDArray[np.bool_]
     return (weights @ seen[..., None]).reshape(-1, 4, 2), cov
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Spectrum:
+    """Contrasts (N, 10) along the axes of the field's covariance where the noise is white: squares, and variances.
+
+    A field of the variance ``ratio * unit``, px^2, makes the squares ``1 + ratio * white`` times as large as noise.
+    """
+
+    unit: float
+    white: Array
+    square: Array
+
+
+def _spectrum(seen: Array, noise: Array, field: Array) -> _Spectrum:
+    """Return what the likelihood needs to know of contrasts (N, 10) with covariances (N, 10, 10) of unit size."""
+    unit = float(np.median(np.trace(noise, axis1=1, axis2=2) / np.trace(field, axis1=1, axis2=2)))
+    root = np.linalg.cholesky(noise)
+    half = np.linalg.solve(root, unit * field)
+    white, axes = np.linalg.eigh(np.linalg.solve(root, half.transpose(0, 2, 1)))
+    along = (axes.transpose(0, 2, 1) @ np.linalg.solve(root, seen[..., None]))[..., 0]
+    return _Spectrum(unit=unit, white=np.maximum(white, 0), square=along**2)
+
+
 @dataclass(frozen=True, slots=True)
 class _Estimate:
     """Maximum of the restricted likelihood for one correlation length."""
@@ -117,26 +152,32 @@ class _Estimate:
     likelihood: float
     gain: float
     noise_factor: float
-    variance: float
 
 
-def _estimate(seen: Array, noise: Array, field: Array) -> _Estimate:
-    """Return the best size of noise and field, of contrasts (N, 10) with covariances (N, 10, 10) of unit size."""
-    unit = float(np.median(np.trace(noise, axis1=1, axis2=2) / np.trace(field, axis1=1, axis2=2)))
-    root = np.linalg.cholesky(noise)
-    half = np.linalg.solve(root, unit * field)
-    white, axes = np.linalg.eigh(np.linalg.solve(root, half.transpose(0, 2, 1)))
-    square = (axes.transpose(0, 2, 1) @ np.linalg.solve(root, seen[..., None]))[..., 0].ravel() ** 2
-    variance = 1 + RATIOS[:, None] * np.maximum(white.ravel(), 0)
+def _estimate(of: _Spectrum) -> _Estimate:
+    """Return the best size of the noise beside a field of one variance."""
+    square, variance = of.square.ravel(), 1 + RATIOS[:, None] * of.white.ravel()
     factor = np.maximum((square / variance).mean(axis=1), LEAST_NOISE)
     likelihood = -0.5 * np.sum(np.log(variance * factor[:, None]) + square / (variance * factor[:, None]), axis=1)
     k = int(likelihood.argmax())
     return _Estimate(
-        likelihood=float(likelihood[k]),
-        gain=float(likelihood[k] - likelihood[0]),
-        noise_factor=float(factor[k]),
-        variance=float(RATIOS[k] * factor[k] * unit),
+        likelihood=float(likelihood[k]), gain=float(likelihood[k] - likelihood[0]), noise_factor=float(factor[k])
     )
+
+
+def _of_sheets(of: _Spectrum, sheets: Index, asked: Index, noise_factor: float) -> tuple[Array, float]:
+    """Return the variance of the field on sheets ``asked`` (M,), as tags on ``sheets`` (N,) tell it, and the noise."""
+    variance = 1 + RATIOS[:, None, None] * of.white
+    by_tag, each = np.log(variance).sum(axis=2), {int(s): sheets == s for s in distinct(sheets)}
+    best: dict[int, int] = {}
+    for _ in range(ROUNDS):
+        cost = by_tag + (of.square / variance).sum(axis=2) / noise_factor
+        common = int(cost.sum(axis=1).argmin())
+        best = {s: int(cost[:, on].sum(axis=1).argmin()) if on.sum() >= ENOUGH else common for s, on in each.items()}
+        k = np.array([best[int(s)] for s in sheets])
+        noise_factor = max(float((of.square / variance[k, np.arange(len(k))]).mean()), LEAST_NOISE)
+    ratio = RATIOS[[best.get(int(s), common) for s in asked]]
+    return ratio * noise_factor * of.unit, noise_factor
 
 
 def _unit_vectors(corners_px: Array) -> Array:
