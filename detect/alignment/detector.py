@@ -13,7 +13,7 @@ from boxcal.detect.alignment.box_search import (
 )
 from boxcal.detect.alignment.covariance import asked, inflation_left_out, rigid_share
 from boxcal.detect.alignment.cut_tags import carried_to_lens, cut_by_border
-from boxcal.detect.alignment.deformation.deformed_tags import blocks_moved, deformation
+from boxcal.detect.alignment.deformation.deformed_tags import blocks_moved, deformation, with_field_of_few
 from boxcal.detect.alignment.deformation.kriging import Deformation
 from boxcal.detect.alignment.detection import DetectorOutput, DetectorSettings, KnownCamera, nothing
 from boxcal.detect.alignment.dot_gain import without_dot_gain
@@ -159,7 +159,7 @@ def detect_in_grey(  # noqa: PLR0917
         displaced = displacement_px2(target, tags, fit, among(tags.rows, uneven))
         tags = replace(tags, cov_px2=tags.cov_px2 + displaced[:, None, None, None] * np.eye(2))
     located = replace(
-        _located(frame, patterns, tags, inflation, deformed),
+        _located(frame, patterns, with_field_of_few(patterns, tags), inflation, deformed),
         contradicting_faces=found.contradicting_faces,
         rejected_ids=np.sort(patterns.tag_ids[found.off_the_box(target, fit, tags.rows, size)]),
     )

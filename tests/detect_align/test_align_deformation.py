@@ -10,13 +10,14 @@ from scipy.ndimage import map_coordinates
 
 from boxcal.detect.alignment.deformation.deformed_tags import blocks_moved
 from boxcal.detect.alignment.deformation.edge_model import CONTRASTS, LENGTHS, edge_model
-from boxcal.detect.alignment.deformation.kriging import krige_corners
+from boxcal.detect.alignment.deformation.kriging import field_of_few, krige_corners
 from boxcal.detect.alignment.deformation.neighbours import close_corners, nearer_to_neighbours
 from boxcal.detect.alignment.detector import detect_tags
 from boxcal.detect.alignment.registration.align import align
 from boxcal.detect.alignment.registration.tag_batch import Frame
 from boxcal.detect.alignment.tag_curvature import small_homographies
 from boxcal.detect.image.response_curve import response_table
+from boxcal.target.box import Box, make_target
 from boxcal.target.render.renderer import SensorModel
 
 SQUARE = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
@@ -274,3 +275,24 @@ def test_tags_under_a_shadow_s_edge_keep_their_own_light_where_others_are_aligne
     tags = detect_tags(np.rint(light * view(T, camera=camera)).astype(np.uint8), TARGET)
     apart = tags.corners_px - truth(T, camera=camera)[0][tags.ids]
     assert np.sqrt(np.sum(apart**2, axis=2).mean()) < most_px
+
+
+def test_sigmas_of_a_tag_that_cannot_tell_lens_and_paper_have_both():
+    target = make_target(Box(columns=1, rows=1, tag_size=0.12, pitch=0.15))
+    normalised = []
+    for azimuth_deg in (0.0, 8.0, 16.0, 80.0, 90.0, 100.0, 170.0, 184.0):
+        for roll_deg in (-8.0, 8.0):
+            T = pose(azimuth_deg, distance=0.6, roll_deg=roll_deg)
+            tags = detect_tags(view(T, target=target), target)
+            assert len(tags.ids)
+            error = tags.corners_px - truth(T, target=target)[0][[target.row_of(int(i)) for i in tags.ids]]
+            normalised.append(np.linalg.solve(np.linalg.cholesky(tags.cov_px2), error[..., None]).ravel())
+    assert np.std(np.concatenate(normalised)) < 2.0
+
+
+def test_few_tags_get_no_field_from_noise_and_the_field_that_displaces_them():
+    for px in (1e-6, 0.3):
+        rows, corners, blocks, true = drawn(np.random.default_rng(12), px=px, length=0.7)
+        cov = field_of_few(PATTERNS, rows, corners, blocks, np.full(len(rows), 4e-4))
+        said = np.sqrt(np.trace(cov, axis1=2, axis2=3).mean() / 2)
+        assert said == pytest.approx(np.sqrt(np.mean(true**2)), rel=0.4, abs=0.01)

@@ -1,11 +1,14 @@
 """Tags of an image on paper that is not flat, found by the displacements of their blocks."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from boxcal.detect.alignment.box_pose import BoxFit
 from boxcal.detect.alignment.deformation.edge_model import CONTRASTS
-from boxcal.detect.alignment.deformation.kriging import Deformation, krige_corners
+from boxcal.detect.alignment.deformation.kriging import Deformation, field_of_few, krige_corners
 from boxcal.detect.alignment.deformation.neighbours import nearer_to_neighbours
+from boxcal.detect.alignment.pyramid_search import FEW_TAGS
 from boxcal.detect.alignment.registration.block_motion import BLOCKS
 from boxcal.detect.alignment.registration.tag_alignments import TagAlignments
 from boxcal.detect.alignment.row_sets import among
@@ -50,7 +53,7 @@ def deformation(  # noqa: PLR0917
     fit
         The box, with the lens that the tags tell.
     """
-    if not blocks_moved(tags, uneven):
+    if len(tags) <= FEW_TAGS or not blocks_moved(tags, uneven):
         return None
     even = ~among(tags.rows, uneven)
     sheets = target.tag_faces[tags.rows]
@@ -63,3 +66,16 @@ def deformation(  # noqa: PLR0917
     if not nearer_to_neighbours(target, tags.rows[even], flat[even], deformed[even]):
         return None
     return found
+
+
+def with_field_of_few(patterns: Patterns, tags: TagAlignments) -> TagAlignments:
+    """Return tags, if too few to tell lens and paper, as uncertain as what displaces their blocks makes them."""
+    if len(tags) > FEW_TAGS:
+        return tags
+    there = np.asarray(np.isfinite(tags.block_sums).all(axis=(1, 2)))
+    some = tags.take(there)
+    if len(some) == 0:
+        return tags
+    cov = tags.cov_px2.copy()
+    cov[there] += field_of_few(patterns, some.rows, some.corners_px, some.block_sums, some.noise**2)
+    return replace(tags, cov_px2=cov)

@@ -87,9 +87,7 @@ def krige_corners(  # noqa: PLR0917
     """
     model, to_px = edge_model(patterns), _unit_vectors(corners_px)
     there = np.asarray(np.isfinite(blocks).all(axis=(1, 2)))
-    contrasts = model.contrasts[rows].transpose(0, 2, 1)
-    seen, noise = _displacements(np.where(there[:, None, None], blocks, 0.0), noise2, np.asarray(np.linalg.inv(to_px)))
-    seen, noise = (contrasts @ seen[..., None])[..., 0], contrasts @ noise @ contrasts.transpose(0, 2, 1)
+    seen, noise = _contrasts(patterns, rows, to_px, np.where(there[:, None, None], blocks, 0.0), noise2)
     best, some = None, there & even
     if not some.any():
         return None
@@ -110,6 +108,35 @@ def krige_corners(  # noqa: PLR0917
         cov_px2=to_px[:, None] @ cov @ to_px[:, None].transpose(0, 1, 3, 2),
         noise_factor=noise_factor,
     )
+
+
+def field_of_few(patterns: Patterns, rows: Index, corners_px: Array, blocks: Array, noise2: Array) -> Array:
+    """Return the covariances (N, 4, 2, 2), px^2, of corners that the most likely field displaces, or none at all.
+
+    For tags that are too few for a field to be believed: their corners stay where they are. Arguments as for
+    :func:`krige_corners`; all tags have sums.
+    """
+    model, to_px = edge_model(patterns), _unit_vectors(corners_px)
+    seen, noise = _contrasts(patterns, rows, to_px, blocks, noise2)
+    best = None
+    for cov in model.cov:
+        field = _field(cov[:, rows], to_px)
+        spectrum = _spectrum(seen, noise, field[:, :CONTRASTS, :CONTRASTS])
+        found = _estimate(spectrum)
+        if best is None or found.likelihood > best[0]:
+            same = np.zeros(len(rows), dtype=np.int64)
+            best = found.likelihood, _of_sheets(spectrum, same, same, found.noise_factor)[0][:, None, None] * field
+    if best is None:
+        return np.zeros((len(rows), 4, 2, 2))
+    cov = np.stack([best[1][:, k : k + 2, k : k + 2] for k in range(CONTRASTS, CONTRASTS + HOMOGRAPHY, 2)], axis=1)
+    return np.asarray(to_px[:, None] @ cov @ to_px[:, None].transpose(0, 1, 3, 2))
+
+
+def _contrasts(patterns: Patterns, rows: Index, to_px: Array, blocks: Array, noise2: Array) -> tuple[Array, Array]:
+    """Return the contrasts (N, 10) of the blocks' displacements on the unit square and their covariances."""
+    contrasts = edge_model(patterns).contrasts[rows].transpose(0, 2, 1)
+    seen, noise = _displacements(blocks, noise2, np.asarray(np.linalg.inv(to_px)))
+    return (contrasts @ seen[..., None])[..., 0], contrasts @ noise @ contrasts.transpose(0, 2, 1)
 
 
 def _predicted(seen: Array, noise: Array, field: Array, there: NDArray[np.bool_]) -> tuple[Array, Array]:
