@@ -13,7 +13,7 @@ from boxcal.detect.alignment.box_search import (
 )
 from boxcal.detect.alignment.covariance import asked, inflation_left_out, rigid_share
 from boxcal.detect.alignment.cut_tags import carried_to_lens, cut_by_border
-from boxcal.detect.alignment.deformation.deformed_tags import blocks_moved, deformation, with_field_of_few
+from boxcal.detect.alignment.deformation.deformed_tags import deformation, looks_deformed, with_field_of_few
 from boxcal.detect.alignment.deformation.kriging import Deformation
 from boxcal.detect.alignment.detection import DetectorOutput, DetectorSettings, KnownCamera, nothing
 from boxcal.detect.alignment.dot_gain import without_dot_gain
@@ -144,7 +144,7 @@ def detect_in_grey(  # noqa: PLR0917
             inflation = _inflation(frame, patterns, tags, uneven)
     tags = without_dot_gain(patterns, tags, uneven)
     fit = _fitted(target, patterns, tags, size, fit)
-    moved, deformed = blocks_moved(tags, uneven), None
+    moved, deformed = looks_deformed(patterns, tags, uneven), None
     if moved or sagitta_difference_px(frame.lens, fit.lens, tags.corners_px) > BENT_PX:
         apart = among(tags.rows, own_light)
         own = _carried(frame, fit, tags.take(apart))

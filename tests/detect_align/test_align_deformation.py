@@ -257,6 +257,20 @@ def test_blocks_that_nobody_asked_for_have_not_moved():
     assert not blocks_moved(replace(tags, sandwich_sums=sums), rows[3:4])
 
 
+def test_blocks_that_move_each_by_itself_are_not_looked_at_again(monkeypatch):
+    """Pictures without blur displace blocks, but neighbours independently: five tags are enough to say so."""
+    image = view(pose(20.0, distance=0.6), SensorModel(noise=2.0, psf_px=0.0))
+    moved, looked = [], []
+    monkeypatch.setattr(
+        "boxcal.detect.alignment.deformation.deformed_tags.blocks_moved",
+        lambda *a: moved.append(blocks_moved(*a)) or moved[-1],
+    )
+    monkeypatch.setattr("boxcal.detect.alignment.detector.deformation", lambda *_: looked.append(1))
+    detect_tags(image, TARGET)
+    assert moved == [True]
+    assert not looked
+
+
 def test_a_bend_of_the_lens_is_not_taken_for_the_paper_s():
     T, camera = pose(60.0, distance=0.4), replace(CAMERA, kr=-0.25)
     tags = detect_tags(view(T, camera=camera), TARGET)

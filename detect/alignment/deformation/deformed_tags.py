@@ -6,7 +6,7 @@ import numpy as np
 
 from boxcal.detect.alignment.box_pose import BoxFit
 from boxcal.detect.alignment.deformation.edge_model import CONTRASTS
-from boxcal.detect.alignment.deformation.kriging import Deformation, field_of_few, krige_corners
+from boxcal.detect.alignment.deformation.kriging import Deformation, field_of_few, krige_corners, likely_gain
 from boxcal.detect.alignment.deformation.neighbours import nearer_to_neighbours
 from boxcal.detect.alignment.pyramid_search import FEW_TAGS
 from boxcal.detect.alignment.registration.block_motion import BLOCKS
@@ -17,8 +17,25 @@ from boxcal.detect.alignment.tag_patterns import Index, Patterns
 from boxcal.target.arrays import Array
 from boxcal.target.box import Target
 
+HINT = 1.0
+"""Gain of the log-likelihood, of some five tags, from which on all tags are looked at: a tenth of what is asked of all
+is a hint, as pictures of a camera that displaces blocks in other ways, all of them, would be looked at twice."""
 SUSPICIOUS = 1.5
 """Blocks that move by this factor (of variance) more than noise makes them: of all tags they are looked at then."""
+
+
+def looks_deformed(patterns: Patterns, tags: TagAlignments, uneven: Index) -> bool:
+    """Return whether the tags of which sums were asked for hint that paper or lens is not what it is taken for.
+
+    Few tags, of which the sums of all are known, do where their blocks moved; of others a field must also explain that
+    a little better than noise does.
+    """
+    if not blocks_moved(tags, uneven):
+        return False
+    if len(tags) <= FEW_TAGS:
+        return True
+    some = tags.take(~among(tags.rows, uneven) & np.isfinite(tags.block_sums).all(axis=(1, 2)))
+    return likely_gain(patterns, some.rows, some.corners_px, some.block_sums, some.noise**2) > HINT
 
 
 def blocks_moved(tags: TagAlignments, uneven: Index) -> bool:

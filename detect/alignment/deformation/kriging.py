@@ -110,6 +110,20 @@ def krige_corners(  # noqa: PLR0917
     )
 
 
+def likely_gain(patterns: Patterns, rows: Index, corners_px: Array, blocks: Array, noise2: Array) -> float:
+    """Return how much better a field of the likeliest length explains the blocks of tags than noise alone.
+
+    As a difference of log-likelihoods, 0 where nothing is seen. Arguments as for :func:`krige_corners`; all tags have
+    sums.
+    """
+    if len(rows) == 0:
+        return 0.0
+    to_px = _unit_vectors(corners_px)
+    seen, noise = _contrasts(patterns, rows, to_px, blocks, noise2)
+    field = _field(edge_model(patterns).cov[ORDER[0]][:, rows], to_px)[:, :CONTRASTS, :CONTRASTS]
+    return _estimate(_spectrum(seen, noise, field)).gain
+
+
 def field_of_few(patterns: Patterns, rows: Index, corners_px: Array, blocks: Array, noise2: Array) -> Array:
     """Return the covariances (N, 4, 2, 2), px^2, of corners that the most likely field displaces, or none at all.
 
