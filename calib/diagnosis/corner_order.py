@@ -7,7 +7,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from boxcal.calib.diagnosis.frozen import without_corners
+from boxcal.calib.diagnosis.left_out import named, said_to_be_left_out, without_corners
 from boxcal.calib.errors import CalibError
 from boxcal.calib.likelihood.finding import Finding
 from boxcal.detect.correspondences import Correspondences, StopObservation
@@ -173,36 +173,34 @@ def _reordered(seen: _Seen, order: Sequence[int]) -> _Seen:
     )
 
 
-def _numbered(stops: Sequence[int], drive: Correspondences) -> str:
-    return f"{'stops' if len(stops) > 1 else 'stop'} {', '.join(str(j + 1) for j in stops)} (of {len(drive.stops)})"
-
-
 def _mirrored_finding(stops: tuple[int, ...], drive: Correspondences) -> list[Finding]:
     if not stops:
         return []
     text = (
-        f"{_numbered(stops, drive)} {'show' if len(stops) > 1 else 'shows'} the box mirrored, as if x and y of the "
+        f"{named(stops, drive)} {'show' if len(stops) > 1 else 'shows'} the box mirrored, as if x and y of the "
         "pixels were exchanged, one of them counted backwards, or the corners of each tag the other way round"
     )
     left = sum(len(stop.landmark_ids) > 0 for stop in drive.stops) - len(stops)
-    advice = (
-        "Check the order of pixel coordinates and corners where they were saved, and that the picture is not flipped."
+    finding = Finding(
+        cause="stops-mirrored",
+        text=f"{text}: {said_to_be_left_out(stops)}",
+        advice="Check the order of pixel coordinates and corners where they were saved, and that the picture is not "
+        "flipped.",
+        adopted=True,
+        stops=stops,
     )
     if left < MIN_STOPS:
         raise CalibError(
-            f"{text}; {left} stops are left",
-            needed=f"at least {MIN_STOPS} are needed",
-            remedy=advice[:1].lower() + advice[1:].rstrip("."),
+            f"{text}; {left} stops are left", needed=f"at least {MIN_STOPS} are needed", remedy=finding.remedy
         )
-    text += f": {'these stops were' if len(stops) > 1 else 'this stop was'} left out"
-    return [Finding(cause="stops-mirrored", text=text, advice=advice, adopted=True, stops=stops)]
+    return [finding]
 
 
 def _order_finding(stops: tuple[int, ...], drive: Correspondences) -> list[Finding]:
     if not stops:
         return []
     text = (
-        f"the four corners of each tag come in another order than described at {_numbered(stops, drive)}: "
+        f"the four corners of each tag come in another order than described at {named(stops, drive)}: "
         "they were taken for those that they are by where the tags beside them lie"
     )
     advice = "Corners are counted top-left, top-right, bottom-right, bottom-left of the tag as it is printed."

@@ -19,7 +19,14 @@ from boxcal.calib.diagnosis.sheets import Gluing, find_gluing
 from boxcal.calib.diagnosis.sheets_by_wheels import gluing_by_wheels
 from boxcal.calib.diagnosis.silent_wheels import refuse_silent_wheels
 from boxcal.calib.diagnosis.standing import Standing, how_it_stands, side_finding
-from boxcal.calib.diagnosis.turned_pictures import refuse_turned, said_with_turned, turned_stops, without_turned
+from boxcal.calib.diagnosis.turned_pictures import (
+    Turned,
+    find_turned,
+    refuse_turned,
+    said_with_turned,
+    turned_stops,
+    without_turned,
+)
 from boxcal.calib.diagnosis.wheel_signs import LEAST_STOPS, Explained, agree, explain_signs, places
 from boxcal.calib.diagnosis.without_stops import said_without_stops, with_frames_for_stops
 from boxcal.calib.errors import CalibError
@@ -89,16 +96,21 @@ def first_look(drives: Sequence[Correspondences], target: Target, mode: CameraMo
     try:
         look = _looked(drives, target, mode, findings)
     except CalibError as error:
-        other = _without_odd(drives, target, mode, findings) or _without_turned(drives, target, mode, findings)
-        if other is None:
-            said = said_with_odd_corners(said_without_stops(error, drives), findings)
-            raise said_with_turned(said, drives, mode) from error
-        return other
-    if not any(turned_stops(steps.camera)[0] for steps in look.steps):
+        other = _without_odd(drives, target, mode, findings)
+        if other is not None:
+            return other
+        turned = [find_turned(drive, mode) for drive in drives]
+        other = _without_turned(drives, turned, target, mode, findings)
+        if other is not None:
+            return other
+        said = said_with_odd_corners(said_without_stops(error, drives), findings)
+        raise said_with_turned(said, drives, turned) from error
+    turned = [turned_stops(steps.camera) for steps in look.steps]
+    if not any(found.stops for found in turned):
         return look
-    other = _without_turned(look.drives, look.target, mode, look.findings)
+    other = _without_turned(look.drives, turned, look.target, mode, look.findings)
     if other is None:
-        refuse_turned(look.drives, mode)
+        refuse_turned(look.drives, turned)
     return other or look
 
 
@@ -114,12 +126,16 @@ def _without_odd(
 
 
 def _without_turned(
-    drives: Sequence[Correspondences], target: Target, mode: CameraMode, findings: Sequence[Finding]
+    drives: Sequence[Correspondences],
+    turned: Sequence[Turned],
+    target: Target,
+    mode: CameraMode,
+    findings: Sequence[Finding],
 ) -> FirstLook | None:
     """Return the look at drives without images that were turned; None if none were, or it does not do."""
-    sound, turned = without_turned(drives, mode)
+    sound, said = without_turned(drives, turned)
     try:
-        return _looked(sound, target, mode, [*findings, *turned]) if turned else None
+        return _looked(sound, target, mode, [*findings, *said]) if said else None
     except CalibError:
         return None
 
@@ -227,7 +243,7 @@ def _too_few(drive: Correspondences) -> CalibError:
     return CalibError(
         f"{count} usable stops, and {moving.text}",
         needed=f"at least {MIN_STOPS} are needed",
-        remedy=remedy_of(moving),
+        remedy=moving.remedy,
     )
 
 
@@ -314,9 +330,4 @@ def _turned_over(why: Explained) -> Finding:
 
 
 def _error(finding: Finding) -> CalibError:
-    return CalibError(finding.text, remedy=remedy_of(finding))
-
-
-def remedy_of(finding: Finding) -> str:
-    """Return a finding's advice as the end of an error."""
-    return finding.advice[:1].lower() + finding.advice[1:].rstrip(".")
+    return CalibError(finding.text, remedy=finding.remedy)

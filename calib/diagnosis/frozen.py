@@ -1,10 +1,10 @@
 """Images that stay the same while the robot drives: a camera driver that repeats its last frame."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
+from boxcal.calib.diagnosis.left_out import numbers, without_stops
 from boxcal.calib.likelihood.finding import Finding
 from boxcal.detect.correspondences import Correspondences, StopObservation
 
@@ -27,30 +27,16 @@ def without_frozen(drive: Correspondences) -> tuple[Correspondences, Finding | N
     frozen = frozen_stops(drive.stops)
     if not frozen:
         return drive, None
-    stops = tuple(without_corners(stop) if j in frozen else stop for j, stop in enumerate(drive.stops))
-    numbers = ", ".join(str(j + 1) for j in frozen)
     finding = Finding(
         cause="pictures-frozen",
-        text=f"the camera's picture does not change while the wheels turn (stops {numbers} of {len(drive.stops)} "
-        "show the picture of the stop before): these stops were left out",
+        text="the camera's picture does not change while the wheels turn "
+        f"(stops {numbers(frozen)} of {len(drive.stops)} show the picture of the stop before): these stops were left "
+        "out",
         advice="Look for a camera driver that hangs and repeats its last frame, and for wheels that turn on the spot.",
         adopted=True,
         stops=frozen,
     )
-    return replace(drive, stops=stops), finding
-
-
-def without_corners(stop: StopObservation) -> StopObservation:
-    """Return a stop without corners."""
-    none = slice(0, 0)
-    return replace(
-        stop,
-        landmark_ids=stop.landmark_ids[none],
-        faces=stop.faces[none],
-        p_box=stop.p_box[none],
-        uv_px=stop.uv_px[none],
-        cov_px2=stop.cov_px2[none],
-    )
+    return without_stops(drive, frozen), finding
 
 
 def _same(a: StopObservation, b: StopObservation) -> bool:

@@ -1,12 +1,11 @@
 """Stops whose corners no view of the box gives, as with landmarks in another order, and the drive without them."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import cv2
 import numpy as np
 
-from boxcal.calib.diagnosis.frozen import without_corners
+from boxcal.calib.diagnosis.left_out import named, numbers, said_to_be_left_out, without_stops
 from boxcal.calib.errors import CalibError
 from boxcal.calib.likelihood.finding import Finding
 from boxcal.detect.correspondences import Correspondences, StopObservation
@@ -48,14 +47,13 @@ def without_scrambled(drive: Correspondences) -> tuple[Correspondences, Finding 
     if not odd:
         return drive, None
     seen = sum(len(stop.landmark_ids) > 0 for stop in drive.stops)
-    numbers = ", ".join(str(j + 1) for j in odd)
     text = (
-        f"the corners of stop{'s' if len(odd) > 1 else ''} {numbers} (of {len(drive.stops)}) do not lie as those of "
-        "flat sheets do in any picture, as if pixels were assigned to other landmarks"
+        f"the corners of {named(odd, drive)} do not lie as those of flat sheets do in any picture, as if pixels were "
+        "assigned to other landmarks"
     )
     left = seen - len(odd)
     if left < max(MIN_STOPS, len(odd)):
-        others = ", ".join(str(j + 1) for j, s in enumerate(drive.stops) if len(s.landmark_ids) and j not in odd)
+        others = numbers([j for j, stop in enumerate(drive.stops) if len(stop.landmark_ids) and j not in odd])
         raise CalibError(
             f"{text}; {left} stops are left{f' ({others})' if left else ''}",
             needed=f"at least {MIN_STOPS} are needed, and more than are in disorder",
@@ -63,13 +61,12 @@ def without_scrambled(drive: Correspondences) -> tuple[Correspondences, Finding 
         )
     finding = Finding(
         cause="stops-scrambled",
-        text=f"{text}: {'these stops were' if len(odd) > 1 else 'this stop was'} left out",
+        text=f"{text}: {said_to_be_left_out(odd)}",
         advice="Check the order of landmarks and pixels of such stops where they were saved.",
         adopted=True,
         stops=odd,
     )
-    stops = tuple(without_corners(stop) if j in odd else stop for j, stop in enumerate(drive.stops))
-    return replace(drive, stops=stops), finding
+    return without_stops(drive, odd), finding
 
 
 def _scrambled(stop: StopObservation) -> bool:

@@ -48,3 +48,8 @@ class Finding:
     def allowed_for(self) -> bool:
         """Whether the result allows for the cause: it was solved for, or the standard deviations are wider for it."""
         return self.adopted or self.probability < 1
+
+    @property
+    def remedy(self) -> str:
+        """The advice as the end of an error, whose last sentence it is."""
+        return self.advice[:1].lower() + self.advice[1:].rstrip(".")

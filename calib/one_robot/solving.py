@@ -8,7 +8,7 @@ import numpy as np
 
 from boxcal.calib.diagnosis.counters import WRAPS, counter_finding
 from boxcal.calib.diagnosis.explained_estimate import ExplainedEstimate, estimate_explained, explained_estimate
-from boxcal.calib.diagnosis.first_look import FirstLook, remedy_of
+from boxcal.calib.diagnosis.first_look import FirstLook
 from boxcal.calib.diagnosis.last_look import last_look
 from boxcal.calib.diagnosis.without_stops import said_without_stops
 from boxcal.calib.errors import CalibError
@@ -109,7 +109,7 @@ def _said_with_jumps(error: CalibError, drives: Sequence[Correspondences]) -> Ca
     jumping = next((f for f in (counter_finding(drive.wheels, WRAPS) for drive in drives) if f is not None), None)
     if jumping is None:
         return error
-    return CalibError(f"{jumping.text}: {error.found}", source=error.source, remedy=remedy_of(jumping))
+    return CalibError(f"{jumping.text}: {error.found}", source=error.source, remedy=jumping.remedy)
 
 
 def _why_replaced(steps: Sequence[FourSteps]) -> str:
