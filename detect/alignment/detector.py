@@ -6,12 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from boxcal.detect.alignment.box_pose import LEAST_SIGMA_PX, BoxFit, CameraPrior, fit_box
-from boxcal.detect.alignment.box_search import (
-    RIGID_TOLERANCE_MODULES,
-    RIGID_TOLERANCE_PX,
-    BoxDetection,
-)
-from boxcal.detect.alignment.covariance import asked, inflation_left_out, rigid_share
+from boxcal.detect.alignment.box_search import BoxDetection
+from boxcal.detect.alignment.covariance import inflation_left_out, rigid_share
 from boxcal.detect.alignment.cut_tags import carried_to_lens, cut_by_border
 from boxcal.detect.alignment.deformation.deformed_tags import deformation, looks_deformed, with_field_of_few
 from boxcal.detect.alignment.deformation.kriging import Deformation
@@ -19,42 +15,33 @@ from boxcal.detect.alignment.detection import DetectorOutput, DetectorSettings, 
 from boxcal.detect.alignment.dot_gain import without_dot_gain
 from boxcal.detect.alignment.expected_tags import ExpectedTags, at_most, find_expected
 from boxcal.detect.alignment.face_scatter import ENOUGH, scatter
+from boxcal.detect.alignment.fine_alignment import FINE_SIDE_PX, align_finely, aligned_again, believed, on_the_box
 from boxcal.detect.alignment.motion_blur import estimate_blur, shape, shape_of
 from boxcal.detect.alignment.preview import Preview, preview
 from boxcal.detect.alignment.pyramid import Pyramid, align_coarsely
 from boxcal.detect.alignment.pyramid_search import FEW_TAGS, find_box, search_copies
 from boxcal.detect.alignment.radial_camera import no_distortion
-from boxcal.detect.alignment.registration.align import align
-from boxcal.detect.alignment.registration.parameters import BLACK, CONTRAST, KURTOSIS
+from boxcal.detect.alignment.registration.parameters import KURTOSIS
 from boxcal.detect.alignment.registration.tag_alignments import TagAlignments
 from boxcal.detect.alignment.registration.tag_batch import ROUND, Frame
 from boxcal.detect.alignment.row_sets import among
 from boxcal.detect.alignment.tag_curvature import sagitta_difference_px, under_lens
 from boxcal.detect.alignment.tag_patterns import Index, Patterns, target_patterns
-from boxcal.detect.alignment.uneven_light import align_unevenly_lit, box_distance2, crossed, displacement_px2
-from boxcal.detect.alignment.verification import Limits, module_px, verified
+from boxcal.detect.alignment.uneven_light import displacement_px2
+from boxcal.detect.alignment.verification import verified
 from boxcal.detect.image.gray import Levels, to_grey8, to_levels
 from boxcal.detect.image.order_statistics import median
-from boxcal.detect.image.response_curve import (
-    ResponseEstimate,
-    estimate_response,
-    response_table,
-    with_response,
-)
+from boxcal.detect.image.response_curve import ResponseEstimate, estimate_response, response_table
 from boxcal.target.box import Target
 
 MODEL_ERROR_PX = 0.001
 """Deviation per axis of what the model leaves out (lens, print, pixel response); no residual shows it."""
-STOP_PX = 0.05
-"""Tags that a step moves less are left: the error shrinks with its square, to a tenth of a corner's sigma."""
 BENT_PX = 0.05
 """If the lens that the aligned tags tell moves the middle of an edge by more than this against the corners, tags are
 aligned again under it; else their corners are carried over (:mod:`boxcal.detect.alignment.tag_curvature`)."""
 MOVED, MOVED_MORE = 1.0, 1.5
-"""Variance inflation beyond which the tags are asked whether the picture moved: as a figure, and as a multiple of the
+"""Variance inflation beyond which the tags are asked whether the picture moved: as a value, and as a multiple of the
 largest at which pictures of the same camera at rest were found not to."""
-FINE_SIDE_PX = 26.0
-"""Tags twice as large are aligned on every second pixel both ways, and so on, beside those that are near to edges."""
 
 
 def detect_tags(
@@ -129,28 +116,28 @@ def detect_in_grey(  # noqa: PLR0917
         taken = ResponseEstimate(imaging=camera.imaging, darkness=None)
     else:
         taken = estimate_response(frame, patterns, tags, settings.response)
-    frame, tags = _finely(frame, patterns, tags, taken)
-    tags, uneven, own_light = _believed(frame, target, patterns, tags, fit, settings.limits)
-    tags = _on_the_box(target, patterns, tags, fit)
+    frame, tags = align_finely(frame, patterns, tags, taken)
+    there = believed(frame, target, patterns, tags, fit, settings.limits)
+    tags, uneven = on_the_box(target, patterns, there.tags, fit), there.uneven
     inflation, rounded = _inflation(frame, patterns, tags, uneven), 0.0 if camera is None else camera.round_inflation
     if inflation > max(MOVED, MOVED_MORE * rounded):
         blur = estimate_blur(frame, patterns, tags)
         if blur is None:
             rounded = inflation
         else:
-            frame = replace(frame, blur=blur)
-            apart = among(tags.rows, own_light)
-            tags = _aligned_again(frame, target, patterns, tags.take(~apart), fit).joined(tags.take(apart))
+            better = replace(frame, blur=blur)
+            tags, own = aligned_again(frame, better, target, patterns, tags, there.own_light, fit)
+            tags = tags.joined(own)
+            frame = better
             inflation = _inflation(frame, patterns, tags, uneven)
     tags = without_dot_gain(patterns, tags, uneven)
     fit = _fitted(target, patterns, tags, size, fit)
     moved, deformed = looks_deformed(patterns, tags, uneven), None
     if moved or sagitta_difference_px(frame.lens, fit.lens, tags.corners_px) > BENT_PX:
-        apart = among(tags.rows, own_light)
-        own = _carried(frame, fit, tags.take(apart))
-        frame = replace(frame, lens=fit.lens)
-        tags = _aligned_again(frame, target, patterns, tags.take(~apart), fit, every=moved)
+        better = replace(frame, lens=fit.lens)
+        tags, own = aligned_again(frame, better, target, patterns, tags, there.own_light, fit, every=moved)
         tags = without_dot_gain(patterns, tags, uneven).joined(own)
+        frame = better
         deformed = deformation(target, patterns, tags, uneven, frame.lens, fit) if moved else None
     if deformed is not None:
         tags, inflation = replace(tags, corners_px=tags.corners_px + deformed.displacement_px), deformed.noise_factor
@@ -230,26 +217,6 @@ def _with_faces(located: DetectorOutput, target: Target, fit: BoxFit, uneven: In
     return replace(located, cov_px2=factor[:, None, None, None] * located.cov_px2)
 
 
-def _believed(  # noqa: PLR0917
-    frame: Frame, target: Target, patterns: Patterns, tags: TagAlignments, fit: BoxFit, limits: Limits
-) -> tuple[TagAlignments, Index, Index]:
-    """Return the tags that are really there, and the rows of those that may be unevenly lit, and of those that are.
-
-    The latter are aligned with levels of their own for each module.
-    """
-    good, again = verified(patterns, tags, limits), crossed(tags, patterns, limits)
-    if not again.any():
-        return tags.take(good), tags.rows[again], tags.rows[again]
-    own, sound = align_unevenly_lit(
-        frame, patterns, tags.take(again), side_px=FINE_SIDE_PX, stop_px=STOP_PX, limits=limits
-    )
-    # of a tag that can be believed either way that stays which lies nearer to where the box has it
-    nearer = box_distance2(target, own, fit) < box_distance2(target, tags.take(again), fit)
-    replaced = own.take(sound & (nearer | ~good[again]))
-    kept = tags.take(good & ~among(tags.rows, replaced.rows))
-    return kept.joined(replaced), tags.rows[again], replaced.rows
-
-
 def _first_response(settings: DetectorSettings, camera: KnownCamera | None) -> str:
     """Return the response curve under which a picture is searched."""
     if settings.response != "auto":
@@ -274,72 +241,11 @@ def detect_copies(
     tags = align_coarsely(pyramid, patterns, candidates.rows, candidates.corners_px)
     frame = pyramid.level(0)
     tags = tags.take(verified(patterns, tags, limits.relaxed()))
-    frame, tags = _finely(frame, patterns, tags, estimate_response(frame, patterns, tags, settings.response))
+    frame, tags = align_finely(frame, patterns, tags, estimate_response(frame, patterns, tags, settings.response))
     tags = tags.take(verified(patterns, tags, limits))
     inflation = inflation_left_out(frame, patterns, tags, FINE_SIDE_PX)
     # the same pattern again and again: what displaces blocks alike in all may be ink or the response curve
     return _located(frame, patterns, tags, inflation, None)
-
-
-def _finely(
-    frame: Frame, patterns: Patterns, tags: TagAlignments, taken: ResponseEstimate
-) -> tuple[Frame, TagAlignments]:
-    """Return an image under the right response curve, and tags, aligned coarsely before, aligned on its pixels."""
-    under = replace(frame, response=response_table(taken.imaging.response))
-    changed = under.response is not frame.response
-    start = with_response(tags, frame.response, under.response)
-    if changed and taken.darkness is not None:
-        white = start.theta[:, BLACK] + start.theta[:, CONTRAST]
-        start.theta[:, BLACK], start.theta[:, CONTRAST] = taken.darkness * white, (1 - taken.darkness) * white
-    start.theta[:, KURTOSIS] = taken.imaging.kurtosis
-    aligned = align(
-        under,
-        patterns,
-        tags.rows,
-        tags.corners_px,
-        start=start,
-        intensity_unknown=changed,
-        side_px=FINE_SIDE_PX,
-        stop_px=STOP_PX,
-        thinned=True,
-        asked=asked(tags.corners_px),
-    )
-    return under, aligned
-
-
-def _carried(frame: Frame, fit: BoxFit, tags: TagAlignments) -> TagAlignments:
-    """Return unevenly lit tags as they would be under the box's lens, without sums of what the model leaves out."""
-    return replace(
-        tags,
-        corners_px=under_lens(frame.lens, fit.lens, tags.corners_px),
-        sandwich_sums=np.full_like(tags.sandwich_sums, np.nan),
-        block_sums=np.full_like(tags.block_sums, np.nan),
-    )
-
-
-def _aligned_again(
-    frame: Frame, target: Target, patterns: Patterns, tags: TagAlignments, fit: BoxFit, *, every: bool = False
-) -> TagAlignments:
-    """Return tags aligned under a better PSF or lens, but those that diverge; with sums of some or every one."""
-    again = align(
-        frame,
-        patterns,
-        tags.rows,
-        tags.corners_px,
-        start=tags,
-        side_px=FINE_SIDE_PX,
-        stop_px=STOP_PX,
-        asked=np.ones(len(tags), dtype=np.bool_) if every else asked(tags.corners_px),
-    )
-    return _on_the_box(target, patterns, again, fit)
-
-
-def _on_the_box(target: Target, patterns: Patterns, tags: TagAlignments, fit: BoxFit) -> TagAlignments:
-    """Return the tags that lie on the rigid box."""
-    uv = fit.places(target.tag_corners[tags.rows].reshape(-1, 3))
-    apart = uv.reshape(-1, 4, 2) - tags.corners_px
-    off = np.hypot(apart[..., 0], apart[..., 1]).max(axis=1)
-    return tags.take(off <= RIGID_TOLERANCE_MODULES * module_px(patterns, tags.corners_px) + RIGID_TOLERANCE_PX)
 
 
 def _previewed(patterns: Patterns, seen: Preview) -> DetectorOutput:

@@ -15,18 +15,19 @@ from functools import lru_cache
 
 import numpy as np
 
+from boxcal.detect.alignment.pattern_edges import CORNERS, pattern_edges
 from boxcal.detect.alignment.registration.begin import EDGE_SIDE_PX
 from boxcal.detect.alignment.registration.tag_alignments import TagAlignments
 from boxcal.detect.alignment.row_sets import among
 from boxcal.detect.alignment.tag_curvature import small_homographies
 from boxcal.detect.alignment.tag_patterns import Index, Patterns
+from boxcal.detect.alignment.tag_shape import sides
 from boxcal.target.arrays import Array
 
 PRIOR = 0.05
 """Deviation of the growth before anything is seen, modules: prints have less, on paper that soaks it up."""
 LEAST = 0.003
 """Growth, modules, of which half is believed: sums over modules know of blur only what stays in the next module."""
-_CORNERS = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -59,7 +60,7 @@ def without_dot_gain(patterns: Patterns, tags: TagAlignments, uneven: Index) -> 
     if len(told) == 0:
         return tags
     followed = dot_gain(patterns, told) * edges(patterns).followed[tags.rows]
-    right, down = _module_vectors(patterns, tags.corners_px)
+    right, down = (side / patterns.modules for side in sides(tags.corners_px))
     moved = followed[..., :1] * right[:, None] + followed[..., 1:] * down[:, None]
     return replace(tags, corners_px=tags.corners_px - moved)
 
@@ -67,7 +68,7 @@ def without_dot_gain(patterns: Patterns, tags: TagAlignments, uneven: Index) -> 
 def dot_gain(patterns: Patterns, tags: TagAlignments) -> float:
     """Return by how much the black of tags has grown at each edge, modules, negative where it has shrunk."""
     alone = edges(patterns).alone[tags.rows]
-    right, down = _module_vectors(patterns, tags.corners_px)
+    right, down = (side / patterns.modules for side in sides(tags.corners_px))
     area = np.abs(right[:, 0] * down[:, 1] - right[:, 1] * down[:, 0])
     inner = tags.blocks[:, 1:-1, 1:-1].reshape(len(tags), -1, 2)
     seen = np.sum(alone * inner[..., 0], axis=1) / tags.contrast
@@ -83,23 +84,18 @@ def dot_gain(patterns: Patterns, tags: TagAlignments) -> float:
 @lru_cache(maxsize=4)
 def edges(patterns: Patterns) -> Edges:
     """Return what the edges of patterns do."""
-    cells, m = patterns.cells, patterns.modules
-    across, down = np.diff(cells[:, 1:-1], axis=2), np.diff(cells[:, :, 1:-1], axis=1)
-    lines, middles = np.arange(m + 1) / m, (np.arange(m) + 0.5) / m
-    at_u = np.stack(np.meshgrid(lines, middles), axis=-1)
-    at_v = np.stack(np.meshgrid(middles, lines), axis=-1)
+    lines, m, cells = pattern_edges(patterns), patterns.modules, patterns.cells
+    across, down = lines.step_u.reshape(-1, m, m + 1), lines.step_v.reshape(-1, m + 1, m)
     # (rows, columns, 8): how small homographies move edges across themselves
-    by_u = small_homographies(at_u.reshape(-1, 2))[:, 0].reshape(m, m + 1, 8)
-    by_v = small_homographies(at_v.reshape(-1, 2))[:, 1].reshape(m + 1, m, 8)
+    along_u, along_v = np.split(lines.fields, 2)
+    by_u, by_v = along_u.reshape(m, m + 1, 8), along_v.reshape(m + 1, m, 8)
     lost_u, lost_v = -across[..., None] * by_u, -down[..., None] * by_v
     shifted = 0.5 * (lost_u[:, :, :-1] + lost_u[:, :, 1:] + lost_v[:, :-1] + lost_v[:, 1:])
     some_u, some_v = np.abs(across), np.abs(down)
     count = some_u[:, :, :-1] + some_u[:, :, 1:] + some_v[:, :-1] + some_v[:, 1:]
     white = cells[:, 1:-1, 1:-1]
-    fields = np.concatenate([by_u.reshape(-1, 8), by_v.reshape(-1, 8)])
-    sign = np.concatenate([across.reshape(len(cells), -1), down.reshape(len(cells), -1)], axis=1)
-    normal = np.einsum("te,ei,ej->tij", sign**2, fields, fields)
-    followed = np.linalg.solve(normal, (sign @ fields)[..., None])[..., 0]
+    followed = np.einsum("tke,te->tk", lines.fitted, np.concatenate([lines.step_u, lines.step_v], axis=1))
+    middles = (np.arange(m) + 0.5) / m
     x, y = np.meshgrid(middles - 0.5, middles - 0.5)
     light = np.broadcast_to(np.stack([np.ones_like(x), x, y], axis=-1), (*white.shape, 3))
     columns = [shifted, (count * (1 - 2 * white))[..., None], light, light * white[..., None]]
@@ -107,12 +103,5 @@ def edges(patterns: Patterns) -> Edges:
     flat = count.reshape(len(cells), m * m, 1)
     return Edges(
         alone=(flat - basis @ (basis.transpose(0, 2, 1) @ flat))[..., 0],
-        followed=np.einsum("cik,tk->tci", small_homographies(_CORNERS), followed),
+        followed=np.einsum("cik,tk->tci", small_homographies(CORNERS), followed),
     )
-
-
-def _module_vectors(patterns: Patterns, corners_px: Array) -> tuple[Array, Array]:
-    """Return a module's width and height in the image, (N, 2) px each."""
-    right = corners_px[:, 1] - corners_px[:, 0] + corners_px[:, 2] - corners_px[:, 3]
-    down = corners_px[:, 3] - corners_px[:, 0] + corners_px[:, 2] - corners_px[:, 1]
-    return right / (2 * patterns.modules), down / (2 * patterns.modules)

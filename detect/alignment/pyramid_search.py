@@ -1,6 +1,6 @@
 """Coarse-to-fine search for all tags of a box over the levels of an image pyramid.
 
-Large tags stand out in few pixels. A shrunken image is enough where every tag that the box turns to the camera was
+Large tags stand out in few pixels. A lower pyramid level is enough where every tag that the box turns to the camera was
 found from it, or the whole image would not show the rest either; else larger ones are searched.
 """
 

@@ -14,6 +14,7 @@ import numpy as np
 from boxcal.detect.alignment.backend import backend
 from boxcal.detect.alignment.homography import from_square
 from boxcal.detect.alignment.radial_camera import A1, P1, P2, square, tangential, unsquare
+from boxcal.detect.alignment.tag_shape import sides
 from boxcal.target.arrays import Array
 
 MODULES = 8
@@ -43,8 +44,7 @@ def under_lens(lens: Array, better: Array, corners_px: Array, followed: Array | 
     charts = np.ones((len(middle), 3))
     charts[:, :2] = middle
     field = _straightened(better, charts, seen) - backend().undistort_locally(lens, charts, seen)
-    along = 0.5 * (corners_px[:, 1] + corners_px[:, 2] - corners_px[:, 0] - corners_px[:, 3])
-    down = 0.5 * (corners_px[:, 2] + corners_px[:, 3] - corners_px[:, 1] - corners_px[:, 0])
+    along, down = sides(corners_px)
     on_tag = _split(field, along, down)
     if followed is None:
         at_corners = (on_tag.reshape(len(middle), -1) @ _followed().T).reshape(-1, 4, 2)

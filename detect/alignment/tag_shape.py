@@ -21,3 +21,10 @@ def convex(corners_px: Array) -> NDArray[np.bool_]:
     along = corners_px[:, _NEXT] - corners_px
     after = along[:, _NEXT]
     return np.asarray(np.all(along[..., 0] * after[..., 1] - along[..., 1] * after[..., 0] > 0, axis=1))
+
+
+def sides(corners_px: Array) -> tuple[Array, Array]:
+    """Return the mean sides of tags (N, 4, 2), px, to the right and down as they are printed, (N, 2) px each."""
+    top_left, top_right, bottom_right, bottom_left = corners_px.transpose(1, 0, 2)
+    right = 0.5 * (top_right + bottom_right - top_left - bottom_left)
+    return right, 0.5 * (bottom_right + bottom_left - top_right - top_left)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from aligned_views import PATTERNS, PLAIN, TARGET, pose, some_tags, truth, view, width_px
 
-from boxcal.detect.alignment import detector, motion_blur
+from boxcal.detect.alignment import detector, fine_alignment, motion_blur
 from boxcal.detect.alignment.detection import DetectorSettings
 from boxcal.detect.alignment.detector import detect_tags
 from boxcal.detect.alignment.motion_blur import MOST, estimate_blur, shape
@@ -134,7 +134,7 @@ def test_a_tag_that_diverges_under_the_better_blur_is_left_out(monkeypatch):
     T = pose(12.0, distance=0.55)
     image = view(T, replace(PLAIN, motion_blur_px=3.0, motion_angle=0.6))
     whole = detect_tags(image, TARGET)
-    monkeypatch.setattr(detector, "align", diverging)
+    monkeypatch.setattr(fine_alignment, "align", diverging)
     found = detect_tags(image, TARGET)
     assert len(found.ids) == len(whole.ids) - 1
     np.testing.assert_allclose(found.corners_px, whole.corners_px[np.isin(whole.ids, found.ids)], atol=0.01)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from aligned_views import PLAIN, TARGET, pose, view
 
-from boxcal.detect.alignment import detector
+from boxcal.detect.alignment import fine_alignment
 from boxcal.detect.alignment.detector import detect_tags
 
 
@@ -15,7 +15,7 @@ def test_corners_under_srgb_lie_where_further_steps_would_take_them(azimuth_deg,
     image = view(pose(azimuth_deg, distance=0.8), replace(PLAIN, srgb=True))
     stopped = detect_tags(image, TARGET)
     assert stopped.response == "srgb"
-    monkeypatch.setattr(detector, "STOP_PX", 0.001)
+    monkeypatch.setattr(fine_alignment, "STOP_PX", 0.001)
     further = detect_tags(image, TARGET)
     np.testing.assert_array_equal(stopped.ids, further.ids)
     apart = np.linalg.norm(stopped.corners_px - further.corners_px, axis=2)

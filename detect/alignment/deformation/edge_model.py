@@ -13,6 +13,7 @@ from functools import lru_cache
 
 import numpy as np
 
+from boxcal.detect.alignment.pattern_edges import CORNERS, pattern_edges
 from boxcal.detect.alignment.registration.block_motion import BLOCKS
 from boxcal.detect.alignment.tag_curvature import small_homographies
 from boxcal.detect.alignment.tag_patterns import Patterns
@@ -20,11 +21,11 @@ from boxcal.target.arrays import Array
 
 LENGTHS = (0.25, 0.4, 0.7, 1.2)
 """Of the smoothing that would make the field of white noise, in sides of a tag; its correlation is
-``exp(-r^2 / (4 length^2))``. Shorter ones cannot be told from noise by three blocks a side, longer ones look alike."""
+``exp(-r^2 / (4 length^2))``. Three blocks a side do not distinguish shorter ones from noise, nor longer ones from each
+other."""
 HOMOGRAPHY = 8
 CONTRASTS = 2 * BLOCKS**2 - HOMOGRAPHY
 """Combinations of the blocks' displacements that no homography changes."""
-_CORNERS = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -47,23 +48,16 @@ class EdgeModel:
 @lru_cache(maxsize=4)
 def edge_model(patterns: Patterns) -> EdgeModel:
     """Return the model of the patterns' tags."""
-    cells, m = patterns.cells, patterns.modules
-    lines, middles = np.arange(m + 1) / m, (np.arange(m) + 0.5) / m
-    at_u = np.stack(np.meshgrid(lines, middles), axis=-1).reshape(-1, 2)
-    at_v = np.stack(np.meshgrid(middles, lines), axis=-1).reshape(-1, 2)
-    there_u = np.abs(np.diff(cells[:, 1:-1], axis=2)).reshape(len(cells), -1)
-    there_v = np.abs(np.diff(cells[:, :, 1:-1], axis=1)).reshape(len(cells), -1)
-    blocks = np.concatenate([_means(at_u, there_u, 0), _means(at_v, there_v, 1)], axis=2)
-    fields = np.concatenate([small_homographies(at_u)[:, 0], small_homographies(at_v)[:, 1]])
-    there = np.concatenate([there_u, there_v], axis=1)
-    normal = np.einsum("te,ei,ej->tij", there, fields, fields)
-    fitted = np.linalg.solve(normal, (there[:, :, None] * fields).transpose(0, 2, 1))
-    contrasts = np.linalg.svd(blocks @ fields)[0][:, :, HOMOGRAPHY:]
-    corners = small_homographies(_CORNERS).reshape(HOMOGRAPHY, HOMOGRAPHY)
-    seen = np.concatenate([contrasts.transpose(0, 2, 1) @ blocks, -corners @ fitted], axis=1)
-    n = at_u.shape[0]
+    edges = pattern_edges(patterns)
+    blocks = np.concatenate(
+        [_means(edges.at_u, np.abs(edges.step_u), 0), _means(edges.at_v, np.abs(edges.step_v), 1)], axis=2
+    )
+    contrasts = np.linalg.svd(blocks @ edges.fields)[0][:, :, HOMOGRAPHY:]
+    corners = small_homographies(CORNERS).reshape(HOMOGRAPHY, HOMOGRAPHY)
+    seen = np.concatenate([contrasts.transpose(0, 2, 1) @ blocks, -corners @ edges.fitted], axis=1)
+    n = len(edges.at_u)
     by_u, by_v = _with_corners(seen[:, :, :n], 0), _with_corners(seen[:, :, n:], 1)
-    at_u, at_v = np.concatenate([at_u, _CORNERS]), np.concatenate([at_v, _CORNERS])
+    at_u, at_v = np.concatenate([edges.at_u, CORNERS]), np.concatenate([edges.at_v, CORNERS])
     cov = np.empty((len(LENGTHS), 3, *seen.shape[:2], seen.shape[1]))
     for k, length in enumerate(LENGTHS):
         cov[k, 0] = by_u @ _correlation(at_u, at_u, length) @ by_u.transpose(0, 2, 1)
@@ -95,8 +89,8 @@ def _in_blocks(along: Array) -> Array:
 
 def _with_corners(seen: Array, component: int) -> Array:
     """Return what is seen of a component of the field at edges (T, 18, E) and at the corners, (T, 18, E + 4)."""
-    at_corners = np.zeros((len(seen), seen.shape[1], len(_CORNERS)))
-    at_corners[:, CONTRASTS + component :: 2] = np.eye(len(_CORNERS))
+    at_corners = np.zeros((len(seen), seen.shape[1], len(CORNERS)))
+    at_corners[:, CONTRASTS + component :: 2] = np.eye(len(CORNERS))
     return np.concatenate([seen, at_corners], axis=2)
 
 

@@ -8,6 +8,7 @@ for Spatial Data, 3.4.5; DOI 10.1002/9781119115151). Aliasing and ink that sprea
 independently: noise explains them as well as a field does.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,11 +18,13 @@ from boxcal.detect.alignment.deformation.edge_model import CONTRASTS, HOMOGRAPHY
 from boxcal.detect.alignment.registration.block_motion import BLOCKS
 from boxcal.detect.alignment.row_sets import distinct
 from boxcal.detect.alignment.tag_patterns import Index, Patterns
+from boxcal.detect.alignment.tag_shape import sides
 from boxcal.target.arrays import Array
 
 LEAST_GAIN = 20.0
-"""Increase of the log-likelihood with which a field is believed. Under noise of this model a gain of 7 has a chance of
-one in a thousand; on pictures without blur, whose noise is none, up to 18 were seen."""
+"""Increase of the log-likelihood with which a field is believed. Twice the gain is distributed much as chi-squared of
+two degrees of freedom under noise of this model, where 7 has a chance of one in a thousand; images without blur, whose
+aliasing is no such noise, mostly gain less than 20, and few more."""
 ORDER, UNLIKELY = [1, 0, 2, 3], 10.0
 """Lengths in the order in which they are tried; none of the others gains much where the first gains less than this."""
 GAIN_A_NOISE = 5.0
@@ -85,24 +88,20 @@ def krige_corners(  # noqa: PLR0917
         Tags that are evenly lit: field and noise are estimated from these. Of the others, and of tags whose blocks no
         such field explains, corners may get no more than the field's variance.
     """
-    model, to_px = edge_model(patterns), _unit_vectors(corners_px)
-    there = np.asarray(np.isfinite(blocks).all(axis=(1, 2)))
+    there, to_px = np.asarray(np.isfinite(blocks).all(axis=(1, 2))), _to_px(corners_px)
     seen, noise = _contrasts(patterns, rows, to_px, np.where(there[:, None, None], blocks, 0.0), noise2)
-    best, some = None, there & even
+    some = there & even
     if not some.any():
         return None
-    for cov in model.cov[ORDER]:
-        field = _field(cov[:, rows], to_px)
-        spectrum = _spectrum(seen[some], noise[some], field[some, :CONTRASTS, :CONTRASTS])
-        found = _estimate(spectrum)
-        if best is None and found.gain < UNLIKELY:
-            return None
-        if best is None or found.likelihood > best[0].likelihood:
-            best = found, field, spectrum
-    if best is None or best[0].gain < max(LEAST_GAIN, GAIN_A_NOISE * best[0].noise_factor):
+    fits = _fits(patterns, rows, to_px, seen, noise, some)
+    first = next(fits)
+    if first.gain < UNLIKELY:
         return None
-    variance, noise_factor = _of_sheets(best[2], sheets[some], sheets, best[0].noise_factor)
-    mean, cov = _predicted(seen, noise_factor * noise, variance[:, None, None] * best[1], there)
+    best = max([first, *fits], key=lambda fit: fit.likelihood)
+    if best.gain < max(LEAST_GAIN, GAIN_A_NOISE * best.noise_factor):
+        return None
+    variance, noise_factor = _of_sheets(best, sheets[some], sheets)
+    mean, cov = _predicted(seen, noise_factor * noise, variance[:, None, None] * best.field, there)
     return Deformation(
         displacement_px=mean @ to_px.transpose(0, 2, 1),
         cov_px2=to_px[:, None] @ cov @ to_px[:, None].transpose(0, 1, 3, 2),
@@ -116,12 +115,7 @@ def likely_gain(patterns: Patterns, rows: Index, corners_px: Array, blocks: Arra
     As a difference of log-likelihoods, 0 where nothing is seen. Arguments as for :func:`krige_corners`; all tags have
     sums.
     """
-    if len(rows) == 0:
-        return 0.0
-    to_px = _unit_vectors(corners_px)
-    seen, noise = _contrasts(patterns, rows, to_px, blocks, noise2)
-    field = _field(edge_model(patterns).cov[ORDER[0]][:, rows], to_px)[:, :CONTRASTS, :CONTRASTS]
-    return _estimate(_spectrum(seen, noise, field)).gain
+    return next(_fits_of_all(patterns, rows, corners_px, blocks, noise2)).gain if len(rows) else 0.0
 
 
 def field_of_few(patterns: Patterns, rows: Index, corners_px: Array, blocks: Array, noise2: Array) -> Array:
@@ -130,20 +124,11 @@ def field_of_few(patterns: Patterns, rows: Index, corners_px: Array, blocks: Arr
     For tags that are too few for a field to be believed: their corners stay where they are. Arguments as for
     :func:`krige_corners`; all tags have sums.
     """
-    model, to_px = edge_model(patterns), _unit_vectors(corners_px)
-    seen, noise = _contrasts(patterns, rows, to_px, blocks, noise2)
-    best = None
-    for cov in model.cov:
-        field = _field(cov[:, rows], to_px)
-        spectrum = _spectrum(seen, noise, field[:, :CONTRASTS, :CONTRASTS])
-        found = _estimate(spectrum)
-        if best is None or found.likelihood > best[0]:
-            same = np.zeros(len(rows), dtype=np.int64)
-            best = found.likelihood, _of_sheets(spectrum, same, same, found.noise_factor)[0][:, None, None] * field
-    if best is None:
-        return np.zeros((len(rows), 4, 2, 2))
-    cov = np.stack([best[1][:, k : k + 2, k : k + 2] for k in range(CONTRASTS, CONTRASTS + HOMOGRAPHY, 2)], axis=1)
-    return np.asarray(to_px[:, None] @ cov @ to_px[:, None].transpose(0, 1, 3, 2))
+    best = max(_fits_of_all(patterns, rows, corners_px, blocks, noise2), key=lambda fit: fit.likelihood)
+    same = np.zeros(len(rows), dtype=np.int64)
+    field = _of_sheets(best, same, same)[0][:, None, None] * best.field
+    to_px = _to_px(corners_px)[:, None]
+    return np.asarray(to_px @ _of_corners(field[:, CONTRASTS:, CONTRASTS:]) @ to_px.transpose(0, 1, 3, 2))
 
 
 def _contrasts(patterns: Patterns, rows: Index, to_px: Array, blocks: Array, noise2: Array) -> tuple[Array, Array]:
@@ -160,73 +145,89 @@ def _predicted(seen: Array, noise: Array, field: Array, there: NDArray[np.bool_]
     weights = np.linalg.solve(observed, field[:, :CONTRASTS, CONTRASTS:]).transpose(0, 2, 1)
     weights[~there | (square > FARTHEST)] = 0
     left = field[:, CONTRASTS:, CONTRASTS:] - weights @ field[:, :CONTRASTS, CONTRASTS:]
-    cov = np.stack([left[:, k : k + 2, k : k + 2] for k in range(0, HOMOGRAPHY, 2)], axis=1)
-    return (weights @ seen[..., None]).reshape(-1, 4, 2), cov
+    return (weights @ seen[..., None]).reshape(-1, 4, 2), _of_corners(left)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Spectrum:
-    """Contrasts (N, 10) along the axes of the field's covariance where the noise is white: squares, and variances.
+def _of_corners(cov: Array) -> Array:
+    """Return the covariances (N, 4, 2, 2) of each corner among those (N, 8, 8) of all."""
+    return np.stack([cov[:, k : k + 2, k : k + 2] for k in range(0, HOMOGRAPHY, 2)], axis=1)
 
-    A field of the variance ``ratio * unit``, px^2, makes the squares ``1 + ratio * white`` times as large as noise.
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Fit:
+    """Maximum of the restricted likelihood for fields of one correlation length, of one variance on all sheets.
+
+    Contrasts (K, 10) are taken along the axes of the field's covariance where the noise is white: a field of the
+    variance ``ratio * unit``, px^2, makes their squares ``1 + ratio * white`` times as large as noise does.
     """
 
+    likelihood: float
+    gain: float
+    noise_factor: float
+    field: Array
     unit: float
     white: Array
     square: Array
 
 
-def _spectrum(seen: Array, noise: Array, field: Array) -> _Spectrum:
-    """Return what the likelihood needs to know of contrasts (N, 10) with covariances (N, 10, 10) of unit size."""
-    unit = float(np.median(np.trace(noise, axis1=1, axis2=2) / np.trace(field, axis1=1, axis2=2)))
-    root = np.linalg.cholesky(noise)
-    half = np.linalg.solve(root, unit * field)
+def _fits_of_all(patterns: Patterns, rows: Index, corners_px: Array, blocks: Array, noise2: Array) -> Iterator[_Fit]:
+    """Yield the fits of fields to the blocks of tags that all have sums, by length, the likeliest first."""
+    to_px = _to_px(corners_px)
+    seen, noise = _contrasts(patterns, rows, to_px, blocks, noise2)
+    return _fits(patterns, rows, to_px, seen, noise, np.ones(len(rows), dtype=np.bool_))
+
+
+def _fits(  # noqa: PLR0917
+    patterns: Patterns, rows: Index, to_px: Array, seen: Array, noise: Array, some: NDArray[np.bool_]
+) -> Iterator[_Fit]:
+    """Yield the fits of fields to the contrasts (N, 10) of some of the tags, by length, the likeliest first."""
+    root = np.asarray(np.linalg.cholesky(noise[some]))
+    for cov in edge_model(patterns).cov[ORDER]:
+        field = _field(cov[:, rows], to_px)
+        yield _fit(field, seen[some], noise[some], root, field[some, :CONTRASTS, :CONTRASTS])
+
+
+def _fit(field: Array, seen: Array, noise: Array, root: Array, of_seen: Array) -> _Fit:
+    """Return the best sizes of noise and field, of contrasts (K, 10) with covariances (K, 10, 10) of unit size."""
+    unit = float(np.median(np.trace(noise, axis1=1, axis2=2) / np.trace(of_seen, axis1=1, axis2=2)))
+    half = np.linalg.solve(root, unit * of_seen)
     white, axes = np.linalg.eigh(np.linalg.solve(root, half.transpose(0, 2, 1)))
-    along = (axes.transpose(0, 2, 1) @ np.linalg.solve(root, seen[..., None]))[..., 0]
-    return _Spectrum(unit=unit, white=np.maximum(white, 0), square=along**2)
-
-
-@dataclass(frozen=True, slots=True)
-class _Estimate:
-    """Maximum of the restricted likelihood for one correlation length."""
-
-    likelihood: float
-    gain: float
-    noise_factor: float
-
-
-def _estimate(of: _Spectrum) -> _Estimate:
-    """Return the best size of the noise beside a field of one variance."""
-    square, variance = of.square.ravel(), 1 + RATIOS[:, None] * of.white.ravel()
-    factor = np.maximum((square / variance).mean(axis=1), LEAST_NOISE)
-    likelihood = -0.5 * np.sum(np.log(variance * factor[:, None]) + square / (variance * factor[:, None]), axis=1)
+    white = np.maximum(white, 0)
+    square = (axes.transpose(0, 2, 1) @ np.linalg.solve(root, seen[..., None]))[..., 0] ** 2
+    variance = 1 + RATIOS[:, None] * white.ravel()
+    factor = np.maximum((square.ravel() / variance).mean(axis=1), LEAST_NOISE)
+    size = variance * factor[:, None]
+    likelihood = -0.5 * np.sum(np.log(size) + square.ravel() / size, axis=1)
     k = int(likelihood.argmax())
-    return _Estimate(
-        likelihood=float(likelihood[k]), gain=float(likelihood[k] - likelihood[0]), noise_factor=float(factor[k])
+    return _Fit(
+        likelihood=float(likelihood[k]),
+        gain=float(likelihood[k] - likelihood[0]),
+        noise_factor=float(factor[k]),
+        field=field,
+        unit=unit,
+        white=white,
+        square=square,
     )
 
 
-def _of_sheets(of: _Spectrum, sheets: Index, asked: Index, noise_factor: float) -> tuple[Array, float]:
-    """Return the variance of the field on sheets ``asked`` (M,), as tags on ``sheets`` (N,) tell it, and the noise."""
-    variance = 1 + RATIOS[:, None, None] * of.white
+def _of_sheets(fit: _Fit, sheets: Index, asked: Index) -> tuple[Array, float]:
+    """Return the variance of the field on sheets ``asked`` (M,), as tags on ``sheets`` (K,) tell it, and the noise."""
+    variance, noise_factor = 1 + RATIOS[:, None, None] * fit.white, fit.noise_factor
     by_tag, each = np.log(variance).sum(axis=2), {int(s): sheets == s for s in distinct(sheets)}
     best: dict[int, int] = {}
     for _ in range(ROUNDS):
-        cost = by_tag + (of.square / variance).sum(axis=2) / noise_factor
+        cost = by_tag + (fit.square / variance).sum(axis=2) / noise_factor
         common = int(cost.sum(axis=1).argmin())
         best = {s: int(cost[:, on].sum(axis=1).argmin()) if on.sum() >= ENOUGH else common for s, on in each.items()}
         k = np.array([best[int(s)] for s in sheets])
-        noise_factor = max(float((of.square / variance[k, np.arange(len(k))]).mean()), LEAST_NOISE)
+        noise_factor = max(float((fit.square / variance[k, np.arange(len(k))]).mean()), LEAST_NOISE)
     ratio = RATIOS[[best.get(int(s), common) for s in asked]]
-    return ratio * noise_factor * of.unit, noise_factor
+    return ratio * noise_factor * fit.unit, noise_factor
 
 
-def _unit_vectors(corners_px: Array) -> Array:
-    """Return the matrices (N, 2, 2) from places on the unit square to the image, px: mean sides of the tags."""
-    top_left, top_right, bottom_right, bottom_left = corners_px.transpose(1, 0, 2)
-    along = top_right + bottom_right - top_left - bottom_left
-    down = bottom_right + bottom_left - top_left - top_right
-    return np.stack([along, down], axis=2) / 2
+def _to_px(corners_px: Array) -> Array:
+    """Return the matrices (N, 2, 2) from places on the unit square to the image, px."""
+    return np.stack(sides(corners_px), axis=2)
 
 
 def _displacements(blocks: Array, noise2: Array, from_px: Array) -> tuple[Array, Array]:
