@@ -102,15 +102,16 @@ def defocused(scene: Scene, _: np.random.Generator) -> Scene:
     return replace(scene, image=cv2.filter2D(scene.image.astype(np.float32), -1, disc / disc.sum()))
 
 
-def wrinkled(scene: Scene, rng: np.random.Generator) -> Scene:
-    """Displace the image as paper does that stands off its face by 0.4 mm (rms), in waves as long as a tag.
+def wrinkled(scene: Scene, rng: np.random.Generator, height_mm: float = 0.4, length: float = 0.5) -> Scene:
+    """Displace the image as paper does that stands off its face in waves, 0.4 mm high (rms) and as long as a tag.
 
-    Seen 30 degrees off its normal such paper moves by half its height; corners are where they are printed.
+    Waves are white noise that is smoothed by a Gaussian of ``length`` sides of a tag. Seen 30 degrees off its normal
+    such paper moves by half its height; corners are where they are printed.
     """
     side = float(np.median(scene.width_px[scene.wanted]))
-    shift = 0.5 * 0.4e-3 / TARGET.box.tag_size * side
+    shift = 0.5e-3 * height_mm / TARGET.box.tag_size * side
     height, width = scene.image.shape
-    waves = cv2.GaussianBlur(rng.normal(size=(height // 8, width // 8)), (0, 0), 0.5 * side / 8)
+    waves = cv2.GaussianBlur(rng.normal(size=(height // 8, width // 8)), (0, 0), length * side / 8)
     waves = cv2.resize(waves * shift / waves.std(), (width, height), interpolation=cv2.INTER_CUBIC).astype(np.float32)
     angle = rng.uniform(0, 2 * np.pi)
     way = np.array([np.cos(angle), np.sin(angle)], dtype=np.float32)

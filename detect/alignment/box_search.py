@@ -96,9 +96,8 @@ class BoxDetection:
             return np.zeros(0, dtype=np.int64)
         read = self.read.take(elsewhere)
         uv = fit.places(target.tag_corners[read.rows].reshape(-1, 3)).reshape(-1, 4, 2)
-        near = (
-            _off_by(uv, read.corners_px - uv).max(axis=1) < CANDIDATE_TOLERANCE
-        )  # not where a point has no image: NaN
+        # a point without an image is NaN, and near to nothing
+        near = _off_by(uv, read.corners_px - uv).max(axis=1) < CANDIDATE_TOLERANCE
         cut = np.isfinite(uv).all(axis=(1, 2)) & ((uv < -0.5) | (uv > np.array(image_size) - 0.5)).any(axis=(1, 2))
         centres = np.mean(read.corners_px[cut] - uv[cut], axis=1, keepdims=True)
         near[cut] |= _off_by(uv[cut], centres)[:, 0] <= OFF_CENTRE

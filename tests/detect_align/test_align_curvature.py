@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 from aligned_views import CAMERA, PATTERNS, SIZE, TARGET, pose, truth, view
 
+from boxcal.detect.alignment.box_pose import fit_box
 from boxcal.detect.alignment.detector import detect_tags
+from boxcal.detect.alignment.fine_alignment import aligned_again
 from boxcal.detect.alignment.radial_camera import A1, CENTRE_X, P1, P2, no_distortion, square, tangential, unsquare
 from boxcal.detect.alignment.registration.align import align
 from boxcal.detect.alignment.registration.tag_batch import Frame
@@ -78,3 +80,22 @@ def test_large_tags_far_from_the_centre_err_as_little_as_their_covariances_say(k
         error = found.corners_px - uv[[TARGET.row_of(int(i)) for i in found.ids]]
         squares.append(np.sum(np.linalg.solve(found.cov_px2, error[..., None])[..., 0] * error, axis=2).ravel() / 2)
     assert np.mean(np.concatenate(squares)) < 1.3
+
+
+def test_tags_with_their_own_light_keep_their_alignment_under_tangential_terms():
+    """All tags are carried to these in the end; where others are aligned again it would be a second time."""
+    T = pose(20.0, distance=0.6)
+    uv, rows = truth(T)
+    frame = Frame(grey=view(T) / np.float32(255), response=response_table("linear"), lens=LENS)
+    tags = align(frame, PATTERNS, rows, uv[rows] + 0.1)
+    fit = fit_box(TARGET, tags.rows, tags.corners_px, image_size=SIZE, sigma_px=0.05)
+    decentred, further = LENS.copy(), LENS.copy()
+    decentred[[P1, P2]] = 0.002, -0.001
+    further[A1] += 0.01
+    for lens, least, most in ((decentred, 0.0, 1e-9), (further, 1e-4, 1.0)):
+        again, own = aligned_again(frame, replace(frame, lens=lens), TARGET, PATTERNS, tags, rows[:3], fit)
+        np.testing.assert_array_equal(own.rows, rows[:3])
+        assert not np.isin(again.rows, rows[:3]).any()
+        moved = np.abs(own.corners_px - tags.corners_px[:3]).max()
+        assert least <= moved <= most
+        assert np.isnan(own.block_sums).all()
